@@ -1,0 +1,1 @@
+"""Finite-element replay of presses on tactile sensors, and the images they give."""
