@@ -1,0 +1,163 @@
+"""Where the arm is, shared by processes that were started separately.
+
+One writer (the emulated controller, or a follower of a real robot's reported pose) and any
+number of readers (the emulated force sensor and camera) map the same small file. Readers poll;
+nothing is queued and nothing is remembered but the newest state.
+
+The writer fills the slot that is not current and then makes it current, so a writer killed in
+the middle leaves the last complete state readable. A reader that was overtaken by two writes
+sees the slot's checksum disagree and reads again: no state is ever torn.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import Pose, Vector6
+
+WORLD_FILE = "world.bin"
+
+_MAGIC = b"TACWRLD1"
+_HEADER = struct.Struct("=8s3q")  # magic, current slot, writer kind, writer's process id
+_CURRENT_SLOT, _WRITER_KIND, _WRITER_PID = 1, 2, 3  # in words of eight bytes
+_STATE = struct.Struct("=2q12d")  # sequence, stamp, pose, velocity
+_CHECKSUM = struct.Struct("=q")
+_SLOT_SIZE = _STATE.size + _CHECKSUM.size
+_FILE_SIZE = _HEADER.size + 2 * _SLOT_SIZE
+_READ_TRIES = 1000
+
+
+class WorldWriter(StrEnum):
+    """Whose motion the world follows."""
+
+    NOBODY = "nobody"
+    EMULATED_ARM = "emulated-arm"
+    REPORTED_POSE = "reported-pose"
+
+
+_WRITERS = tuple(WorldWriter)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldState:
+    """The newest state of the arm.
+
+    Attributes:
+        pose: True pose of the tip [m, rad]; zero while nothing was published.
+        velocity: Tool velocity [m/s, rad/s].
+        stamp_ns: CLOCK_MONOTONIC of the moment the pose belongs to.
+        sequence: Number of states published so far; 0 means that none was.
+        writer: Who publishes; ``writer_pid`` is its process.
+    """
+
+    pose: Pose
+    velocity: Vector6
+    stamp_ns: int
+    sequence: int
+    writer: WorldWriter
+    writer_pid: int
+
+
+class SharedWorld:
+    """A mapped file that holds the newest state of the arm."""
+
+    def __init__(self, path: Path, mapping: mmap.mmap) -> None:
+        self.path = path
+        self._mapping = mapping
+        self._words = memoryview(mapping).cast("q")
+        self._sequence = 0
+        self._writing = False
+
+    @classmethod
+    def create(cls, path: Path) -> SharedWorld:
+        """Create the file, or adopt the one that a previous process left there."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not _is_world(path):
+            fresh = path.with_name(f".{path.name}.{os.getpid()}")
+            empty = _STATE.pack(0, 0, *(0.0,) * 12)
+            slot = empty + _CHECKSUM.pack(zlib.crc32(empty))
+            fresh.write_bytes(_HEADER.pack(_MAGIC, 0, 0, 0) + slot + slot)
+            fresh.replace(path)
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: Path) -> SharedWorld:
+        """Map a file that another process created.
+
+        Raises:
+            DeviceError: The file is absent or is not such a file.
+        """
+        if not _is_world(path):
+            raise DeviceError(
+                f"shared world {path}: absent, or not a file of this program",
+                remedy="start the emulated devices from one command, with the same folder",
+            )
+        with path.open("r+b") as file:
+            return cls(path, mmap.mmap(file.fileno(), _FILE_SIZE))
+
+    def claim(self, writer: WorldWriter) -> None:
+        """Say who publishes from now on and continue the previous writer's sequence."""
+        self._sequence = self.read().sequence
+        self._words[_WRITER_KIND] = _WRITERS.index(writer)
+        self._words[_WRITER_PID] = os.getpid()
+        self._writing = True
+
+    def publish(self, pose: Pose, velocity: Vector6, stamp_ns: int) -> None:
+        """Make a state the newest one; the first call claims the world for an emulated arm."""
+        if not self._writing:
+            self.claim(WorldWriter.EMULATED_ARM)
+        self._sequence += 1
+        slot = 1 - (self._words[_CURRENT_SLOT] & 1)
+        offset = _HEADER.size + slot * _SLOT_SIZE
+        body = _STATE.pack(self._sequence, stamp_ns, *pose.as_vector(), *velocity)
+        self._mapping[offset : offset + _SLOT_SIZE] = body + _CHECKSUM.pack(zlib.crc32(body))
+        self._words[_CURRENT_SLOT] = slot
+
+    def read(self) -> WorldState:
+        """Return the newest complete state; never blocks.
+
+        Raises:
+            DeviceError: No slot holds a complete state, so the file was damaged.
+        """
+        for attempt in range(_READ_TRIES):
+            # A damaged current slot falls back to the other one.
+            slot = (self._words[_CURRENT_SLOT] & 1) ^ (attempt & 1)
+            offset = _HEADER.size + slot * _SLOT_SIZE
+            data = self._mapping[offset : offset + _SLOT_SIZE]
+            body = data[: _STATE.size]
+            if zlib.crc32(body) == _CHECKSUM.unpack_from(data, _STATE.size)[0]:
+                return self._decode(body)
+        raise DeviceError(
+            f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
+            remedy="the file was damaged: delete it and start the emulated devices again",
+        )
+
+    def close(self) -> None:
+        """Unmap the file; it stays on disk for the others."""
+        self._words.release()
+        self._mapping.close()
+
+    def _decode(self, body: bytes) -> WorldState:
+        sequence, stamp_ns, *v = _STATE.unpack(body)
+        return WorldState(
+            pose=Pose(position=(v[0], v[1], v[2]), rotation_vector=(v[3], v[4], v[5])),
+            velocity=(v[6], v[7], v[8], v[9], v[10], v[11]),
+            stamp_ns=stamp_ns,
+            sequence=sequence,
+            writer=_WRITERS[self._words[_WRITER_KIND] % len(_WRITERS)],
+            writer_pid=self._words[_WRITER_PID],
+        )
+
+
+def _is_world(path: Path) -> bool:
+    if not path.is_file() or path.stat().st_size != _FILE_SIZE:
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
