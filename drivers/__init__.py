@@ -1,0 +1,1 @@
+"""Robot arm, force sensor and camera behind one set of interfaces."""

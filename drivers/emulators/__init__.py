@@ -1,0 +1,1 @@
+"""Separate processes that speak the wire protocols of the real devices."""

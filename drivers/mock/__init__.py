@@ -1,0 +1,1 @@
+"""In-process stand-ins for every device, on a simulated clock."""

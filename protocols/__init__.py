@@ -1,0 +1,1 @@
+"""The pressing protocol: what moves, when, and what stops it."""

@@ -1,0 +1,1 @@
+"""Metrics, floors, figures and the report."""

@@ -1,0 +1,1 @@
+"""Height maps and tactile images from a deformed gel."""

@@ -1,0 +1,1 @@
+"""Command line: the one place that knows every folder."""

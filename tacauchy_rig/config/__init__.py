@@ -1,0 +1,1 @@
+"""rig.toml: reading, checking and explaining it."""

@@ -1,0 +1,167 @@
+"""Read ``rig.toml`` over the built-in defaults, check it, and remember where values came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.rules import broken_rules
+from tacauchy_rig.errors import ConfigError
+
+BUILT_IN = "built-in default"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedConfig:
+    """A checked configuration with its history.
+
+    Attributes:
+        written: The merged values as they were written, by dotted field.
+        sources: Where each dotted field came from.
+    """
+
+    config: RigConfig
+    written: dict[str, Any]
+    sources: dict[str, str]
+
+    @property
+    def config_hash(self) -> str:
+        """SHA-256 of the checked values; equal settings have equal hashes."""
+        return config_hash(self.config)
+
+
+def config_hash(config: RigConfig) -> str:
+    """Return the SHA-256 of a configuration's values."""
+    text = json.dumps(config.model_dump(mode="json"), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def default_text() -> str:
+    """Return the text of the built-in dry-run configuration."""
+    return resources.files("tacauchy_rig.config").joinpath("default.toml").read_text("utf-8")
+
+
+def example_text() -> str:
+    """Return the commented example for a real rig."""
+    return resources.files("tacauchy_rig.config").joinpath("example.toml").read_text("utf-8")
+
+
+def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> LoadedConfig:
+    """Load a configuration.
+
+    Args:
+        path: A ``rig.toml``, or None for the dry run's defaults.
+        overrides: ``table.field=value`` from the command line.
+
+    Raises:
+        ConfigError: Unreadable, unknown key, wrong unit, or a limit that cannot hold; every
+            problem is listed at once.
+    """
+    written: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    layers = [(BUILT_IN, tomllib.loads(default_text()))]
+    if path is not None:
+        layers.append((str(path), _read_toml(path)))
+    layers += [("--set", _parse_override(text)) for text in overrides]
+    for source, tables in layers:
+        for field, value in _leaves(tables):
+            written[field] = value
+            sources[field] = source
+    return LoadedConfig(config=check_config(_nest(written)), written=written, sources=sources)
+
+
+def check_config(tables: Mapping[str, Any]) -> RigConfig:
+    """Validate nested tables.
+
+    Raises:
+        ConfigError: One line for each field that is wrong.
+    """
+    try:
+        config = RigConfig.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError("\n".join(_explain(error)), remedy=_SHOW) from error
+    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in broken_rules(config)]
+    if problems:
+        raise ConfigError("\n".join(problems), remedy=_SHOW)
+    return config
+
+
+_SHOW = "`tacauchy-rig config show` lists every field, its value and where it came from"
+
+
+def _explain(error: ValidationError) -> Iterator[str]:
+    for problem in error.errors():
+        field = ".".join(str(part) for part in problem["loc"]) or "rig.toml"
+        if problem["type"] == "extra_forbidden":
+            known = ", ".join(_known_keys(problem["loc"]))
+            yield f"{field}: unknown key; known here: {known}"
+        elif problem["type"] == "missing":
+            yield f"{field}: missing"
+        elif problem["type"] == "value_error":
+            yield f"{field}: {problem['ctx']['error']}"
+        else:
+            yield f"{field}: {problem['input']!r}: {problem['msg']} (SI units)"
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    section = RigConfig.model_fields.get(str(location[0]))
+    if len(location) == 1 or section is None:
+        return list(RigConfig.model_fields)
+    return list(getattr(section.annotation, "model_fields", {}))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"{path}: no such configuration file",
+            remedy="`tacauchy-rig config example > rig.toml` writes a commented one",
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
+
+def _parse_override(text: str) -> dict[str, Any]:
+    field, separator, value = text.partition("=")
+    if not separator or "." not in field:
+        raise ConfigError(
+            f"--set {text!r}: expected table.field=value",
+            remedy='for example --set camera.width=1280 or --set robot.press_speed="0.2 mm/s"',
+        )
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value
+    return _nest({field.strip(): parsed})
+
+
+def _leaves(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def _nest(leaves: Mapping[str, Any]) -> dict[str, Any]:
+    tables: dict[str, Any] = {}
+    for name, value in leaves.items():
+        *path, last = name.split(".")
+        table = tables
+        for part in path:
+            table = table.setdefault(part, {})
+        table[last] = value
+    return tables

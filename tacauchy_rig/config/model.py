@@ -1,0 +1,275 @@
+"""What ``rig.toml`` may say. Values are SI; the file writes them as text with units."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from tacauchy_rig.config.fields import (
+    Acceleration,
+    Angle,
+    Force,
+    ForceRate,
+    Frequency,
+    Length,
+    Mass,
+    Pressure,
+    Ratio,
+    Section,
+    Speed,
+    Time,
+    Torque,
+)
+
+
+class RobotDriver(StrEnum):
+    """Where the arm is."""
+
+    UR5 = "ur5"
+    EMULATED = "emulated"
+    MOCK = "mock"
+
+
+class ForceSensorDriver(StrEnum):
+    """Where the force sensor is."""
+
+    M3733C = "m3733c"
+    EMULATED = "emulated"
+    MOCK = "mock"
+
+
+class CameraDriver(StrEnum):
+    """Where the camera is."""
+
+    UVC = "uvc"
+    EMULATED = "emulated"
+    MOCK = "mock"
+
+
+class RobotModel(StrEnum):
+    """Generation of the controller: it decides rates, flags and what the arm can do."""
+
+    CB3 = "cb3"
+    E_SERIES = "e-series"
+
+
+class Checksum(StrEnum):
+    """Checksum of the force sensor's frames."""
+
+    SUM = "SUM"
+    CRC32 = "CRC32"
+
+
+class SyncMode(StrEnum):
+    """What ties the streams together in time; ``hardware`` is said of the last alone."""
+
+    HOST_CLOCK = "host_clock"
+    DO_MARKER = "do_marker"
+    TAP_CALIBRATED = "tap_calibrated"
+    EXTERNAL_TRIGGER = "external_trigger"
+
+
+class RunSection(Section):
+    """Name and place of a run."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$")
+    output_directory: str
+    operator: str
+    sync_mode: SyncMode
+
+
+class RobotSection(Section):
+    """The arm, the pose above the gel it starts from, and its speeds.
+
+    ``home`` is the tip's position (x, y, z) in the base frame, above the gel, and
+    ``tool_rotation`` its rotation vector there: the indenter points straight down.
+    """
+
+    driver: RobotDriver
+    model: RobotModel
+    host: str
+    home: tuple[Length, Length, Length]
+    tool_rotation: tuple[Angle, Angle, Angle]
+    tcp_offset: tuple[Length, Length, Length]
+    payload: Mass
+    approach_speed: Speed = Field(gt=0, le=0.010)
+    search_speed: Speed = Field(gt=0, le=0.001)
+    press_speed: Speed = Field(gt=0, le=0.0005)
+    retract_speed: Speed = Field(gt=0, le=0.020)
+    acceleration: Acceleration = Field(gt=0, le=1.0)
+    connect_timeout: Time = Field(gt=0, le=60)
+
+
+class ForceSensorSection(Section):
+    """The force sensor. Capacity and overload come from its own calibration sheet.
+
+    ``compression_sign`` times the raw Fz is positive while the indenter is pressed.
+    """
+
+    driver: ForceSensorDriver
+    port: str
+    baud_rate: int = Field(ge=9600, le=4_000_000)
+    rate: Frequency = Field(ge=50, le=1000)
+    checksum: Checksum
+    compression_sign: int
+    capacity: Force = Field(gt=0)
+    calibration_sheet: str
+    connect_timeout: Time = Field(gt=0, le=60)
+
+    @model_validator(mode="after")
+    def _sign_is_one(self) -> Self:
+        if self.compression_sign not in (-1, 1):
+            raise ValueError(f"compression_sign = {self.compression_sign}; it is either 1 or -1")
+        return self
+
+
+class CameraSection(Section):
+    """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order."""
+
+    driver: CameraDriver
+    device: str
+    width: int = Field(ge=160, le=8192)
+    height: int = Field(ge=120, le=8192)
+    rate: Frequency = Field(ge=1, le=240)
+    exposure: int | None = None
+    gain: int | None = None
+    white_balance: int | None = None
+    connect_timeout: Time = Field(gt=0, le=60)
+
+
+class IndenterKind(StrEnum):
+    """Shape of the indenter's tip."""
+
+    CYLINDER = "cylinder"
+    SPHERE = "sphere"
+
+
+class IndenterSection(Section):
+    """The rigid body that is pressed into the gel."""
+
+    kind: IndenterKind
+    diameter: Length = Field(gt=0.0005, lt=0.05)
+    height: Length = Field(gt=0, lt=0.2)
+    fillet: Length = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _fillet_fits(self) -> Self:
+        if self.fillet >= self.diameter / 2:
+            raise ValueError(
+                f"fillet = {self.fillet * 1e3:g} mm does not fit a radius of "
+                f"{self.diameter * 500:g} mm; give a smaller fillet"
+            )
+        return self
+
+
+class SensorSection(Section):
+    """The tactile sensor, and where its gel lies in the robot's base frame.
+
+    ``name`` is a built-in sensor or the path of a TOML file. ``surface`` is the highest point of
+    the unloaded gel (x, y, z); x and y are aimed at, z is only expected: contact is found by force.
+    """
+
+    name: str
+    surface: tuple[Length, Length, Length]
+    surface_uncertainty: Length = Field(gt=0, le=0.01)
+
+
+class WorkspaceSection(Section):
+    """Box in the base frame that the tip never leaves, and how far the tool may tilt."""
+
+    x_min: Length
+    x_max: Length
+    y_min: Length
+    y_max: Length
+    z_min: Length
+    z_max: Length
+    max_tilt: Angle = Field(gt=0)
+    home_radius: Length = Field(gt=0)
+
+
+class LimitsSection(Section):
+    """Limits of the guard, compared with every force sample."""
+
+    soft_force: Force = Field(gt=0)
+    hard_force: Force = Field(gt=0)
+    lateral_force: Force = Field(gt=0)
+    moment: Torque = Field(gt=0)
+    force_rate: ForceRate = Field(gt=0)
+    early_contact: Force = Field(gt=0)
+    max_depth: Length = Field(gt=0)
+    stale_force: Time = Field(gt=0, le=0.5)
+    stale_image: Time = Field(gt=0, le=2.0)
+    corrupt_ratio: Ratio = Field(gt=0, le=1)
+    repeat_count: int = Field(ge=3)
+
+
+class ProtocolSection(Section):
+    """The six presses: targets, tolerances, windows and gates."""
+
+    force_targets: tuple[Force, ...] = Field(min_length=1, max_length=100)
+    force_tolerance: Force = Field(gt=0)
+    contact_force: Force = Field(gt=0)
+    approach_height: Length = Field(gt=0)
+    air_press_height: Length = Field(gt=0)
+    search_travel: Length = Field(gt=0)
+    tare_duration: Time = Field(gt=0.1)
+    tare_deviation: Force = Field(gt=0)
+    tare_mean: Force = Field(gt=0)
+    reference_duration: Time = Field(gt=0)
+    settle_timeout: Time = Field(gt=0)
+    dwell_duration: Time = Field(ge=1.0)
+    dwell_force_rate: ForceRate = Field(gt=0)
+    drift: Force = Field(gt=0)
+    press_timeout: Time = Field(gt=0)
+    attempts: int = Field(ge=1, le=10)
+    min_force_rate: Frequency = Field(gt=0)
+    min_image_rate: Frequency = Field(gt=0)
+
+
+class ReplaySection(Section):
+    """How trials are replayed: model settings that override the sensor's file."""
+
+    force_tolerance: Force = Field(gt=0)
+    preset: str
+    young: Pressure | None = None
+    poisson: float | None = Field(default=None, gt=-1, lt=0.5)
+
+
+class ReportSection(Section):
+    """What the scores must reach for the verdict; a floor is always shown beside them."""
+
+    max_force_mismatch: Force = Field(gt=0)
+    ssim: Ratio = Field(ge=-1, le=1)
+    require_discrimination: bool
+
+
+class EmulationSection(Section):
+    """The emulated world, for every device whose driver is ``emulated``."""
+
+    seed: int = Field(ge=0)
+    robot_host: str
+    faults: tuple[str, ...] = ()
+
+
+class RigConfig(Section):
+    """All of ``rig.toml``."""
+
+    run: RunSection
+    robot: RobotSection
+    force_sensor: ForceSensorSection
+    camera: CameraSection
+    indenter: IndenterSection
+    sensor: SensorSection
+    workspace: WorkspaceSection
+    limits: LimitsSection
+    protocol: ProtocolSection
+    replay: ReplaySection
+    report: ReportSection
+    emulation: EmulationSection
+
+    @property
+    def moves_real_hardware(self) -> bool:
+        """True when an arm that is not started by this program would move."""
+        return self.robot.driver is RobotDriver.UR5

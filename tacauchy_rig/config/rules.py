@@ -1,0 +1,140 @@
+"""Rules that tie fields of different tables together: limits that no rig could honour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from tacauchy_rig.config.model import ForceSensorDriver, RigConfig, RobotDriver
+
+OVERRUN_DELAY_S = 0.05
+"""Reaction of the loop plus the arm's stop: about 50 ms, so 1 mm/s overruns by about 55 um."""
+
+
+def broken_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+    """Yield (field, problem with values and units, remedy) of each rule that does not hold."""
+    yield from _force_rules(config)
+    yield from _workspace_rules(config)
+    yield from _device_rules(config)
+
+
+def _force_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+    limits, protocol, sensor = config.limits, config.protocol, config.force_sensor
+    highest = max(protocol.force_targets)
+    lowest = min(protocol.force_targets)
+    if limits.soft_force <= highest + protocol.force_tolerance:
+        yield (
+            "limits.soft_force",
+            (
+                f"{limits.soft_force:g} N does not clear the highest target {highest:g} N "
+                f"plus its tolerance {protocol.force_tolerance:g} N"
+            ),
+            "raise soft_force or lower the targets",
+        )
+    if limits.hard_force <= limits.soft_force:
+        yield (
+            "limits.hard_force",
+            f"{limits.hard_force:g} N is not above soft_force {limits.soft_force:g} N",
+            "raise hard_force",
+        )
+    if limits.hard_force > sensor.capacity:
+        yield (
+            "limits.hard_force",
+            f"{limits.hard_force:g} N exceeds the force sensor's capacity {sensor.capacity:g} N",
+            "lower hard_force, or correct force_sensor.capacity from the calibration sheet",
+        )
+    if lowest <= protocol.contact_force:
+        yield (
+            "protocol.force_targets",
+            f"{lowest:g} N is not above contact_force {protocol.contact_force:g} N",
+            "raise the target or lower contact_force",
+        )
+    if limits.early_contact <= protocol.contact_force:
+        yield (
+            "limits.early_contact",
+            f"{limits.early_contact:g} N is not above contact_force {protocol.contact_force:g} N",
+            "raise early_contact",
+        )
+    if protocol.tare_deviation >= protocol.contact_force:
+        yield (
+            "protocol.tare_deviation",
+            (
+                f"{protocol.tare_deviation:g} N of allowed noise hides a contact of "
+                f"{protocol.contact_force:g} N"
+            ),
+            "lower tare_deviation or raise contact_force",
+        )
+
+
+def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+    box, home, surface = config.workspace, config.robot.home, config.sensor.surface
+    for axis, low, high in (
+        ("x", box.x_min, box.x_max),
+        ("y", box.y_min, box.y_max),
+        ("z", box.z_min, box.z_max),
+    ):
+        if low >= high:
+            yield (
+                f"workspace.{axis}_min",
+                f"{low * 1e3:g} mm is not below {axis}_max {high * 1e3:g} mm",
+                "swap or correct the two",
+            )
+    points = (("robot.home", home), ("sensor.surface", surface))
+    for name, point in points:
+        inside = (
+            box.x_min <= point[0] <= box.x_max
+            and box.y_min <= point[1] <= box.y_max
+            and box.z_min <= point[2] <= box.z_max
+        )
+        if not inside:
+            text = ", ".join(f"{value * 1e3:g}" for value in point)
+            yield (name, f"({text}) mm lies outside the workspace box", "correct it or the box")
+    clearance = config.protocol.air_press_height + config.protocol.approach_height
+    if home[2] - surface[2] < clearance:
+        yield (
+            "robot.home",
+            (
+                f"is {(home[2] - surface[2]) * 1e3:g} mm above the gel; the air press and approach "
+                f"need {clearance * 1e3:g} mm"
+            ),
+            "raise home",
+        )
+    deepest = surface[2] - config.limits.max_depth - config.sensor.surface_uncertainty
+    if deepest < box.z_min:
+        yield (
+            "workspace.z_min",
+            (
+                f"{box.z_min * 1e3:g} mm stops the arm before max_depth below the lowest expected "
+                f"surface, {deepest * 1e3:g} mm"
+            ),
+            "lower z_min or max_depth",
+        )
+    if config.protocol.approach_height <= config.sensor.surface_uncertainty:
+        yield (
+            "protocol.approach_height",
+            (
+                f"{config.protocol.approach_height * 1e3:g} mm may touch a surface known to "
+                f"{config.sensor.surface_uncertainty * 1e3:g} mm"
+            ),
+            "raise approach_height",
+        )
+
+
+def _device_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+    if config.robot.driver is RobotDriver.UR5 and not config.robot.host:
+        yield ("robot.host", "is empty", "give the controller's address, e.g. 192.168.0.10")
+    if config.force_sensor.driver is ForceSensorDriver.M3733C:
+        if not config.force_sensor.port:
+            yield ("force_sensor.port", "is empty", "give the port, e.g. /dev/serial/by-id/...")
+        if not config.force_sensor.calibration_sheet:
+            yield (
+                "force_sensor.calibration_sheet",
+                "is empty; capacity has no other source",
+                "name the calibration sheet that came with the sensor (number and date)",
+            )
+    overrun = config.robot.press_speed * OVERRUN_DELAY_S
+    if overrun > config.limits.max_depth / 10:
+        yield (
+            "robot.press_speed",
+            f"{config.robot.press_speed * 1e3:g} mm/s overruns by {overrun * 1e6:.0f} um",
+            "lower press_speed",
+        )

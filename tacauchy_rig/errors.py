@@ -1,0 +1,48 @@
+"""Errors that reach a person: each names the thing, the value with its unit, and what to do."""
+
+from __future__ import annotations
+
+
+class RigError(Exception):
+    """Base of every error this project raises on purpose.
+
+    Args:
+        message: What is wrong: the device or field, and the value with its unit.
+        remedy: What the reader can do about it; shown on a line of its own.
+    """
+
+    exit_code = 2
+
+    def __init__(self, message: str, *, remedy: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        return f"{self.message}\n  -> {self.remedy}" if self.remedy else self.message
+
+
+class ConfigError(RigError):
+    """A configuration field is unknown, in the wrong unit, or outside its limits."""
+
+
+class DeviceError(RigError):
+    """A device is absent, silent, stale, or says something it must not say."""
+
+
+class SafetyError(RigError):
+    """A limit of the guard was passed; the arm has been told to stop."""
+
+
+class ConvergenceError(RigError):
+    """The simulator found no equilibrium; the last good state is named in the message."""
+
+
+class RecordError(RigError):
+    """A run folder or recording is missing, unfinished, damaged, or cannot be written."""
+
+
+class AbortedError(RigError):
+    """A person (key, Ctrl-C, SIGTERM, lost terminal) asked the run to end."""
+
+    exit_code = 3

@@ -1,0 +1,103 @@
+"""Numbers with units: text such as ``5 mm`` or ``19.58px/mm`` to SI floats and back.
+
+SI is used everywhere inside; conversion happens here, at configuration, wire and figure.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tacauchy_rig.errors import ConfigError
+
+
+class Dimension(StrEnum):
+    """What a quantity measures; each has the units listed in ``UNITS``."""
+
+    LENGTH = "length"
+    FORCE = "force"
+    TORQUE = "torque"
+    PRESSURE = "pressure"
+    TIME = "time"
+    SPEED = "speed"
+    ACCELERATION = "acceleration"
+    ANGLE = "angle"
+    ANGULAR_SPEED = "angular speed"
+    FREQUENCY = "frequency"
+    FORCE_RATE = "force rate"
+    MASS = "mass"
+    IMAGE_SCALE = "image scale"
+    RATIO = "ratio"
+
+
+UNITS: dict[Dimension, dict[str, float]] = {
+    Dimension.LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    Dimension.FORCE: {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    Dimension.TORQUE: {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N mm": 1e-3, "Nmm": 1e-3},
+    Dimension.PRESSURE: {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6},
+    Dimension.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    Dimension.SPEED: {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
+    Dimension.ACCELERATION: {"m/s^2": 1.0, "mm/s^2": 1e-3},
+    Dimension.ANGLE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3},
+    Dimension.ANGULAR_SPEED: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    Dimension.FREQUENCY: {"Hz": 1.0, "kHz": 1e3, "fps": 1.0},
+    Dimension.FORCE_RATE: {"N/s": 1.0, "mN/s": 1e-3},
+    Dimension.MASS: {"kg": 1.0, "g": 1e-3},
+    Dimension.IMAGE_SCALE: {"px/m": 1.0, "px/mm": 1e3},
+    Dimension.RATIO: {"": 1.0, "%": 1e-2},
+}
+
+_NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A parsed number.
+
+    Attributes:
+        value: Magnitude in the SI unit of ``dimension``.
+        text: The text it came from, kept for messages.
+    """
+
+    value: float
+    dimension: Dimension
+    text: str
+
+
+def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> Quantity:
+    """Parse a number with a unit.
+
+    Args:
+        text: For example ``"5 mm"``, ``"0.3MPa"``, ``"3 %"``.
+        dimension: What the number must measure.
+        field: Name used in the error message.
+
+    Raises:
+        ConfigError: The text has no number, no unit, or a unit of another dimension.
+    """
+    units = UNITS[dimension]
+    listed = ", ".join(unit or "no unit" for unit in units)
+    example = f"write it as text with a unit, for example {field} = {_example(dimension)}"
+    match = _NUMBER.match(text)
+    if match is None:
+        raise ConfigError(f"{field}: {text!r} is not a number with a unit", remedy=example)
+    number, unit = float(match.group(1)), match.group(2)
+    if unit not in units:
+        problem = f"has the unit {unit!r}" if unit else "has no unit"
+        raise ConfigError(
+            f"{field}: {text!r} {problem}; a {dimension.value} needs one of: {listed}",
+            remedy=example,
+        )
+    return Quantity(value=number * units[unit], dimension=dimension, text=text)
+
+
+def _example(dimension: Dimension) -> str:
+    unit = list(UNITS[dimension])[min(2, len(UNITS[dimension]) - 1)]
+    return f'"5 {unit}"'
+
+
+def format_si(value: float, *, unit: str, dimension: Dimension, digits: int = 4) -> str:
+    """Format an SI value in a display unit, for example ``format_si(5e-3, unit="mm", ...)``."""
+    return f"{value / UNITS[dimension][unit]:.{digits}g} {unit}"

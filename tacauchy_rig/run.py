@@ -1,0 +1,262 @@
+"""What was asked, what happened and what was replayed: the types that folders exchange.
+
+Drivers, protocols, sim and reports never import one another; they meet in these types and in
+the run folder that ``tacauchy_rig.store`` reads and writes. All values are SI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Pose of the indenter's tip in the robot's base frame.
+
+    Attributes:
+        position: x, y, z [m]; z points up, away from the gel.
+        rotation_vector: Axis times angle [rad], as UR controllers report it.
+    """
+
+    position: Vector3
+    rotation_vector: Vector3
+
+    def as_vector(self) -> Vector6:
+        """Return ``(x, y, z, rx, ry, rz)`` [m, rad]."""
+        return (*self.position, *self.rotation_vector)
+
+    def shifted(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+        """Return the pose moved by (x, y, z) [m] with the same orientation."""
+        px, py, pz = self.position
+        return Pose(position=(px + x, py + y, pz + z), rotation_vector=self.rotation_vector)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wrench:
+    """Force [N] and moment [N m] in the force sensor's frame, as the sensor reports them."""
+
+    force: Vector3
+    torque: Vector3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceSample:
+    """One frame of the force sensor, raw: no tare, no sign, no filter.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host at arrival.
+        counter: The box's package number, unwrapped: a gap is a lost frame.
+    """
+
+    stamp_ns: int
+    counter: int
+    wrench: Wrench
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSample:
+    """One state of the arm.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host when the state was read.
+        controller_time_s: The controller's own time stamp [s].
+        velocity: Tool velocity [m/s, rad/s].
+        runtime_state: RTDE runtime_state (2 playing).
+        safety_bits: RTDE safety_status_bits.
+        robot_mode: RTDE robot_mode (7 running).
+    """
+
+    stamp_ns: int
+    controller_time_s: float
+    pose: Pose
+    velocity: Vector6
+    runtime_state: int
+    safety_bits: int
+    robot_mode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageFrame:
+    """One compressed camera image, exactly as the camera sent it.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host at arrival.
+        counter: Frames read since the camera was started.
+        device_stamp_s: The driver's own stamp [s], or None where it has none worth keeping.
+        jpeg: The untouched JPEG bytes.
+    """
+
+    stamp_ns: int
+    counter: int
+    device_stamp_s: float | None
+    width: int
+    height: int
+    jpeg: bytes
+
+
+class Phase(StrEnum):
+    """Where a trial is; every change is a line of the journal."""
+
+    PREFLIGHT = "preflight"
+    AIR_PRESS = "air-press"
+    HOME = "home"
+    TARE = "tare"
+    REFERENCE = "reference"
+    APPROACH = "approach"
+    SEARCH = "search"
+    PRESS = "press"
+    DWELL = "dwell"
+    RETRACT = "retract"
+    DRIFT_CHECK = "drift-check"
+    VERDICT = "verdict"
+    FAULT = "fault"
+
+
+class Outcome(StrEnum):
+    """How an attempt ended."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    FAULT = "fault"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """One checked number.
+
+    Attributes:
+        name: For example ``force_mean``.
+        measured: Value in ``unit``; ``limit`` says what it had to satisfy, in words and numbers.
+        remedy: What to do when it failed.
+    """
+
+    name: str
+    passed: bool
+    measured: float
+    limit: str
+    unit: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialSpec:
+    """One press that was asked for. ``index`` counts from 1."""
+
+    index: int
+    force_target_n: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tare:
+    """Mean raw wrench of an unloaded interval, the software zero of a trial.
+
+    Attributes:
+        mean: Fx, Fy, Fz [N], Mx, My, Mz [N m] as the sensor reports them.
+        deviation: Standard deviation of each.
+    """
+
+    start_ns: int
+    end_ns: int
+    mean: Vector6
+    deviation: Vector6
+    sample_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRecord:
+    """What one attempt at a trial gave; ``result.json`` beside its recording.
+
+    Attributes:
+        force_measured_n: Mean pressing force over the dwell [N], tared, positive in compression.
+        force_deviation_n: Standard deviation of that force over the dwell [N].
+        force_drift_n: Unloaded force after minus before [N].
+        contact_z_m: Tip height at which contact was found, in the robot's base frame.
+        depth_measured_m: Travel below ``contact_z_m`` averaged over the dwell.
+        dwell_start_ns: First and last arrival stamp of the window that counts.
+        reference_start_ns: Window of no-contact frames taken before the press.
+        rates: Achieved rates, losses and latencies (keys carry their unit, such as
+            ``force_rate_hz``, ``force_lost_count``, ``image_rate_hz``, ``image_gap_max_ms``).
+    """
+
+    index: int
+    attempt: int
+    outcome: Outcome
+    force_target_n: float
+    reason: str = ""
+    force_measured_n: float | None = None
+    force_deviation_n: float | None = None
+    force_rate_n_s: float | None = None
+    force_drift_n: float | None = None
+    contact_z_m: float | None = None
+    depth_measured_m: float | None = None
+    tare_before: Tare | None = None
+    tare_after: Tare | None = None
+    dwell_start_ns: int | None = None
+    dwell_end_ns: int | None = None
+    reference_start_ns: int | None = None
+    reference_end_ns: int | None = None
+    criteria: tuple[Criterion, ...] = ()
+    rates: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """True when the attempt ran to its end and met every criterion."""
+        return self.outcome is Outcome.PASSED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalEvent:
+    """One line of ``journal.jsonl``.
+
+    Attributes:
+        name: ``phase``, ``attempt-start``, ``attempt-end``, ``fault``, ``abort``, ``process-died``,
+            ``resume``, ``run-start``, ``run-end``.
+        detail: Plain JSON values, units in the keys.
+    """
+
+    stamp_ns: int
+    name: str
+    trial: int = 0
+    attempt: int = 0
+    detail: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayTrial:
+    """One trial as the simulator replayed it; fields and image lie beside it on disk.
+
+    Attributes:
+        force_simulated_n: Simulated pressing force at the accepted depth [N].
+        force_history: (depth [m], force [N]) of every evaluation of the displacement search.
+        force_error_estimate: Believed relative error of the simulated force, and how it is known.
+    """
+
+    index: int
+    force_measured_n: float
+    force_simulated_n: float
+    depth_simulated_m: float
+    force_error_estimate: float
+    force_error_basis: str
+    newton_iterations: int
+    search_iterations: int
+    wall_s: dict[str, float]
+    balance_relative: float
+    gap_min_m: float
+    min_jacobian: float
+    force_history: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replay:
+    """All trials of a run, replayed with one model; ``model`` says which (units in the keys)."""
+
+    name: str
+    trials: tuple[ReplayTrial, ...]
+    model: dict[str, Any]
+    versions: dict[str, str]
