@@ -1,0 +1,49 @@
+# Two targets do everything on a fresh machine with Python 3.11, pip, make and gcc:
+#   make dry-run   set up, then six emulated presses, their replay and the report
+#   make test      set up, then the tests
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV ?= .venv
+BIN := $(VENV)/bin
+# One thread for each numerical library: two cores carry eight processes during a run.
+export OMP_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: dry-run test check lint types contracts dependencies format clean
+
+dry-run: $(VENV)/.product
+	$(BIN)/tacauchy-rig dry-run
+
+test: $(VENV)/.tools
+	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+check: lint types contracts dependencies
+
+lint: $(VENV)/.tools
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.tools
+	$(BIN)/mypy
+
+contracts: $(VENV)/.tools
+	$(BIN)/lint-imports
+
+dependencies: $(VENV)/.tools
+	$(BIN)/deptry .
+
+format: $(VENV)/.tools
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+$(VENV)/.product: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.tools: $(VENV)/.product
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

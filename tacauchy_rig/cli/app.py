@@ -1,0 +1,72 @@
+"""The ``tacauchy-rig`` program: commands, and the one place where errors become exit codes."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Annotated
+
+import typer
+
+from tacauchy_rig import __version__
+from tacauchy_rig.cli import config_commands
+from tacauchy_rig.cli.output import error_console, say
+from tacauchy_rig.errors import AbortedError, RigError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="From a recorded tactile press to a force-matched replay and an honest report.",
+)
+app.add_typer(config_commands.app, name="config")
+
+
+def _version(value: bool) -> None:
+    if value:
+        say(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks and debug logs.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Set up logging; ``--debug`` belongs before the command."""
+    del version
+    logging.basicConfig(
+        level=logging.DEBUG if debug else logging.WARNING,
+        format="%(asctime)s %(name)s %(levelname)s %(message)s",
+        stream=sys.stderr,
+    )
+
+
+def main() -> None:
+    """Run the program; exit 0 pass, 1 criteria missed, 2 error, 3 aborted."""
+    debug = "--debug" in sys.argv
+    try:
+        app(standalone_mode=True)
+    except RigError as error:
+        if debug:
+            raise
+        error_console.print(f"error: {error}", markup=False)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        error_console.print("aborted by Ctrl-C", markup=False)
+        sys.exit(AbortedError.exit_code)
+    except Exception as error:  # the process's top: no traceback without --debug
+        if debug:
+            raise
+        error_console.print(
+            f"error: {type(error).__name__}: {error}\n  -> this is a fault of the program; "
+            "`tacauchy-rig --debug ...` shows where",
+            markup=False,
+        )
+        sys.exit(RigError.exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""``tacauchy-rig config``: show where each value came from, and write an example."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
+from tacauchy_rig.cli.output import console, say, write_json
+from tacauchy_rig.config.load import example_text, load_config
+
+app = typer.Typer(no_args_is_help=True, help="Show, check and write rig.toml.")
+
+
+@app.command()
+def show(
+    path: ConfigFile = None,
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """List every field, its value and where it came from."""
+    loaded = load_config(path, overrides=overrides or ())
+    table = Table("field", "value", "from", box=None)
+    for field, value in loaded.written.items():
+        table.add_row(field, str(value), loaded.sources[field])
+    console.print(table)
+    say(f"configuration hash {loaded.config_hash[:16]}")
+    fields = [
+        {"field": field, "value": value, "source": loaded.sources[field]}
+        for field, value in loaded.written.items()
+    ]
+    write_json(json_file, {"config_hash": loaded.config_hash, "fields": fields})
+
+
+@app.command()
+def example(
+    out: Annotated[
+        Path | None, typer.Argument(help="File to write; standard output if absent.")
+    ] = None,
+) -> None:
+    """Write the commented example for a real rig."""
+    if out is None:
+        say(example_text())
+        return
+    with out.open("x", encoding="utf-8") as file:
+        file.write(example_text())
+    say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")

@@ -1,0 +1,61 @@
+"""What the command line prints: plain lines, progress on a terminal, JSON on request."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import asdict, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from tacauchy_rig.errors import RecordError
+
+console = Console(highlight=False, soft_wrap=True)
+error_console = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(text: str = "") -> None:
+    """Print one line at once, so that a pipe shows progress too."""
+    console.print(text, markup=False)
+    sys.stdout.flush()
+
+
+def write_json(path: Path | None, content: Any) -> None:
+    """Write what a command found to ``--json FILE``; nothing when no file was asked for.
+
+    Raises:
+        RecordError: The file cannot be written.
+    """
+    if path is None:
+        return
+    text = json.dumps(plain(content), indent=2, allow_nan=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be written: {error.strerror}", remedy="give --json another path"
+        ) from error
+
+
+def plain(value: Any) -> Any:
+    """Turn dataclasses, enums, paths and arrays into JSON values; NaN and infinity become null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
