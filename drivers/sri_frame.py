@@ -1,0 +1,165 @@
+"""Frames of the SRI M8128-family box as bytes: six float32 channels, one point a frame.
+
+=======  ======  ==============================================================
+offset   length  content
+=======  ======  ==============================================================
+0        2       AA 55
+2        2       length of what follows, big-endian: 27 (SUM) or 30 (CRC32)
+4        2       package number, big-endian, wraps at 65536
+6        24      Fx Fy Fz [N] Mx My Mz [N m], float32 little-endian
+30       1 or 4  SUM: low byte of the sum of bytes 6-29; CRC32: see below
+=======  ======  ==============================================================
+
+The SUM form is checked against the example in the manual. The CRC32 form is unconfirmed: only its
+length is documented, so the common CRC-32 of bytes 6-29, little-endian, is assumed here.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+
+from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.run import Vector6
+
+MARK = b"\xaa\x55"
+NUMBER_MODULUS = 1 << 16
+_HEADER = struct.Struct(">2sHH")
+_VALUES = struct.Struct("<6f")
+_CHECK_LENGTH = {Checksum.SUM: 1, Checksum.CRC32: 4}
+_BODY_START = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SriFrame:
+    """One decoded frame.
+
+    Attributes:
+        counter: Package number, unwrapped: it never runs backwards.
+        values: Fx, Fy, Fz [N], Mx, My, Mz [N m].
+    """
+
+    counter: int
+    values: Vector6
+
+
+def frame_length(checksum: Checksum) -> int:
+    """Return the length of a whole frame in bytes: 31 with SUM, 34 with CRC32."""
+    return _HEADER.size + _VALUES.size + _CHECK_LENGTH[checksum]
+
+
+def encode_frame(number: int, values: Vector6, *, checksum: Checksum = Checksum.SUM) -> bytes:
+    """Encode a frame as the box sends it; ``number`` is wrapped to 16 bits."""
+    data = _VALUES.pack(*values)
+    body_length = frame_length(checksum) - _BODY_START
+    header = _HEADER.pack(MARK, body_length, number % NUMBER_MODULUS)
+    return header + data + _check(data, checksum)
+
+
+def _check(data: bytes, checksum: Checksum) -> bytes:
+    if checksum is Checksum.SUM:
+        return bytes([sum(data) & 0xFF])
+    return struct.pack("<I", zlib.crc32(data))
+
+
+class FrameParser:
+    """Find frames in a byte stream that arrives in arbitrary pieces.
+
+    A header counts only with the right length and checksum, because AA 55 can occur inside a
+    float; otherwise the search goes on one byte further, so damage costs the damaged frames alone.
+
+    Attributes:
+        frame_count: Valid frames returned.
+        lost_count: Frames missing by the package number; a damaged frame is missing too.
+        corrupt_frame_count: Damaged stretches in units of a frame, at least one each, and frames
+            with a right checksum that hold NaN or infinity; those are never returned.
+        corrupt_byte_count: Bytes thrown away after the first valid frame.
+        leading_byte_count: Bytes thrown away before it: replies, or a frame joined in the middle.
+        restart_count: Times that the package number repeated or ran backwards, as after a power
+            cycle of the box; what was lost there is unknown.
+    """
+
+    def __init__(self, *, checksum: Checksum = Checksum.SUM) -> None:
+        self._checksum = checksum
+        self._length = frame_length(checksum)
+        self._start = MARK + (self._length - _BODY_START).to_bytes(2, "big")
+        self._buffer = bytearray()
+        self._damage_length = 0
+        self._last_number: int | None = None
+        self._counter = 0
+        self.frame_count = 0
+        self.lost_count = 0
+        self.corrupt_frame_count = 0
+        self.corrupt_byte_count = 0
+        self.leading_byte_count = 0
+        self.restart_count = 0
+
+    def feed(self, data: bytes) -> list[SriFrame]:
+        """Add bytes and return the frames that they complete, oldest first."""
+        self._buffer += data
+        frames = []
+        while (raw := self._next_raw()) is not None:
+            frame = self._decode(raw)
+            if frame is not None:
+                frames.append(frame)
+        return frames
+
+    def _next_raw(self) -> bytes | None:
+        while True:
+            position = self._buffer.find(self._start)
+            if position < 0:
+                self._skip(len(self._buffer) - self._pending_length())
+                return None
+            self._skip(position)
+            if len(self._buffer) < self._length:
+                return None
+            raw = bytes(self._buffer[: self._length])
+            data_end = _HEADER.size + _VALUES.size
+            if _check(raw[_HEADER.size : data_end], self._checksum) == raw[data_end:]:
+                del self._buffer[: self._length]
+                self._damage_length = 0
+                return raw
+            self._skip(1)
+
+    def _pending_length(self) -> int:
+        """Return how many bytes at the end may be the beginning of a header."""
+        for length in range(min(len(self._start) - 1, len(self._buffer)), 0, -1):
+            if self._buffer.endswith(self._start[:length]):
+                return length
+        return 0
+
+    def _skip(self, length: int) -> None:
+        if length == 0:
+            return
+        del self._buffer[:length]
+        if self._last_number is None:
+            self.leading_byte_count += length
+            return
+        before = math.ceil(self._damage_length / self._length)
+        self._damage_length += length
+        self.corrupt_byte_count += length
+        self.corrupt_frame_count += math.ceil(self._damage_length / self._length) - before
+
+    def _decode(self, raw: bytes) -> SriFrame | None:
+        self._count(_HEADER.unpack_from(raw)[2])
+        values: Vector6 = _VALUES.unpack_from(raw, _HEADER.size)
+        if not all(math.isfinite(value) for value in values):
+            self.corrupt_frame_count += 1
+            return None
+        self.frame_count += 1
+        return SriFrame(counter=self._counter, values=values)
+
+    def _count(self, number: int) -> None:
+        if self._last_number is None:
+            self._counter = number
+        else:
+            step = (number - self._last_number) % NUMBER_MODULUS
+            if 0 < step < NUMBER_MODULUS // 2:
+                self.lost_count += step - 1
+                self._counter += step
+            else:
+                self.restart_count += 1
+                self._counter += 1
+        self._last_number = number
