@@ -1,0 +1,222 @@
+"""RTDE protocol version 2: packets, field types and recipes, big-endian on the wire.
+
+Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide". The driver's probe and the
+emulated controller share this file; that it is right is shown by the real client library.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, MutableMapping
+from enum import IntEnum
+
+from tacauchy_rig.errors import DeviceError
+
+RTDE_PORT = 30004
+DASHBOARD_PORT = 29999
+SCRIPT_PORT = 30003
+PROTOCOL_VERSION = 2
+
+Value = tuple[float, ...]
+
+_HEADER = struct.Struct(">HB")
+
+
+class PacketKind(IntEnum):
+    """Packet types: the ASCII letters of the guide."""
+
+    REQUEST_PROTOCOL_VERSION = 86
+    GET_URCONTROL_VERSION = 118
+    TEXT_MESSAGE = 77
+    DATA = 85
+    SETUP_OUTPUTS = 79
+    SETUP_INPUTS = 73
+    START = 83
+    PAUSE = 80
+
+
+TYPE_FORMATS: dict[str, str] = {
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+    "INT32": "i",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "UINT8": "B",
+    "BOOL": "?",
+}
+
+_REGISTER_COUNT = 48
+
+
+def _typed(type_name: str, names: str) -> dict[str, str]:
+    return dict.fromkeys(names.split(), type_name)
+
+
+def _registers(direction: str) -> dict[str, str]:
+    numbers = range(_REGISTER_COUNT)
+    return (
+        {f"{direction}_int_register_{number}": "INT32" for number in numbers}
+        | {f"{direction}_double_register_{number}": "DOUBLE" for number in numbers}
+        | _typed("UINT32", f"{direction}_bit_registers0_to_31 {direction}_bit_registers32_to_63")
+    )
+
+
+OUTPUT_TYPES: dict[str, str] = (
+    _typed(
+        "DOUBLE",
+        "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum"
+        " actual_main_voltage actual_robot_voltage actual_robot_current tcp_force_scalar payload"
+        " standard_analog_input0 standard_analog_input1 standard_analog_output0"
+        " standard_analog_output1",
+    )
+    | _typed(
+        "VECTOR6D",
+        "target_q target_qd target_qdd target_current target_moment actual_q actual_qd"
+        " actual_current joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force"
+        " target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage"
+        " payload_inertia ft_raw_wrench tcp_offset actual_current_as_torque",
+    )
+    | _typed("VECTOR3D", "actual_tool_accelerometer elbow_position elbow_velocity payload_cog")
+    | _typed("VECTOR6INT32", "joint_mode")
+    | _typed("INT32", "robot_mode safety_mode safety_status")
+    | _typed("UINT32", "runtime_state robot_status_bits safety_status_bits analog_io_types")
+    | _typed("UINT64", "actual_digital_input_bits actual_digital_output_bits")
+    | _registers("output")
+)
+
+INPUT_TYPES: dict[str, str] = (
+    _typed("DOUBLE", "speed_slider_fraction standard_analog_output_0 standard_analog_output_1")
+    | _typed("VECTOR6D", "external_force_torque")
+    | _typed("UINT32", "speed_slider_mask")
+    | _typed(
+        "UINT8",
+        "standard_digital_output_mask standard_digital_output configurable_digital_output_mask"
+        " configurable_digital_output tool_digital_output_mask tool_digital_output"
+        " standard_analog_output_mask standard_analog_output_type",
+    )
+    | {f"input_bit_register_{number}": "BOOL" for number in range(64, 128)}
+    | _registers("input")
+)
+
+
+def pack_packet(kind: int, body: bytes = b"") -> bytes:
+    """Return a packet: total size including the header, type, body."""
+    return _HEADER.pack(_HEADER.size + len(body), kind) + body
+
+
+def split_names(text: bytes) -> list[str]:
+    """Return the names of a comma-separated list; clients end it with a comma."""
+    return [name for name in text.decode("latin-1").split(",") if name]
+
+
+class PacketReader:
+    """Cuts a byte stream into packets, however the bytes arrive."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Return (type, body) of every packet that ``data`` completes.
+
+        Raises:
+            DeviceError: A size below the header's, so this is not an RTDE stream.
+        """
+        self._buffer += data
+        packets: list[tuple[int, bytes]] = []
+        while len(self._buffer) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._buffer)
+            if size < _HEADER.size:
+                raise DeviceError(f"RTDE packet says that it is {size} bytes long")
+            if len(self._buffer) < size:
+                break
+            packets.append((kind, bytes(self._buffer[_HEADER.size : size])))
+            del self._buffer[:size]
+        return packets
+
+
+def _field_structs(names: Iterable[str], types: Mapping[str, str]) -> list[struct.Struct]:
+    return [struct.Struct(">" + TYPE_FORMATS[types[name]]) for name in names]
+
+
+class OutputRecipe:
+    """A data packet from the controller, packed in place: only fields that changed are rewritten.
+
+    Args:
+        names: Output fields, each known to ``OUTPUT_TYPES``.
+    """
+
+    def __init__(self, recipe_id: int, names: list[str]) -> None:
+        self.names = names
+        self.types = [OUTPUT_TYPES[name] for name in names]
+        fields = _field_structs(names, OUTPUT_TYPES)
+        size = _HEADER.size + 1 + sum(field.size for field in fields)
+        self._packet = bytearray(size)
+        _HEADER.pack_into(self._packet, 0, size, PacketKind.DATA)
+        self._packet[_HEADER.size] = recipe_id
+        self._plan: list[tuple[int, str, struct.Struct, int]] = []
+        offset = _HEADER.size + 1
+        for index, (name, field) in enumerate(zip(names, fields, strict=True)):
+            self._plan.append((index, name, field, offset))
+            offset += field.size
+        self._packed: list[Value | None] = [None] * len(names)
+
+    def pack(self, values: Mapping[str, Value]) -> bytes:
+        """Return the packet; ``values`` holds a tuple for each name, scalars included."""
+        packed = self._packed
+        for index, name, field, offset in self._plan:
+            value = values[name]
+            # A value that did not change is the same object: constants cost nothing.
+            if value is not packed[index]:
+                field.pack_into(self._packet, offset, *value)
+                packed[index] = value
+        return bytes(self._packet)
+
+    def unpack(self, body: bytes) -> dict[str, Value]:
+        """Return the values of a data packet's body, which starts with the recipe's id.
+
+        Raises:
+            DeviceError: The body has another length.
+        """
+        if len(body) != len(self._packet) - _HEADER.size:
+            raise DeviceError(
+                f"RTDE data of {len(body)} bytes instead of {len(self._packet) - _HEADER.size}"
+            )
+        return {
+            name: field.unpack_from(body, offset - _HEADER.size)
+            for _, name, field, offset in self._plan
+        }
+
+
+class InputRecipe:
+    """A data packet to the controller.
+
+    Args:
+        names: Input fields, each known to ``INPUT_TYPES``.
+    """
+
+    def __init__(self, names: list[str]) -> None:
+        self.names = names
+        self.types = [INPUT_TYPES[name] for name in names]
+        self._fields = _field_structs(names, INPUT_TYPES)
+        self.size = sum(field.size for field in self._fields)
+
+    def unpack_into(self, body: bytes, inputs: MutableMapping[str, Value]) -> None:
+        """Write the fields of ``body``, which follows the recipe's id, into ``inputs``.
+
+        Raises:
+            DeviceError: The body has another length.
+        """
+        if len(body) != self.size:
+            raise DeviceError(f"RTDE input of {len(body)} bytes instead of {self.size}")
+        offset = 0
+        for name, field in zip(self.names, self._fields, strict=True):
+            inputs[name] = field.unpack_from(body, offset)
+            offset += field.size
+
+    def pack(self, values: Mapping[str, Value]) -> bytes:
+        """Return the fields as ``unpack_into`` reads them."""
+        return b"".join(
+            field.pack(*values[name]) for name, field in zip(self.names, self._fields, strict=True)
+        )
