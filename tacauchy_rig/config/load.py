@@ -79,6 +79,18 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
     return LoadedConfig(config=check_config(_nest(written)), written=written, sources=sources)
 
 
+def restore_config(written: Mapping[str, Any]) -> RigConfig:
+    """Build the configuration of a recorded run from ``LoadedConfig.written``.
+
+    Fields that this version has and that one had not take their built-in default.
+
+    Raises:
+        ConfigError: A field is no longer known, or its value no longer allowed.
+    """
+    defaults = dict(_leaves(tomllib.loads(default_text())))
+    return check_config(_nest({**defaults, **written}))
+
+
 def check_config(tables: Mapping[str, Any]) -> RigConfig:
     """Validate nested tables.
 

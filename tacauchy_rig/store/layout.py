@@ -1,0 +1,118 @@
+"""Where everything lies in a run folder."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+RECORDING_NAME = "recording.mcap"
+SPILL_PATTERN = "unacknowledged-*.mcap"
+
+_ATTEMPT = re.compile(r"attempt-(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class RunPaths:
+    """Names of a run folder's files. Trials and attempts count from 1."""
+
+    root: Path
+
+    @property
+    def run_json(self) -> Path:
+        """What the run is: configuration, versions, devices, clock."""
+        return self.root / "run.json"
+
+    @property
+    def rig_toml(self) -> Path:
+        """The configuration as it was written."""
+        return self.root / "rig.toml"
+
+    @property
+    def journal(self) -> Path:
+        """One line for each change of state."""
+        return self.root / "journal.jsonl"
+
+    @property
+    def truth(self) -> Path:
+        """What the emulated world really was; dry runs only."""
+        return self.root / "truth.json"
+
+    @property
+    def emulation(self) -> Path:
+        """Folder of the emulators."""
+        return self.root / "emulation"
+
+    @property
+    def lock(self) -> Path:
+        """File whose lock says that a program is working on this run."""
+        return self.root / ".lock"
+
+    @property
+    def trials(self) -> Path:
+        """Folder of all trials."""
+        return self.root / "trials"
+
+    @property
+    def replays(self) -> Path:
+        """Folder of all replays."""
+        return self.root / "replay"
+
+    @property
+    def report(self) -> Path:
+        """Folder of the report."""
+        return self.root / "report"
+
+    def trial(self, trial: int) -> Path:
+        """Return the folder of a trial."""
+        return self.trials / f"{trial:02d}"
+
+    def attempt(self, trial: int, attempt: int) -> Path:
+        """Return the folder of one attempt at a trial."""
+        return self.trial(trial) / f"attempt-{attempt}"
+
+    def recording(self, trial: int, attempt: int) -> Path:
+        """Return the recording of an attempt."""
+        return self.attempt(trial, attempt) / RECORDING_NAME
+
+    def result(self, trial: int, attempt: int) -> Path:
+        """Return the verdict of an attempt."""
+        return self.attempt(trial, attempt) / "result.json"
+
+    def spills(self, trial: int, attempt: int) -> list[Path]:
+        """Return the messages that a fault kept from the recording, if any."""
+        return sorted(self.attempt(trial, attempt).glob(SPILL_PATTERN))
+
+    def spill(self, trial: int, attempt: int, source: str) -> Path:
+        """Return where ``source`` (a process) writes what its recorder never acknowledged."""
+        return self.attempt(trial, attempt) / SPILL_PATTERN.replace("*", source)
+
+    def trial_indices(self) -> list[int]:
+        """Return the trials that have a folder, ascending."""
+        names = (path.name for path in self.trials.glob("*") if path.is_dir())
+        return sorted(int(name) for name in names if name.isdigit())
+
+    def attempt_indices(self, trial: int) -> list[int]:
+        """Return the attempts at a trial that have a folder, ascending."""
+        matches = (_ATTEMPT.fullmatch(path.name) for path in self.trial(trial).glob("attempt-*"))
+        return sorted(int(match.group(1)) for match in matches if match)
+
+    def replay(self, name: str) -> Path:
+        """Return the folder of a replay."""
+        return self.replays / name
+
+    def replay_json(self, name: str) -> Path:
+        """Return the summary of a replay."""
+        return self.replay(name) / "replay.json"
+
+    def replay_trial(self, name: str, trial: int) -> Path:
+        """Return the folder of one replayed trial: fields, surface, image, height."""
+        return self.replay(name) / "trials" / f"{trial:02d}"
+
+
+def run_root_of(path: Path) -> Path:
+    """Return the run folder that ``path`` lies in, or its own folder when it lies in none."""
+    for folder in path.absolute().parents:
+        if (folder / "run.json").is_file():
+            return folder
+    return path.parent

@@ -1,0 +1,251 @@
+"""One run's folder: the only way in and out for results, replays and what the run is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from tacauchy_rig.config.load import LoadedConfig, restore_config
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import Replay, TrialRecord
+from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
+from tacauchy_rig.store.durable import read_bytes, write_atomically, write_error
+from tacauchy_rig.store.layout import RunPaths
+from tacauchy_rig.store.replay_files import ReplayFields, read_fields, write_fields
+from tacauchy_rig.store.run_lock import run_lock
+
+FORMAT = 1
+
+
+class RunStore:
+    """Reads and writes one run folder.
+
+    Attributes:
+        paths: Where everything lies.
+        config: The run's configuration, checked.
+        config_hash: Hash of the configuration as it was when the run was created.
+        simulated: Any device of the run was not real.
+    """
+
+    def __init__(self, root: Path, description: dict[str, Any]) -> None:
+        self.paths = RunPaths(root)
+        self.description = description
+        self.config: RigConfig = restore_config(description["written"])
+        self.config_hash: str = description["config_hash"]
+        self.simulated: bool = description["simulated"]
+
+    @classmethod
+    def create(
+        cls,
+        parent: Path,
+        loaded: LoadedConfig,
+        *,
+        config_text: str,
+        simulated: bool,
+        versions: dict[str, str],
+    ) -> Self:
+        """Make a new run folder ``YYYYmmdd-HHMMSS-NAME`` in ``parent``.
+
+        Raises:
+            RecordError: ``parent`` cannot be written, or its disk is full.
+        """
+        created = datetime.now(UTC)
+        root = _new_folder(parent, f"{created:%Y%m%d-%H%M%S}-{loaded.config.run.name}")
+        description = {
+            "format": FORMAT,
+            "name": loaded.config.run.name,
+            "created": created.isoformat(timespec="seconds"),
+            "simulated": simulated,
+            "seed": loaded.config.emulation.seed,
+            "config_hash": loaded.config_hash,
+            "config": loaded.config.model_dump(mode="json"),
+            "written": loaded.written,
+            "sources": loaded.sources,
+            "versions": versions,
+            "devices": {},
+            "clock": {"monotonic_ns": time.monotonic_ns(), "epoch_ns": time.time_ns()},
+        }
+        paths = RunPaths(root)
+        write_atomically(paths.rig_toml, config_text.encode())
+        write_atomically(paths.run_json, dumps(description))
+        return cls(root, loads(dumps(description), source=str(paths.run_json)))
+
+    @classmethod
+    def open(cls, root: Path) -> Self:
+        """Open a run folder.
+
+        Raises:
+            RecordError: ``root`` is no run folder, or its description is damaged.
+            ConfigError: Its configuration is no longer accepted.
+        """
+        path = RunPaths(root).run_json
+        if not path.is_file():
+            raise RecordError(
+                f"{root}: not a run folder: it has no run.json",
+                remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
+                "such as runs/20250131-101500-NAME",
+            )
+        description = loads(read_bytes(path, what="the run's description"), source=str(path))
+        _check_description(description, path)
+        return cls(root, description)
+
+    def set_devices(self, devices: Mapping[str, Any]) -> None:
+        """Record who answered: name of the device to its DeviceIdentity.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        self.description = {**self.description, "devices": to_json(devices)}
+        write_atomically(self.paths.run_json, dumps(self.description))
+
+    def attempts(self, trial: int) -> list[int]:
+        """Return the attempts at a trial, ascending."""
+        return self.paths.attempt_indices(trial)
+
+    def next_attempt(self, trial: int) -> int:
+        """Return the number that the next attempt at a trial has to take."""
+        return max(self.attempts(trial), default=0) + 1
+
+    def save_result(self, record: TrialRecord) -> None:
+        """Write ``result.json``.
+
+        Raises:
+            RecordError: The attempt has another result already, or the disk is full.
+        """
+        previous = self.load_result(record.index, record.attempt)
+        path = self.paths.result(record.index, record.attempt)
+        if previous is not None and dumps(previous) != dumps(record):
+            raise RecordError(
+                f"{path}: attempt {record.attempt} at trial {record.index} has ended already: "
+                f"{previous.outcome}",
+                remedy="results are never overwritten: start a new attempt",
+            )
+        write_atomically(path, dumps(record))
+
+    def load_result(self, trial: int, attempt: int) -> TrialRecord | None:
+        """Return an attempt's result, or None if it has none (it was cut off).
+
+        Raises:
+            RecordError: The file is damaged; names file and field.
+        """
+        path = self.paths.result(trial, attempt)
+        if not path.exists():
+            return None
+        data = loads(read_bytes(path, what="the result"), source=str(path))
+        return from_json(TrialRecord, data, source=str(path))
+
+    def latest(self, trial: int) -> TrialRecord | None:
+        """Return the result of the latest attempt that has one."""
+        results = (self.load_result(trial, number) for number in reversed(self.attempts(trial)))
+        return next((result for result in results if result is not None), None)
+
+    def accepted(self, trial: int) -> TrialRecord | None:
+        """Return the result of the latest attempt that passed."""
+        results = (self.load_result(trial, number) for number in reversed(self.attempts(trial)))
+        return next((result for result in results if result is not None and result.passed), None)
+
+    def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:
+        """Write a replay; the fields of trials saved before may be left out.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        for trial, trial_fields in fields.items():
+            self.save_replay_fields(replay.name, trial, trial_fields)
+        write_atomically(self.paths.replay_json(replay.name), dumps(replay))
+
+    def load_replay(self, name: str) -> Replay:
+        """Read a replay.
+
+        Raises:
+            RecordError: There is none of that name, or it is damaged.
+        """
+        path = self.paths.replay_json(name)
+        if not path.exists():
+            names = ", ".join(self.replays()) or "none"
+            raise RecordError(
+                f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
+                remedy=f"`tacauchy-rig replay {self.paths.root}` makes one",
+            )
+        data = loads(read_bytes(path, what="the replay"), source=str(path))
+        return from_json(Replay, data, source=str(path))
+
+    def replays(self) -> list[str]:
+        """Return the names of finished replays."""
+        return sorted(path.parent.name for path in self.paths.replays.glob("*/replay.json"))
+
+    def save_replay_fields(self, name: str, trial: int, fields: ReplayFields) -> None:
+        """Write one replayed trial's arrays and image.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        write_fields(self.paths.replay_trial(name, trial), fields)
+
+    def load_replay_fields(self, name: str, trial: int) -> ReplayFields:
+        """Read one replayed trial's arrays and image.
+
+        Raises:
+            RecordError: Missing or damaged.
+        """
+        return read_fields(self.paths.replay_trial(name, trial))
+
+    def load_truth(self) -> dict[str, Any] | None:
+        """Return what the emulated world really was; None where a real rig was pressed.
+
+        Raises:
+            RecordError: The file is damaged.
+        """
+        path = self.paths.truth
+        if not path.exists():
+            return None
+        truth = loads(read_bytes(path, what="the emulated world's truth"), source=str(path))
+        return from_json(dict[str, Any], truth, source=str(path))
+
+    def lock(self) -> AbstractContextManager[None]:
+        """Hold the run against other programs while in the returned context.
+
+        Raises:
+            RecordError: (on entering) Another program is working on this run.
+        """
+        return run_lock(self.paths.lock)
+
+
+def _new_folder(parent: Path, name: str) -> Path:
+    number = 1
+    while True:
+        root = parent / (name if number == 1 else f"{name}-{number}")
+        try:
+            root.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise write_error(root, error) from error
+        else:
+            return root
+
+
+def _check_description(description: Any, path: Path) -> None:
+    wanted = {
+        "format": int,
+        "written": dict,
+        "config_hash": str,
+        "simulated": bool,
+        "devices": dict,
+    }
+    for field, kind in wanted.items():
+        if not isinstance(description, dict) or not isinstance(description.get(field), kind):
+            raise RecordError(
+                f"{path}: {field}: missing or of the wrong type",
+                remedy="the file was edited, or is not this program's",
+            )
+    if description["format"] != FORMAT:
+        raise RecordError(
+            f"{path}: written in format {description['format']}; this program reads {FORMAT}",
+            remedy="use the version of the program named under versions in that file",
+        )
