@@ -69,6 +69,7 @@ class FrameParser:
 
     A header counts only with the right length and checksum, because AA 55 can occur inside a
     float; otherwise the search goes on one byte further, so damage costs the damaged frames alone.
+    The package number lies outside the checksum: a damaged one shows as a gap and a restart.
 
     Attributes:
         frame_count: Valid frames returned.
