@@ -1,0 +1,203 @@
+"""Compare a run with its replay: evidence in, judged numbers out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from reports.contact import score_contact
+from reports.correction import correct
+from reports.criteria import judge_trial
+from reports.evidence import ImageGeometry, RunEvidence, StreamTiming, TrialEvidence
+from reports.floors import (
+    Ceiling,
+    Floors,
+    Skill,
+    WrongForceMatrix,
+    contact_residuals,
+    score_noise,
+    skill,
+    trial_ceiling,
+    trial_floors,
+    wrong_force_matrices,
+)
+from reports.force_agreement import compare_force
+from reports.metrics import ImageScores, Metric, score, to_grey
+from reports.reading import limits_of, read_scores, verdict_of
+from reports.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
+from reports.statistics import psnr_of_mean_mse, t_interval
+
+
+def compare(evidence: RunEvidence) -> ValidationReport:
+    """Score, judge and explain every trial of a run.
+
+    Raises:
+        RecordError: Images of one trial differ in shape.
+    """
+    matrices = wrong_force_matrices(evidence.trials)
+    trials = tuple(_compare_trial(trial, evidence, matrices) for trial in evidence.trials)
+    statistics = _statistics(trials)
+    passed = bool(trials) and all(trial.passed for trial in trials)
+    return ValidationReport(
+        passed=passed,
+        verdict=verdict_of(trials, evidence, passed=passed),
+        reading=read_scores(trials, statistics, matrices),
+        limits=limits_of(trials, statistics, evidence),
+        trials=trials,
+        statistics=statistics,
+        matrices=matrices,
+        truth=evidence.truth,
+        evidence=evidence,
+    )
+
+
+def _compare_trial(
+    trial: TrialEvidence, evidence: RunEvidence, matrices: Sequence[WrongForceMatrix]
+) -> TrialResult:
+    others = [t for t in evidence.trials if t.index != trial.index]
+    wrong = [t.simulated_image for t in others if t.force_target_n != trial.force_target_n]
+    images, simulated, record, replay = (
+        trial.images,
+        trial.simulated_image,
+        trial.record,
+        trial.replay,
+    )
+    scale = _scale_mm_px(evidence.geometry)
+    scores = grey = contact = corrections = None
+    if images is not None and simulated is not None:
+        scores = score(images.real, simulated)
+        grey = score(to_grey(images.real), to_grey(simulated))
+        contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
+        corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
+    floors = None if images is None else trial_floors(images, [w for w in wrong if w is not None])
+    ceiling = trial_ceiling(trial, others)
+    discriminates = {
+        m.metric: m.diagonal_wins[m.trials.index(trial.index)]
+        for m in matrices
+        if trial.index in m.trials
+    }
+    criteria = judge_trial(trial, evidence.thresholds, scores=scores, discriminates=discriminates)
+    force = compare_force(
+        trial, tolerance_n=evidence.thresholds.max_force_mismatch_n, model=evidence.model
+    )
+    return TrialResult(
+        index=trial.index,
+        attempt=0 if record is None else record.attempt,
+        outcome="missing" if record is None else record.outcome.value,
+        reason="" if record is None else record.reason,
+        passed=all(criterion.passed for criterion in criteria),
+        force_target_n=trial.force_target_n,
+        force_measured_n=None if record is None else record.force_measured_n,
+        force_deviation_n=None if record is None else record.force_deviation_n,
+        force_drift_n=None if record is None else record.force_drift_n,
+        force_simulated_n=None if replay is None else replay.force_simulated_n,
+        force_mismatch_n=force.mismatch_n,
+        depth_measured_m=None if record is None else record.depth_measured_m,
+        depth_simulated_m=None if replay is None else replay.depth_simulated_m,
+        force=force,
+        metrics=scores,
+        metrics_grey=grey,
+        floors=floors,
+        ceiling=ceiling,
+        skill=_skills(trial, scores, floors, ceiling),
+        discriminates=discriminates,
+        contact=contact,
+        contact_no_contact_residual=None
+        if images is None
+        else contact_residuals(images, [images.reference])[0],
+        corrections=corrections,
+        criteria=criteria,
+        rates={} if record is None else dict(record.rates),
+        streams=tuple(summarize_stream(s) for s in trial.streams if len(s.intervals_s)),
+        dwell_frame_count=0 if images is None else images.frame_count,
+        replay=_replay_facts(trial),
+    )
+
+
+def _skills(
+    trial: TrialEvidence,
+    scores: ImageScores | None,
+    floors: Floors | None,
+    ceiling: Ceiling | None,
+) -> dict[str, Skill]:
+    if scores is None or floors is None or trial.images is None or trial.simulated_image is None:
+        return {}
+    noise = score_noise(trial.images, trial.simulated_image)
+    return {
+        m.value: skill(
+            scores.value(m),
+            floors.no_contact.value(m),
+            None if ceiling is None else ceiling.scores.value(m),
+            noise=0.0 if noise is None else noise[m],
+            larger_is_better=m.larger_is_better,
+        )
+        for m in Metric
+    }
+
+
+def _replay_facts(trial: TrialEvidence) -> dict[str, object]:
+    replay = trial.replay
+    if replay is None:
+        return {}
+    return {
+        "newton_iterations": replay.newton_iterations,
+        "search_iterations": replay.search_iterations,
+        "wall_s": dict(replay.wall_s),
+        "balance_relative": replay.balance_relative,
+        "gap_min_m": replay.gap_min_m,
+        "min_jacobian": replay.min_jacobian,
+        "force_error_estimate_relative": replay.force_error_estimate,
+        "force_error_basis": replay.force_error_basis,
+    }
+
+
+def summarize_stream(stream: StreamTiming) -> StreamSummary:
+    """Reduce arrival intervals to rate, losses and percentiles."""
+    intervals = stream.intervals_s
+    median, late = np.percentile(intervals, [50, 99]) * 1e3
+    return StreamSummary(
+        name=stream.name,
+        nominal_rate_hz=stream.nominal_rate_hz,
+        rate_hz=float(len(intervals) / intervals.sum()),
+        sample_count=len(intervals) + 1,
+        lost_count=stream.lost_count,
+        interval_median_ms=float(median),
+        interval_p99_ms=float(late),
+        interval_max_ms=float(intervals.max() * 1e3),
+    )
+
+
+def _statistics(trials: Sequence[TrialResult]) -> RunStatistics:
+    scores = [t.metrics for t in trials if t.metrics is not None]
+    floors = [t.floors.no_contact for t in trials if t.floors is not None]
+    contacts = [t.contact for t in trials if t.contact is not None]
+    targets = [t.force_target_n for t in trials if t.outcome != "missing"]
+    return RunStatistics(
+        metrics={m.value: t_interval([s.value(m) for s in scores]) for m in Metric},
+        no_contact={m.value: t_interval([s.value(m) for s in floors]) for m in Metric},
+        psnr_of_mean_mse_db=_finite(psnr_of_mean_mse([s.mse for s in scores])),
+        psnr_of_mean_mse_no_contact_db=_finite(psnr_of_mean_mse([s.mse for s in floors])),
+        force_mismatch_n=t_interval(_known(t.force_mismatch_n for t in trials)),
+        prediction_error_relative=t_interval(
+            _known(t.force.prediction_error_relative for t in trials)
+        ),
+        contact_zncc=t_interval([c.zncc for c in contacts]),
+        contact_relative_residual=t_interval([c.relative_residual for c in contacts]),
+        repeats_per_force=min((targets.count(t) for t in targets), default=0),
+    )
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [v for v in values if v is not None]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _scale_mm_px(geometry: ImageGeometry) -> tuple[float, float] | None:
+    if geometry.scale_x_m_px is None or geometry.scale_y_m_px is None:
+        return None
+    return geometry.scale_x_m_px * 1e3, geometry.scale_y_m_px * 1e3

@@ -1,0 +1,159 @@
+"""What a report is made from: per trial the record, the replay, the images and the curves.
+
+Images are RGB, cropped and resized as ``ImageGeometry`` says; all values are SI. Whatever is
+missing is None: a run that broke off still gets a report that says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from reports.arrays import ColorImage, FloatArray
+from tacauchy_rig.run import ReplayTrial, TrialRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageGeometry:
+    """How a camera frame becomes the image that is scored.
+
+    Attributes:
+        crop_fraction: Part of the width and height cut off at each border.
+        scale_x_m_px: Gel surface per pixel of the scored image [m/px]; None when not calibrated.
+        scale_y_m_px: The same along y; the two differ on real sensors [m/px].
+    """
+
+    crop_fraction: float = 0.15
+    width_px: int = 320
+    height_px: int = 240
+    scale_x_m_px: float | None = None
+    scale_y_m_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialImages:
+    """Images of one trial as the camera saw them.
+
+    Attributes:
+        real: Pixelwise median over the dwell.
+        reference: Pixelwise median of the no-contact frames taken before the press.
+        first_half: Median over the first half of the dwell; with ``second_half`` it gives the
+            noise ceiling. None when the dwell has fewer than four frames.
+        frame_count: Frames in the dwell.
+    """
+
+    real: ColorImage
+    reference: ColorImage
+    first_half: ColorImage | None = None
+    second_half: ColorImage | None = None
+    frame_count: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """A signal over time, both of shape [n]; time [s] counts from the start of the dwell."""
+
+    time_s: FloatArray
+    value: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamTiming:
+    """When the samples of one stream arrived, measured from the recording.
+
+    Attributes:
+        name: ``force``, ``image`` or ``arm``.
+        nominal_rate_hz: What the configuration asks for; None when it does not say.
+        intervals_s: Time between consecutive arrivals [s], shape [n - 1].
+        lost_count: Samples that the native counter shows and the recording lacks.
+    """
+
+    name: str
+    nominal_rate_hz: float | None
+    intervals_s: FloatArray
+    lost_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruthComparison:
+    """One quantity of the emulated world beside what the pipeline made of it.
+
+    Attributes:
+        trial: Trial it belongs to; 0 for the whole run.
+    """
+
+    name: str
+    true: float
+    recovered: float
+    unit: str
+    trial: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialEvidence:
+    """All that is known of one press.
+
+    Attributes:
+        simulated_image: The replay's rendered image in the scored geometry.
+        force_curve: Tared pressing force [N], positive in compression.
+        depth_curve: Travel below the height of first contact [m].
+        dwell_s: Start and end of the window that counts, on the curves' time axis [s].
+        force_depth_simulated: (depth [m], force [N]) of the simulator, shape [n, 2], sorted.
+    """
+
+    index: int
+    force_target_n: float
+    record: TrialRecord | None = None
+    replay: ReplayTrial | None = None
+    images: TrialImages | None = None
+    simulated_image: ColorImage | None = None
+    force_curve: Curve | None = None
+    depth_curve: Curve | None = None
+    dwell_s: tuple[float, float] | None = None
+    force_depth_simulated: FloatArray | None = None
+    streams: tuple[StreamTiming, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """What a trial must reach, from the ``[report]`` table of ``rig.toml``."""
+
+    max_force_mismatch_n: float
+    ssim: float
+    require_discrimination: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalSummary:
+    """What the journal of the run counts: attempts, faults, aborts and resumptions."""
+
+    attempt_count: int = 0
+    fault_count: int = 0
+    abort_count: int = 0
+    resume_count: int = 0
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunEvidence:
+    """A whole run and its replay.
+
+    Attributes:
+        trials: One for each press that was asked for, in order, recorded or not.
+        simulated: True when any device was emulated or mocked.
+        provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
+            and whatever else says where the numbers come from; plain JSON values.
+        model: The replay's model, units in the keys.
+        sync_mode: What ties force and images together in time (``run.sync_mode``).
+        truth: Dry runs only.
+    """
+
+    trials: tuple[TrialEvidence, ...]
+    simulated: bool
+    thresholds: Thresholds
+    geometry: ImageGeometry = field(default_factory=ImageGeometry)
+    provenance: dict[str, Any] = field(default_factory=dict)
+    journal: JournalSummary = field(default_factory=JournalSummary)
+    model: dict[str, Any] = field(default_factory=dict)
+    sync_mode: str = "host_clock"
+    truth: tuple[TruthComparison, ...] = ()

@@ -1,0 +1,226 @@
+"""What a score is worth: its floors, its ceiling, and whether it can tell forces apart.
+
+A score says something only between the floor that no simulator should fall to (no contact at all,
+a flat colour, a wrong force) and the ceiling that a repeat of the same press reaches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from reports.arrays import ColorImage
+from reports.contact import contact_footprint, contact_region, image_change, relative_residual
+from reports.evidence import TrialEvidence, TrialImages
+from reports.metrics import ImageScores, Metric, score
+
+NOISE_MULTIPLE = 3.0
+CONTACT_RESIDUAL = "contact_relative_residual"
+
+
+class CeilingKind(StrEnum):
+    """Where the ceiling comes from; only a repeated press is a ceiling for a simulator."""
+
+    NOISE = "noise: first against second half of the same dwell"
+    REPEAT = "repeat: another press to the same target force"
+
+
+class SkillStatus(StrEnum):
+    """Whether a skill can be stated."""
+
+    STATED = "stated"
+    NOT_DISCRIMINATING = "not discriminating"
+    NO_CEILING = "no ceiling"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Floors:
+    """Scores of images that carry no information about this press.
+
+    Attributes:
+        no_contact: The real no-contact frame in place of the simulated image.
+        flat_mean: One flat colour, the real image's own mean.
+        wrong_force: Per score, the best that any other trial's simulated image reaches: the
+            hardest of the wrong forces. None with a single trial.
+    """
+
+    no_contact: ImageScores
+    flat_mean: ImageScores
+    wrong_force: ImageScores | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ceiling:
+    """Scores that the real sensor reaches against itself."""
+
+    kind: CeilingKind
+    scores: ImageScores
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skill:
+    """(score - floor) / (ceiling - floor); the floor is the no-contact frame.
+
+    Attributes:
+        value: None unless ``status`` is ``stated``. Above 1 a noise-free image beats the repeat.
+    """
+
+    value: float | None
+    status: SkillStatus
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrongForceMatrix:
+    """One score of every real press (row) against every simulated press (column).
+
+    Attributes:
+        trials: Trial of each row and column.
+        values: Shape [n, n]; NaN where an image is missing.
+        diagonal_wins: Per row, whether the right force scores best.
+    """
+
+    metric: str
+    larger_is_better: bool
+    trials: tuple[int, ...]
+    values: tuple[tuple[float, ...], ...]
+    diagonal_wins: tuple[bool, ...]
+
+
+def flat_mean_image(image: ColorImage) -> ColorImage:
+    """Return an image of one colour, the mean of ``image`` rounded to 8 bits."""
+    mean = np.rint(image.reshape(-1, 3).mean(axis=0)).astype(np.uint8)
+    return np.broadcast_to(mean, image.shape).copy()
+
+
+def trial_floors(images: TrialImages, wrong: Sequence[ColorImage]) -> Floors:
+    """Score the floors of one trial; ``wrong`` are the other trials' simulated images."""
+    return Floors(
+        no_contact=score(images.real, images.reference),
+        flat_mean=score(images.real, flat_mean_image(images.real)),
+        wrong_force=_best_of([score(images.real, image) for image in wrong]),
+    )
+
+
+def _best_of(scores: Sequence[ImageScores]) -> ImageScores | None:
+    if not scores:
+        return None
+    best: dict[str, float] = {}
+    for metric in Metric:
+        pick = max if metric.larger_is_better else min
+        finite = [v for v in (s.value(metric) for s in scores) if not math.isnan(v)]
+        best[metric.value] = pick(finite) if finite else math.nan
+    return ImageScores(**best)
+
+
+def trial_ceiling(trial: TrialEvidence, others: Sequence[TrialEvidence]) -> Ceiling | None:
+    """Score a repeat of the same press, or else the two halves of its own dwell."""
+    if trial.images is None:
+        return None
+    for other in others:
+        if other.force_target_n == trial.force_target_n and other.images is not None:
+            scores = score(trial.images.real, other.images.real)
+            return Ceiling(kind=CeilingKind.REPEAT, scores=scores)
+    first, second = trial.images.first_half, trial.images.second_half
+    if first is None or second is None:
+        return None
+    return Ceiling(kind=CeilingKind.NOISE, scores=score(first, second))
+
+
+def score_noise(images: TrialImages, simulated: ColorImage) -> dict[Metric, float] | None:
+    """Estimate how much a score moves when only the camera's noise changes.
+
+    Both the simulated image and the floor are scored against each half of the dwell; the larger
+    of the two changes counts.
+    """
+    if images.first_half is None or images.second_half is None:
+        return None
+    changes = [
+        (score(images.first_half, image), score(images.second_half, image))
+        for image in (simulated, images.reference)
+    ]
+    return {m: max(abs(a.value(m) - b.value(m)) for a, b in changes) for m in Metric}
+
+
+def skill(
+    value: float,
+    floor: float,
+    ceiling: float | None,
+    *,
+    noise: float,
+    larger_is_better: bool = True,
+) -> Skill:
+    """Place a score between floor and ceiling.
+
+    Args:
+        value: Score of the simulated image.
+        floor: Score of the no-contact frame.
+        ceiling: Score of the repeat; None when there is none.
+        noise: Change of a score by noise alone; a span below three times it says nothing.
+        larger_is_better: False for errors. A ceiling worse than the floor says nothing either.
+    """
+    if ceiling is None:
+        return Skill(value=None, status=SkillStatus.NO_CEILING)
+    span = ceiling - floor
+    headroom = span if larger_is_better else -span
+    known = math.isfinite(value) and math.isfinite(span) and math.isfinite(noise)
+    if not known or headroom <= max(NOISE_MULTIPLE * noise, 1e-9):
+        return Skill(value=None, status=SkillStatus.NOT_DISCRIMINATING)
+    return Skill(value=(value - floor) / span, status=SkillStatus.STATED)
+
+
+def wrong_force_matrices(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:
+    """Score every real press against every simulated one, for the five scores and the contact."""
+    real = {t.index: t.images for t in trials if t.images is not None}
+    simulated = {t.index: t.simulated_image for t in trials if t.simulated_image is not None}
+    indices = tuple(i for i in real if i in simulated)
+    if len(indices) < 2:
+        return ()
+    table = {(i, j): score(real[i].real, simulated[j]) for i in indices for j in indices}
+    matrices = [
+        _matrix(m.value, m.larger_is_better, indices, {k: s.value(m) for k, s in table.items()})
+        for m in Metric
+    ]
+    residuals = {
+        (i, j): value
+        for i in indices
+        for j, value in zip(
+            indices, contact_residuals(real[i], [simulated[j] for j in indices]), strict=True
+        )
+    }
+    matrices.append(_matrix(CONTACT_RESIDUAL, False, indices, residuals))
+    return tuple(matrices)
+
+
+def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> list[float]:
+    """Return the contact's relative residual of each candidate, NaN where no contact shows."""
+    change = image_change(images.real, images.reference)
+    footprint = contact_footprint(change)
+    if footprint is None:
+        return [math.nan] * len(candidates)
+    region = contact_region(footprint)
+    return [
+        relative_residual(change, image_change(c, images.reference), region) for c in candidates
+    ]
+
+
+def _matrix(
+    name: str, larger: bool, indices: tuple[int, ...], table: dict[tuple[int, int], float]
+) -> WrongForceMatrix:
+    values = tuple(tuple(table[i, j] for j in indices) for i in indices)
+    return WrongForceMatrix(
+        metric=name,
+        larger_is_better=larger,
+        trials=indices,
+        values=values,
+        diagonal_wins=tuple(_wins(row, k, larger) for k, row in enumerate(values)),
+    )
+
+
+def _wins(row: Sequence[float], position: int, larger: bool) -> bool:
+    sign = 1.0 if larger else -1.0
+    own = sign * row[position]
+    return all(own > sign * v for k, v in enumerate(row) if k != position and not math.isnan(v))

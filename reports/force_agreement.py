@@ -1,0 +1,204 @@
+"""Two different claims about force, and what is known of the error of either.
+
+Force-matched (the paper): the simulated indenter moved until F_z agreed, so agreement is by
+construction and the depth is the outcome. Force-predicted: the depth that was measured, F_z read
+off the simulator, so the force is the outcome. Only the second tests the simulator's force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from reports.arrays import FloatArray
+from reports.evidence import TrialEvidence
+
+
+class TermGroup(StrEnum):
+    """Where an uncertainty enters, after ASME V&V 20."""
+
+    NUMERICS = "numerics"
+    INPUTS = "inputs"
+    DATA = "data"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyTerm:
+    """One line of the budget.
+
+    Attributes:
+        value_n: Standard uncertainty of the force [N]; None when nobody has measured it.
+        basis: How the value is known, or why it is not.
+    """
+
+    name: str
+    group: TermGroup
+    value_n: float | None
+    basis: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceAgreement:
+    """Simulated against measured force of one trial.
+
+    Attributes:
+        mismatch_n: Simulated minus measured at the accepted depth [N]; by construction small.
+        force_predicted_n: Simulated force at the measured depth [N]; None outside the curve.
+        prediction_error_n: Predicted minus measured [N], E = S - D of ASME V&V 20.
+        depth_error_m: Simulated minus measured depth at equal force [m].
+        known_uncertainty_n: Root sum of squares of the known terms of ``budget`` [N].
+        budget_complete: False when any term is unknown: u_val is then larger than shown.
+    """
+
+    tolerance_n: float
+    mismatch_n: float | None
+    force_predicted_n: float | None
+    prediction_error_n: float | None
+    prediction_error_relative: float | None
+    depth_error_m: float | None
+    known_uncertainty_n: float | None
+    budget_complete: bool
+    budget: tuple[UncertaintyTerm, ...]
+
+
+def force_at_depth(curve: FloatArray, depth_m: float) -> float | None:
+    """Interpolate the simulated force [N] at ``depth_m``.
+
+    Args:
+        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
+        depth_m: Depth below first touch [m].
+
+    Returns:
+        None outside the depths that were simulated: nothing is extrapolated.
+    """
+    if len(curve) < 2 or not curve[0, 0] <= depth_m <= curve[-1, 0]:
+        return None
+    return float(np.interp(depth_m, curve[:, 0], curve[:, 1]))
+
+
+def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> FloatArray | None:
+    """Merge the evaluations of all trials' searches into one curve from first touch on.
+
+    The trials share one model, so every (depth [m], force [N]) lies on the same curve.
+
+    Returns:
+        Shape [n, 2], sorted by depth, first row zero; None when there is no evaluation.
+    """
+    points = {(d, f) for history in histories for d, f in history if d > 0.0}
+    if not points:
+        return None
+    return np.array([(0.0, 0.0), *sorted(points)], dtype=np.float64)
+
+
+def compare_force(
+    trial: TrialEvidence, *, tolerance_n: float, model: Mapping[str, Any]
+) -> ForceAgreement:
+    """Compare the forces of one trial under both claims.
+
+    Args:
+        trial: Record and replay of the trial; what is missing gives None.
+        tolerance_n: Largest mismatch that counts as matched [N].
+        model: The replay's model; ``young_uncertainty_relative`` enters the budget when present.
+    """
+    record, replay = trial.record, trial.replay
+    measured = None if record is None else record.force_measured_n
+    depth = None if record is None else record.depth_measured_m
+    simulated = None if replay is None else replay.force_simulated_n
+    predicted = None
+    if trial.force_depth_simulated is not None and depth is not None:
+        predicted = force_at_depth(trial.force_depth_simulated, depth)
+    error = _difference(predicted, measured)
+    budget = uncertainty_budget(trial, model)
+    known = [term.value_n for term in budget if term.value_n is not None]
+    return ForceAgreement(
+        tolerance_n=tolerance_n,
+        mismatch_n=_difference(simulated, measured),
+        force_predicted_n=predicted,
+        prediction_error_n=error,
+        prediction_error_relative=error / measured if error is not None and measured else None,
+        depth_error_m=_difference(None if replay is None else replay.depth_simulated_m, depth),
+        known_uncertainty_n=math.hypot(*known) if known else None,
+        budget_complete=all(term.value_n is not None for term in budget),
+        budget=budget,
+    )
+
+
+def uncertainty_budget(
+    trial: TrialEvidence, model: Mapping[str, Any]
+) -> tuple[UncertaintyTerm, ...]:
+    """List what is known and what is not of the uncertainty of simulated minus measured force."""
+    return (*_numerics(trial), *_inputs(trial, model), *_data(trial))
+
+
+def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
+    replay = trial.replay
+    known = replay is not None and math.isfinite(replay.force_error_estimate)
+    return (
+        UncertaintyTerm(
+            name="mesh, element and barrier of the simulator",
+            group=TermGroup.NUMERICS,
+            value_n=abs(replay.force_error_estimate * replay.force_simulated_n)
+            if replay is not None and known
+            else None,
+            basis=replay.force_error_basis if replay is not None else "no replay",
+        ),
+    )
+
+
+def _inputs(trial: TrialEvidence, model: Mapping[str, Any]) -> tuple[UncertaintyTerm, ...]:
+    relative = model.get("young_uncertainty_relative")
+    replay = trial.replay
+    stated = isinstance(relative, int | float) and replay is not None
+    return (
+        UncertaintyTerm(
+            name="modulus of the gel",
+            group=TermGroup.INPUTS,
+            value_n=abs(float(relative) * replay.force_simulated_n)
+            if isinstance(relative, int | float) and replay is not None
+            else None,
+            basis="stated with the material"
+            if stated
+            else "unknown: the material states no uncertainty for this unit",
+        ),
+        UncertaintyTerm(
+            name="height of first contact and tilt",
+            group=TermGroup.INPUTS,
+            value_n=None,
+            basis="unknown: not measured independently of the force sensor",
+        ),
+    )
+
+
+def _data(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
+    record = trial.record
+    deviation = None if record is None else record.force_deviation_n
+    drift = None if record is None else record.force_drift_n
+    return (
+        UncertaintyTerm(
+            name="scatter of F_z in the dwell",
+            group=TermGroup.DATA,
+            value_n=deviation,
+            basis="standard deviation over the dwell" if deviation is not None else "not recorded",
+        ),
+        UncertaintyTerm(
+            name="drift of the force sensor's zero",
+            group=TermGroup.DATA,
+            value_n=None if drift is None else abs(drift),
+            basis="unloaded after minus before" if drift is not None else "not recorded",
+        ),
+        UncertaintyTerm(
+            name="repeatability of the press",
+            group=TermGroup.DATA,
+            value_n=None,
+            basis="unknown: needs at least five presses at one force",
+        ),
+    )
+
+
+def _difference(first: float | None, second: float | None) -> float | None:
+    return None if first is None or second is None else first - second

@@ -1,0 +1,154 @@
+"""The five image scores of the paper, each defined once and named in full.
+
+All take 8-bit images, grey [height, width] or RGB [height, width, 3], and score the whole frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+from reports.arrays import ColorImage, FloatArray, GreyImage, check_image_pair
+
+HISTOGRAM_BINS = 256
+SSIM_SIGMA_PX = 1.5
+PEAK = 255.0
+
+
+class Metric(StrEnum):
+    """The five scores, by the names they have in ``summary.json``."""
+
+    SSIM = "ssim"
+    NCC = "ncc"
+    HISTOGRAM_CORRELATION = "histogram_correlation"
+    PSNR_DB = "psnr_db"
+    MSE = "mse"
+
+    @property
+    def larger_is_better(self) -> bool:
+        """False for the mean squared error only."""
+        return self is not Metric.MSE
+
+
+DEFINITIONS: dict[Metric, str] = {
+    Metric.SSIM: (
+        "structural similarity (Wang et al. 2004), Gaussian window, sigma 1.5 px, population"
+        " covariance, data range 255; colour: mean over the three channels"
+    ),
+    Metric.NCC: (
+        "zero-mean normalised cross-correlation (ZNCC) over all pixels; colour: the three"
+        " channels as one vector with one mean"
+    ),
+    Metric.HISTOGRAM_CORRELATION: (
+        "cv2.compareHist, HISTCMP_CORREL, 256 bins over 0..255; colour: mean over the R, G and B"
+        " histograms. Blind to where pixels are: 1 for shuffled pixels"
+    ),
+    Metric.PSNR_DB: "10 log10(255^2 / MSE) on 8-bit values [dB]; none for identical images",
+    Metric.MSE: "mean squared error on 8-bit values over all pixels (and channels) [grey level^2]",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageScores:
+    """The five scores of one image against another.
+
+    Attributes:
+        ncc: NaN where one of the images is flat, because the correlation does not exist.
+        psnr_db: Peak signal-to-noise ratio [dB]; infinite for identical images.
+        mse: Mean squared error [grey level^2].
+    """
+
+    ssim: float
+    ncc: float
+    histogram_correlation: float
+    psnr_db: float
+    mse: float
+
+    def value(self, metric: Metric) -> float:
+        """Return the score that ``metric`` names."""
+        return float(getattr(self, metric.value))
+
+
+def to_grey(image: ColorImage) -> GreyImage:
+    """Return the luminance (ITU-R BT.601 weights), shape [height, width]."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def structural_similarity_index(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Compute SSIM as defined by Wang et al., IEEE TIP 13(4), 2004."""
+    check_image_pair(first, second)
+    return float(
+        structural_similarity(  # type: ignore[no-untyped-call]
+            first,
+            second,
+            gaussian_weights=True,
+            sigma=SSIM_SIGMA_PX,
+            use_sample_covariance=False,
+            data_range=PEAK,
+            channel_axis=2 if first.ndim == 3 else None,
+        )
+    )
+
+
+def zero_mean_correlation(first: FloatArray, second: FloatArray) -> float:
+    """Correlate two arrays of one shape after taking each one's mean off; NaN if one is flat."""
+    a = first.astype(np.float64).ravel() - float(first.mean())
+    b = second.astype(np.float64).ravel() - float(second.mean())
+    norm = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / norm if norm > 0.0 else math.nan
+
+
+def normalized_cross_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Compute the zero-mean normalised cross-correlation; NaN where an image is flat."""
+    check_image_pair(first, second)
+    return zero_mean_correlation(first.astype(np.float64), second.astype(np.float64))
+
+
+def histogram_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Correlate the 256-bin histograms, averaged over the channels."""
+    check_image_pair(first, second)
+    channels = range(first.shape[2] if first.ndim == 3 else 1)
+    return float(np.mean([_correlate_histograms(first, second, c) for c in channels]))
+
+
+def _correlate_histograms(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], channel: int
+) -> float:
+    histograms = [
+        cv2.calcHist([np.ascontiguousarray(image)], [channel], None, [HISTOGRAM_BINS], [0, 256])
+        for image in (first, second)
+    ]
+    return float(cv2.compareHist(histograms[0], histograms[1], cv2.HISTCMP_CORREL))
+
+
+def mean_squared_error(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Compute the mean squared difference of 8-bit values [grey level^2]."""
+    check_image_pair(first, second)
+    return float(np.mean((first.astype(np.float64) - second.astype(np.float64)) ** 2))
+
+
+def psnr_of(mse: float) -> float:
+    """Convert a mean squared error [grey level^2] to a PSNR [dB]; infinite at zero."""
+    return 10.0 * math.log10(PEAK**2 / mse) if mse > 0.0 else math.inf
+
+
+def score(real: NDArray[np.uint8], simulated: NDArray[np.uint8]) -> ImageScores:
+    """Compute all five scores; both images RGB or both grey.
+
+    Raises:
+        RecordError: The images differ in shape, or are not 8-bit.
+    """
+    mse = mean_squared_error(real, simulated)
+    return ImageScores(
+        ssim=structural_similarity_index(real, simulated),
+        ncc=normalized_cross_correlation(real, simulated),
+        histogram_correlation=histogram_correlation(real, simulated),
+        psnr_db=psnr_of(mse),
+        mse=mse,
+    )
