@@ -1,0 +1,121 @@
+"""Where a pixel looks: image size, scale, centre, rotation and crop of a tactile camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from tacauchy_rig.errors import ConfigError
+
+ImageArray = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraGeometry:
+    """Orthographic map between the image that is scored and the pad.
+
+    The camera looks along +z from below the pad, so that rows grow with +y where columns grow
+    with +x; ``mirrored`` is for cameras whose driver or mirror turns the rows over. Pixel (0, 0)
+    is the centre of the first pixel.
+
+    Attributes:
+        width: Columns of the image after crop and resize.
+        height: Rows of the image after crop and resize.
+        scale_x_m: Pad length seen by one column [m/px].
+        scale_y_m: Pad length seen by one row [m/px].
+        centre_x_px: Column that sees the pad's centre.
+        centre_y_px: Row that sees the pad's centre.
+        rotation_rad: Angle from the pad's x axis to the direction of growing columns [rad].
+        mirrored: True where rows grow with -y.
+        crop_fraction: Part of the raw frame's width cut off at left and right each, and of its
+            height at top and bottom each, before it is resized.
+    """
+
+    width: int
+    height: int
+    scale_x_m: float
+    scale_y_m: float
+    centre_x_px: float
+    centre_y_px: float
+    rotation_rad: float = 0.0
+    mirrored: bool = False
+    crop_fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ConfigError(
+                f"camera image {self.width} x {self.height} px has no pixels",
+                remedy="give a width and a height of at least 1 px",
+            )
+        for name, value in (("scale_x", self.scale_x_m), ("scale_y", self.scale_y_m)):
+            if not 0.0 < value < 0.01:
+                raise ConfigError(
+                    f"camera {name} {value * 1e3:g} mm/px is not between 0 and 10 mm/px",
+                    remedy="give the length of pad that one pixel sees, such as 0.0634 mm",
+                )
+        if not 0.0 <= self.crop_fraction < 0.5:
+            raise ConfigError(
+                f"camera crop_fraction {self.crop_fraction:g} is not in [0, 0.5)",
+                remedy="give the part cut off at each border, such as 0.15",
+            )
+
+    @property
+    def direction_matrix(self) -> FloatArray:
+        """Columns: pad steps [m] of one image column and one image row, shape [2, 2]."""
+        cosine, sine = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        turn = -1.0 if self.mirrored else 1.0
+        return np.array(
+            [
+                [self.scale_x_m * cosine, -turn * self.scale_y_m * sine],
+                [self.scale_x_m * sine, turn * self.scale_y_m * cosine],
+            ]
+        )
+
+    def to_pad(self, pixels: FloatArray) -> FloatArray:
+        """Map (column, row) [px] to pad (x, y) [m], both of shape [..., 2]."""
+        centred = np.asarray(pixels) - (self.centre_x_px, self.centre_y_px)
+        return np.asarray(centred @ self.direction_matrix.T, dtype=np.float64)
+
+    def to_pixels(self, points: FloatArray) -> FloatArray:
+        """Map pad (x, y) [m] to (column, row) [px], both of shape [..., 2]."""
+        centre = np.array([self.centre_x_px, self.centre_y_px])
+        return np.asarray(np.asarray(points) @ np.linalg.inv(self.direction_matrix).T + centre)
+
+    def pad_grid(self) -> tuple[FloatArray, FloatArray]:
+        """Return pad x and y [m] of every pixel, each of shape [height, width]."""
+        rows, columns = np.mgrid[: self.height, : self.width].astype(np.float64)
+        grid = self.to_pad(np.stack([columns, rows], axis=-1))
+        return grid[..., 0], grid[..., 1]
+
+
+def crop_and_resize(frame: ImageArray, geometry: CameraGeometry) -> ImageArray:
+    """Cut the borders off a raw frame and bring it to the size that is scored.
+
+    Args:
+        frame: Raw image, shape [raw_height, raw_width] or [raw_height, raw_width, channels].
+        geometry: Size and crop fraction.
+
+    Returns:
+        Image of shape [geometry.height, geometry.width, ...], area-averaged.
+
+    Raises:
+        ConfigError: The crop leaves fewer pixels than the image needs.
+    """
+    raw_height, raw_width = frame.shape[:2]
+    left = math.floor(raw_width * geometry.crop_fraction)
+    top = math.floor(raw_height * geometry.crop_fraction)
+    cropped = frame[top : raw_height - top, left : raw_width - left]
+    if cropped.shape[0] < geometry.height or cropped.shape[1] < geometry.width:
+        raise ConfigError(
+            f"a {raw_width} x {raw_height} px frame cropped by {geometry.crop_fraction:g} at each "
+            f"border is smaller than the {geometry.width} x {geometry.height} px that are scored",
+            remedy="choose a larger camera mode or a smaller image in the sensor's file",
+        )
+    size = (geometry.width, geometry.height)
+    resized = cv2.resize(np.ascontiguousarray(cropped), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(resized, dtype=np.uint8)

@@ -1,0 +1,86 @@
+"""From height maps to the tactile image of a colour-lit sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.photometric import PhotometricModel, normalised_positions
+from sim.optics.tilt import Float32Array, surface_tilt
+from tacauchy_rig.errors import ConfigError
+
+
+class TactileRenderer:
+    """Renders height maps over one no-contact frame.
+
+    image = no-contact frame + model(tilt) - model(tilt of the unloaded gel): the unloaded gel
+    gives back the no-contact frame exactly.
+
+    Args:
+        background: No-contact frame, RGB, shape [height, width, 3].
+        rest_height: Height map of the unloaded gel [m], shape [height, width].
+        model: Colour of a tilt.
+        geometry: Pixels.
+
+    Raises:
+        ConfigError: An image or map has not the geometry's size.
+    """
+
+    def __init__(
+        self,
+        background: ImageArray,
+        rest_height: NDArray[np.floating],
+        model: PhotometricModel,
+        geometry: CameraGeometry,
+    ) -> None:
+        self._geometry = geometry
+        self._model = model
+        _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
+        self._position = normalised_positions(geometry.height, geometry.width)
+        levels = background.astype(np.float32).reshape(-1, 3).T
+        self._base = levels - self._colour(rest_height, "unloaded height map")
+
+    def render(self, height: NDArray[np.floating]) -> ImageArray:
+        """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
+        levels = self._base + self._colour(height, "height map")
+        levels += np.float32(0.5)
+        np.clip(levels, 0.0, 255.0, out=levels)
+        shape = (self._geometry.height, self._geometry.width, 3)
+        return np.ascontiguousarray(levels.T.astype(np.uint8).reshape(shape))
+
+    def _colour(self, height: NDArray[np.floating], name: str) -> Float32Array:
+        _check_shape(name, height.shape, (self._geometry.height, self._geometry.width))
+        tilt = surface_tilt(height, self._geometry).reshape(2, -1)
+        return self._model.evaluate(tilt, self._position)
+
+
+def render_tactile_image(
+    height: NDArray[np.floating],
+    rest_height: NDArray[np.floating],
+    background: ImageArray,
+    model: PhotometricModel,
+    *,
+    geometry: CameraGeometry,
+) -> ImageArray:
+    """Render one image; ``TactileRenderer`` spares the unloaded part where many are rendered.
+
+    Args:
+        height: Height map of the loaded gel [m], shape [height, width].
+        rest_height: Height map of the unloaded gel [m], same shape.
+        background: No-contact frame, RGB, shape [height, width, 3].
+        model: Colour of a tilt.
+        geometry: Pixels.
+
+    Returns:
+        RGB, uint8, shape [height, width, 3].
+    """
+    return TactileRenderer(background, rest_height, model, geometry).render(height)
+
+
+def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    if shape != expected:
+        raise ConfigError(
+            f"{name} has the shape {shape}, the sensor's camera {expected}",
+            remedy="crop and resize frames with crop_and_resize, and use one geometry throughout",
+        )

@@ -1,0 +1,80 @@
+"""Analytic gel surfaces on irregular meshes, for the tests of the optics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from sim.arrays import FloatArray, IntArray
+from sim.indenter import Indenter, Plane
+from sim.optics.geometry import CameraGeometry
+from sim.surface import SurfaceState
+
+HeightFunction = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+APEX_M = 0.004
+
+
+def camera(**changes: float) -> CameraGeometry:
+    """Give a small camera that sees 12.8 x 9.6 mm of the pad's middle."""
+    values: dict[str, float] = {
+        "width": 128,
+        "height": 96,
+        "scale_x_m": 1e-4,
+        "scale_y_m": 1e-4,
+        "centre_x_px": 63.5,
+        "centre_y_px": 47.5,
+    }
+    return CameraGeometry(**(values | changes))  # type: ignore[arg-type]
+
+
+def irregular_mesh(edge_m: float, *, seed: int = 0) -> tuple[FloatArray, IntArray]:
+    """Triangulate a 16 x 13 mm rectangle with jittered nodes; returns x, y [n, 2] and facets."""
+    rng = np.random.default_rng(seed)
+    columns, rows = round(16e-3 / edge_m) + 1, round(13e-3 / edge_m) + 1
+    x, y = np.meshgrid(np.linspace(-8e-3, 8e-3, columns), np.linspace(-6.5e-3, 6.5e-3, rows))
+    points = np.c_[x.ravel(), y.ravel()]
+    points += rng.uniform(-0.2, 0.2, points.shape) * edge_m
+    return points, Delaunay(points).simplices.astype(np.int32)
+
+
+def pressed_surface(
+    height: HeightFunction,
+    *,
+    indenter: Indenter | None = None,
+    tip: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    rotation: FloatArray | None = None,
+    edge_m: float = 5e-4,
+    seed: int = 0,
+) -> SurfaceState:
+    """Sample a height function at mesh nodes; the gel at rest is flat at ``APEX_M``."""
+    points, triangles = irregular_mesh(edge_m, seed=seed)
+    rest = np.c_[points, np.full(len(points), APEX_M)]
+    return SurfaceState(
+        positions_rest=rest,
+        positions=np.c_[points, height(points[:, 0], points[:, 1])],
+        triangles=triangles,
+        triangles6=None,
+        indenter=indenter or Plane(),
+        indenter_position=np.array(tip),
+        indenter_rotation=np.eye(3) if rotation is None else rotation,
+        rest_apex_m=APEX_M,
+    )
+
+
+def ball_press(
+    x: FloatArray, y: FloatArray, *, ball_radius_m: float, contact_radius_m: float, tip_z_m: float
+) -> FloatArray:
+    """Give the gel under a ball: the ball inside the contact, a matching skirt outside [m].
+
+    The skirt continues height and slope of the ball at the rim and decays exponentially.
+    """
+    r = np.hypot(x, y)
+    inside = ball_radius_m - np.sqrt(ball_radius_m**2 - np.minimum(r, contact_radius_m) ** 2)
+    rim = ball_radius_m - np.sqrt(ball_radius_m**2 - contact_radius_m**2)
+    slope = contact_radius_m / np.sqrt(ball_radius_m**2 - contact_radius_m**2)
+    decay = (APEX_M - tip_z_m - rim) / slope
+    outside = rim + (APEX_M - tip_z_m - rim) * (1.0 - np.exp(-(r - contact_radius_m) / decay))
+    return np.asarray(tip_z_m + np.where(r <= contact_radius_m, inside, outside))
