@@ -1,0 +1,229 @@
+"""Warp kernels of barrier contact between the gel's surface and the indenter.
+
+The barrier is integrated over the rest surface, so it converges under refinement:
+
+    E = sum_p A_p kappa f(g_p / d_hat),  f(s) = -(s - 1)^2 ln s for s < 1, else 0
+
+(the barrier of Incremental Potential Contact, Li et al. 2020, per unit area). Bonded contact adds
+A_p k_t / 2 |t_p|^2, t_p the tangential motion since a point first came within d_hat.
+All kernels launch over [face_count, face_point_count] but ``hessian``.
+"""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import warp as wp
+
+from sim.contact_body import Body, local_point, signed_distance
+
+
+@wp.struct
+class ContactSettings:
+    """Numbers of the contact model.
+
+    Attributes:
+        distance: d_hat [m].
+        stiffness: kappa [J/m^2].
+        tangential: k_t [Pa/m], zero without friction.
+    """
+
+    distance: wp.float64
+    stiffness: wp.float64
+    tangential: wp.float64
+
+
+@wp.func
+def surface_point(
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    positions: wp.array(dtype=wp.vec3d),
+    face: wp.int32,
+    point: wp.int32,
+) -> wp.vec3d:
+    """Return the position of a contact point [m]."""
+    x = wp.vec3d()
+    for k in range(faces.shape[1]):
+        x += positions[faces[face, k]] * face_values[point, k]
+    return x
+
+
+@wp.func
+def _barrier(s: wp.float64) -> wp.float64:
+    if s <= wp.float64(0.0):
+        return wp.float64(wp.inf)
+    u = s - wp.float64(1.0)
+    return -u * u * wp.log(s)
+
+
+@wp.func
+def _barrier_slope(s: wp.float64) -> wp.float64:
+    u = s - wp.float64(1.0)
+    return -(wp.float64(2.0) * u * wp.log(s) + u * u / s)
+
+
+@wp.func
+def _barrier_curvature(s: wp.float64) -> wp.float64:
+    v = (s - wp.float64(1.0)) / s
+    return v * v - wp.float64(2.0) * wp.log(s) - wp.float64(4.0) * v
+
+
+@wp.func
+def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
+    """Return ``v`` without its component along the unit vector ``n``."""
+    return v - n * wp.dot(v, n)
+
+
+@wp.kernel(enable_backward=False)
+def gap(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    body: Body,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    # Data out:
+    gap_out: wp.array2d(dtype=wp.float64),
+):
+    """Measure the gap of every contact point [m]."""
+    f, q = wp.tid()
+    distance, _ = signed_distance(body, surface_point(faces, face_values, positions, f, q))
+    gap_out[f, q] = distance
+
+
+@wp.kernel(enable_backward=False)
+def anchor(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Body,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    # Data out:
+    anchored_out: wp.array2d(dtype=wp.int32),
+    anchor_out: wp.array2d(dtype=wp.vec3d),
+):
+    """Bond the points that have come within d_hat where they are; free those that left."""
+    f, q = wp.tid()
+    x = surface_point(faces, face_values, positions, f, q)
+    distance, _ = signed_distance(body, x)
+    if distance >= settings.distance:
+        anchored_out[f, q] = 0
+    elif anchored_out[f, q] == 0:
+        anchored_out[f, q] = 1
+        anchor_out[f, q] = local_point(body, x)
+
+
+@wp.kernel(enable_backward=False)
+def energy(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    areas: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Body,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    anchored: wp.array2d(dtype=wp.int32),
+    anchors: wp.array2d(dtype=wp.vec3d),
+    # Data out:
+    energy_out: wp.array2d(dtype=wp.float64),
+):
+    """Evaluate the contact energy of every point [J]; infinite where it penetrates."""
+    f, q = wp.tid()
+    x = surface_point(faces, face_values, positions, f, q)
+    distance, n = signed_distance(body, x)
+    total = wp.float64(0.0)
+    if distance < settings.distance:
+        total = settings.stiffness * _barrier(distance / settings.distance)
+    if anchored[f, q] == 1:
+        t = tangential_part(body.rotation * (local_point(body, x) - anchors[f, q]), n)
+        total += wp.float64(0.5) * settings.tangential * wp.dot(t, t)
+    energy_out[f, q] = areas[f, q] * total
+
+
+@wp.kernel(enable_backward=False)
+def force(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    areas: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Body,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    anchored: wp.array2d(dtype=wp.int32),
+    anchors: wp.array2d(dtype=wp.vec3d),
+    # Data out:
+    point_out: wp.array2d(dtype=wp.vec3d),
+    force_out: wp.array2d(dtype=wp.vec3d),
+    stiffness_out: wp.array2d(dtype=wp.mat33d),
+):
+    """Give each point's position [m], the energy's gradient [N] and its stiffness [N/m].
+
+    The gradient is the force on the indenter. The indenter's curvature is left out of the
+    stiffness, which keeps it positive semidefinite.
+    """
+    f, q = wp.tid()
+    x = surface_point(faces, face_values, positions, f, q)
+    distance, n = signed_distance(body, x)
+    pull = wp.vec3d()
+    stiffness = wp.mat33d()
+    if distance < settings.distance:
+        s = distance / settings.distance
+        scale = areas[f, q] * settings.stiffness / settings.distance
+        pull = n * (scale * _barrier_slope(s))
+        stiffness = wp.outer(n, n) * (scale / settings.distance * _barrier_curvature(s))
+    if anchored[f, q] == 1:
+        k = areas[f, q] * settings.tangential
+        t = tangential_part(body.rotation * (local_point(body, x) - anchors[f, q]), n)
+        pull += t * k
+        stiffness += (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * k
+    point_out[f, q] = x
+    force_out[f, q] = pull
+    stiffness_out[f, q] = stiffness
+
+
+@wp.kernel(enable_backward=False)
+def scatter(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    # Data in:
+    point_vectors: wp.array2d(dtype=wp.vec3d),
+    # Data out:
+    nodes_out: wp.array(dtype=wp.vec3d),
+):
+    """Add a vector at every contact point to its nodes."""
+    f, q = wp.tid()
+    v = point_vectors[f, q]
+    if wp.dot(v, v) > wp.float64(0.0):
+        for k in range(faces.shape[1]):
+            wp.atomic_add(nodes_out, faces[f, k], v * face_values[q, k])
+
+
+@wp.kernel(enable_backward=False)
+def hessian(
+    # Model:
+    blocks: wp.array3d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    # Data in:
+    stiffness: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    values_out: wp.array(dtype=wp.mat33d),
+):
+    """Add a face's blocks to the matrix; launches over [face_count, face_node_count]."""
+    f, i = wp.tid()
+    active = wp.bool(False)
+    for q in range(stiffness.shape[1]):
+        if wp.trace(stiffness[f, q]) > wp.float64(0.0):
+            active = True
+    if active:
+        for j in range(i, blocks.shape[2]):
+            slot = blocks[f, i, j]
+            if slot >= 0:
+                total = wp.mat33d()
+                for q in range(stiffness.shape[1]):
+                    total += stiffness[f, q] * (face_values[q, i] * face_values[q, j])
+                wp.atomic_add(values_out, slot // 2, total)

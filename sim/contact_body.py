@@ -1,0 +1,80 @@
+"""Signed distance to the rigid indenter on the device."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.indenter import Cylinder, Indenter, Sphere
+
+PLANE = wp.constant(0)
+CYLINDER = wp.constant(1)
+SPHERE = wp.constant(2)
+
+
+@wp.struct
+class Body:
+    """An indenter at its pose; local = rotation^T (x - position)."""
+
+    shape: wp.int32
+    radius: wp.float64
+    fillet: wp.float64
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+def body_at(indenter: Indenter, position: FloatArray, rotation: FloatArray) -> Any:
+    """Return the device's description of an indenter.
+
+    Args:
+        position: Tip in the pad's frame [m], shape [3].
+        rotation: Indenter frame to pad frame, shape [3, 3].
+    """
+    body = Body()
+    body.shape = PLANE
+    if isinstance(indenter, Cylinder):
+        body.shape, body.radius, body.fillet = CYLINDER, indenter.radius_m, indenter.fillet_m
+    elif isinstance(indenter, Sphere):
+        body.shape, body.radius = SPHERE, indenter.radius_m
+    body.position = wp.vec3d(*position)
+    body.rotation = wp.mat33d(*rotation.reshape(-1))
+    return body
+
+
+@wp.func
+def local_point(body: Body, x: wp.vec3d) -> wp.vec3d:
+    """Return a point of the pad's frame in the indenter's frame [m]."""
+    return wp.transpose(body.rotation) * (x - body.position)
+
+
+@wp.func
+def signed_distance(body: Body, x: wp.vec3d):
+    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+    zero = wp.float64(0.0)
+    p = local_point(body, x)
+    gap = -p[2]
+    n = wp.vec3d(zero, zero, wp.float64(-1.0))
+    if body.shape == SPHERE:
+        c = p - wp.vec3d(zero, zero, body.radius)
+        length = wp.max(wp.length(c), wp.float64(1.0e-30))
+        gap = length - body.radius
+        n = c / length
+    if body.shape == CYLINDER:
+        r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
+        side = r - (body.radius - body.fillet)
+        below = body.fillet - p[2]
+        outward = wp.vec3d(p[0] / r, p[1] / r, zero)
+        if side > zero and below > zero:
+            corner = wp.sqrt(side * side + below * below)
+            gap = corner - body.fillet
+            n = (outward * side + n * below) / corner
+        elif below >= side:
+            gap = below - body.fillet
+        else:
+            gap = side - body.fillet
+            n = outward
+    return gap, body.rotation * n

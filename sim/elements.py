@@ -1,0 +1,175 @@
+"""Tetrahedra of order one and two: shape functions, quadrature, and their surface faces.
+
+Both orders share every kernel: an element is a table of reference gradients at quadrature points.
+Node order follows VTK: corners 0-3, then the edges 01, 12, 20, 03, 13, 23. Quadratic elements are
+straight-sided at rest, so one inverse Jacobian serves all their points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
+FACE_EDGES = ((0, 1), (1, 2), (2, 0))
+_TRIANGLE_GRADIENTS = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+
+
+class ElementOrder(StrEnum):
+    """Polynomial order of the displacement."""
+
+    P1 = "P1"
+    P2 = "P2"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceElement:
+    """Tables of one element type.
+
+    Attributes:
+        gradients: Shape function gradients in reference coordinates, shape
+            [point_count, node_count, 3].
+        weights: Quadrature weights that sum to one, shape [point_count].
+        face_values: Shape functions of a face at its contact points, shape
+            [face_point_count, face_node_count].
+        face_gradients: Their derivatives along the edges 01 and 02, shape
+            [face_point_count, face_node_count, 2].
+        face_weights: Contact quadrature weights that sum to one, shape [face_point_count].
+    """
+
+    order: ElementOrder
+    gradients: FloatArray
+    weights: FloatArray
+    face_values: FloatArray
+    face_gradients: FloatArray
+    face_weights: FloatArray
+
+    @property
+    def node_count(self) -> int:
+        """Nodes of an element."""
+        return int(self.gradients.shape[1])
+
+    @property
+    def face_node_count(self) -> int:
+        """Nodes of a face."""
+        return int(self.face_values.shape[1])
+
+
+def reference_element(order: ElementOrder) -> ReferenceElement:
+    """Return the tables of an element type."""
+    face_points, face_weights = _triangle_rule()
+    if order is ElementOrder.P1:
+        points, weights = np.full((1, 4), 0.25), np.ones(1)
+        gradients = np.stack([_linear_gradients() for _ in points])
+        face_values = face_points
+        face_gradients = np.stack([_TRIANGLE_GRADIENTS for _ in face_points])
+    else:
+        points, weights = _four_point_rule()
+        gradients = np.stack([_quadratic_gradients(point) for point in points])
+        face_values = np.stack([quadratic_triangle_values(point) for point in face_points])
+        face_gradients = np.stack([_quadratic_triangle_gradients(point) for point in face_points])
+    return ReferenceElement(
+        order=order,
+        gradients=gradients,
+        weights=weights,
+        face_values=face_values,
+        face_gradients=face_gradients,
+        face_weights=face_weights,
+    )
+
+
+def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
+    """Return the six shape functions of a quadratic triangle, shape [6], at a point [3]."""
+    corners = barycentric * (2.0 * barycentric - 1.0)
+    middles = [4.0 * barycentric[a] * barycentric[b] for a, b in FACE_EDGES]
+    return np.concatenate([corners, middles])
+
+
+def quadratic_nodes(vertices: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
+    """Add mid-edge nodes: positions [node_count, 3] and elements [tet_count, 10]."""
+    pairs = np.sort(np.stack([tets[:, list(edge)] for edge in EDGES], axis=1), axis=2)
+    edges, inverse = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    middles = 0.5 * (vertices[edges[:, 0]] + vertices[edges[:, 1]])
+    indices = inverse.reshape(len(tets), len(EDGES)) + len(vertices)
+    nodes = np.concatenate([vertices, middles])
+    return nodes, np.concatenate([tets, indices], axis=1).astype(np.int32)
+
+
+def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
+    """Find the faces that belong to one element only, oriented outwards.
+
+    Args:
+        elements: Shape [element_count, 4 or 10], positive orientation.
+
+    Returns:
+        Faces [face_count, 3 or 6] and the element each belongs to [face_count].
+    """
+    faces = np.concatenate([elements[:, _face_columns(elements, face)] for face in FACES])
+    parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))
+    corners = np.sort(faces[:, :3], axis=1)
+    _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    outer = np.sort(first[counts == 1])
+    return faces[outer], parents[outer]
+
+
+def linear_facets(faces: IntArray) -> IntArray:
+    """Split quadratic faces [n, 6] in four linear facets each; linear faces pass through."""
+    if faces.shape[1] == 3:
+        return faces
+    parts = [faces[:, list(part)] for part in ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))]
+    return np.concatenate(parts)
+
+
+def _face_columns(elements: IntArray, face: tuple[int, int, int]) -> list[int]:
+    if elements.shape[1] == 4:
+        return list(face)
+    edges = {frozenset(edge): 4 + index for index, edge in enumerate(EDGES)}
+    middles = [edges[frozenset((face[a], face[b]))] for a, b in FACE_EDGES]
+    return [*face, *middles]
+
+
+def _linear_gradients() -> FloatArray:
+    return np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _quadratic_gradients(barycentric: FloatArray) -> FloatArray:
+    linear = _linear_gradients()
+    corners = (4.0 * barycentric - 1.0)[:, None] * linear
+    middles = [4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in EDGES]
+    return np.concatenate([corners, np.array(middles)])
+
+
+def _quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:
+    linear = _TRIANGLE_GRADIENTS
+    corners = (4.0 * barycentric - 1.0)[:, None] * linear
+    middles = [
+        4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in FACE_EDGES
+    ]
+    return np.concatenate([corners, np.array(middles)])
+
+
+def _four_point_rule() -> tuple[FloatArray, FloatArray]:
+    """Return the degree-two rule of a tetrahedron: barycentric points [4, 4] and weights [4]."""
+    near, far = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
+    return np.full((4, 4), far) + (near - far) * np.eye(4), np.full(4, 0.25)
+
+
+def _triangle_rule() -> tuple[FloatArray, FloatArray]:
+    """Return Dunavant's degree-six rule of a triangle: points [12, 3] and weights [12]."""
+    points: list[tuple[float, float, float]] = []
+    weights: list[float] = []
+    orbits = ((0.116786275726379, 0.249286745170910), (0.050844906370207, 0.063089014491502))
+    for weight, b in orbits:
+        points += [(1 - 2 * b, b, b), (b, 1 - 2 * b, b), (b, b, 1 - 2 * b)]
+        weights += [weight] * 3
+    a, b = 0.310352451033785, 0.053145049844816
+    c = 1.0 - a - b
+    points += [(a, b, c), (a, c, b), (b, a, c), (b, c, a), (c, a, b), (c, b, a)]
+    weights += [0.082851075618374] * 6
+    total = np.array(weights)
+    return np.array(points), total / total.sum()

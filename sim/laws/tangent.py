@@ -1,0 +1,84 @@
+"""The one form that every law's tangent takes, and the law type itself.
+
+For an isotropic energy psi(I, J) with I = tr F^T F and J = det F, the second derivative contracted
+with two shape gradients g and h is the 3 x 3 block
+
+    B = a (g.h) 1 + b (G g)(G h)^T + c [(G g)(C h)^T + (C g)(G h)^T] + d (C g)(C h)^T
+        - e [G (g x h)]_x
+
+with G = F, C = cof F, a = 2 psi_I, b = 4 psi_II, c = 2 psi_IJ, d = psi_JJ, e = psi_J, and [w]_x v =
+w x v. The linear law is the same form at G = C = 1.
+"""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+
+@wp.struct
+class Tangent:
+    """Second derivative of an energy density at one point, in the form of this file's header."""
+
+    deformation: wp.mat33d
+    cofactor: wp.mat33d
+    a: wp.float64
+    b: wp.float64
+    c: wp.float64
+    d: wp.float64
+    e: wp.float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Law:
+    """A constitutive law.
+
+    Attributes:
+        parameters: (E [Pa], nu) to the four numbers that the Warp functions take.
+        energy: (F, parameters) to the energy density [J/m^3].
+        stress: (F, parameters) to the first Piola-Kirchhoff stress [Pa].
+        tangent: (F, parameters) to its derivative.
+    """
+
+    name: str
+    parameters: Callable[[float, float], tuple[float, float, float, float]]
+    energy: Any
+    stress: Any
+    tangent: Any
+
+
+def lame(young_pa: float, poisson: float) -> tuple[float, float]:
+    """Return the Lame parameters mu and lambda [Pa] (paper, Eq. 1)."""
+    mu = young_pa / (2.0 * (1.0 + poisson))
+    return mu, young_pa * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+
+
+@wp.func
+def cofactor(F: wp.mat33d) -> wp.mat33d:
+    """Return cof F = det(F) F^-T, defined for singular F as well."""
+    c0 = wp.vec3d(F[0, 0], F[1, 0], F[2, 0])
+    c1 = wp.vec3d(F[0, 1], F[1, 1], F[2, 1])
+    c2 = wp.vec3d(F[0, 2], F[1, 2], F[2, 2])
+    return wp.matrix_from_cols(wp.cross(c1, c2), wp.cross(c2, c0), wp.cross(c0, c1))
+
+
+@wp.func
+def tangent_block(
+    t: Tangent,
+    g: wp.vec3d,
+    h: wp.vec3d,
+    Gg: wp.vec3d,
+    Gh: wp.vec3d,
+    Cg: wp.vec3d,
+    Ch: wp.vec3d,
+) -> wp.mat33d:
+    """Return the block of two shape gradients; the products with G and C are given."""
+    w = (t.deformation * wp.cross(g, h)) * t.e
+    block = wp.outer(Gg * t.b + Cg * t.c, Gh) + wp.outer(Gg * t.c + Cg * t.d, Ch)
+    s = t.a * wp.dot(g, h)
+    return block + wp.mat33d(s, w[2], -w[1], -w[2], s, w[0], w[1], -w[0], s)

@@ -1,0 +1,319 @@
+"""Model (what is fixed) and State (what changes) of one pad, on one device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim import contact, elasticity
+from sim.arrays import FloatArray, IntArray
+from sim.assembly import SparsePattern, sparse_pattern
+from sim.contact_body import body_at
+from sim.elements import (
+    ElementOrder,
+    ReferenceElement,
+    boundary_faces,
+    quadratic_nodes,
+    reference_element,
+)
+from sim.indenter import Indenter
+from sim.laws.tangent import Law, Tangent
+from sim.mesh import TetMesh
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactOptions:
+    """Numerical settings of contact.
+
+    Attributes:
+        distance_m: d_hat [m]: the gel feels the indenter from here on.
+        stiffness_factor: kappa in units of E d_hat.
+        bonded: Points that touch stick to the indenter.
+    """
+
+    distance_m: float = 1.0e-5
+    stiffness_factor: float = 1.0
+    bonded: bool = False
+
+
+@dataclass(slots=True, kw_only=True)
+class State:
+    """What changes during a press.
+
+    Attributes:
+        positions: Deformed nodes [m], shape [node_count, 3].
+        tip: The indenter's tip [m], shape [3].
+        rotation: Indenter frame to pad frame, shape [3, 3].
+        anchored: Which contact points are bonded, shape [face_count, point_count].
+        anchors: Where on the indenter, in its frame [m], shape [face_count, point_count, 3].
+    """
+
+    positions: FloatArray
+    tip: FloatArray
+    rotation: FloatArray
+    anchored: IntArray
+    anchors: FloatArray
+
+    def copy(self) -> State:
+        """Return an independent copy."""
+        return State(
+            positions=self.positions.copy(),
+            tip=self.tip.copy(),
+            rotation=self.rotation.copy(),
+            anchored=self.anchored.copy(),
+            anchors=self.anchors.copy(),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactForces:
+    """Contact at every quadrature point of the surface, shape [face_count, point_count, ...].
+
+    Attributes:
+        points: Positions [m].
+        forces: Force on the indenter [N].
+        stiffness: Derivative of that force by the point's motion [N/m].
+    """
+
+    points: FloatArray
+    forces: FloatArray
+    stiffness: FloatArray
+
+
+class Model:
+    """A clamped pad of one element type and law, ready to be pressed.
+
+    Args:
+        young_pa: E [Pa] of every tetrahedron, or one number for all.
+        poisson: nu of every tetrahedron, or one number for all.
+        device: Warp device, ``cpu`` or ``cuda:0``.
+    """
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        *,
+        order: ElementOrder,
+        law: Law,
+        young_pa: float,
+        poisson: float,
+        contact_options: ContactOptions | None = None,
+        device: str = "cpu",
+    ) -> None:
+        _check_material(young_pa, poisson)
+        self.mesh = mesh
+        self.law = law
+        self.young_pa = young_pa
+        self.poisson = poisson
+        self.contact_options = contact_options or ContactOptions()
+        self.device = device
+        self.reference: ReferenceElement = reference_element(order)
+        if order is ElementOrder.P2:
+            self.nodes, self.elements = quadratic_nodes(mesh.vertices, mesh.tets)
+        else:
+            self.nodes, self.elements = mesh.vertices, mesh.tets
+        faces, parents = boundary_faces(self.elements)
+        on_base = np.all(self._on_base(self.nodes)[faces[:, :3]], axis=1)
+        self.faces, self.face_parents = faces[~on_base], parents[~on_base]
+        self.clamped = self._on_base(self.nodes)
+        self.pattern: SparsePattern = sparse_pattern(self.elements, self.clamped)
+        self._kernels = elasticity.elastic_kernels(law)
+        self._upload()
+
+    def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
+        """Return the undeformed state with the indenter's tip at ``tip`` [m]."""
+        shape = (len(self.faces), len(self.reference.face_weights))
+        return State(
+            positions=self.nodes.copy(),
+            tip=np.array(tip, dtype=np.float64),
+            rotation=np.eye(3) if rotation is None else np.array(rotation, dtype=np.float64),
+            anchored=np.zeros(shape, dtype=np.int32),
+            anchors=np.zeros((*shape, 3)),
+        )
+
+    def elastic_energy(self, positions: FloatArray) -> tuple[float, float]:
+        """Return the elastic energy [J] and the smallest volume ratio J."""
+        energies, ratios = self._points(wp.float64), self._points(wp.float64)
+        self._launch(
+            self._kernels.energy,
+            self._point_shape,
+            [*self._element_arrays, self._vectors(positions)],
+            [energies, ratios],
+        )
+        return float(energies.numpy().sum()), float(ratios.numpy().min())
+
+    def elastic_gradient(self, positions: FloatArray) -> FloatArray:
+        """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
+        out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
+        inputs = [*self._element_arrays, self._vectors(positions)]
+        self._launch(self._kernels.gradient, self._point_shape, inputs, [out])
+        return np.asarray(out.numpy())
+
+    def cauchy_stress(self, positions: FloatArray) -> FloatArray:
+        """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
+        out = self._points(wp.mat33d)
+        nodes, gradients, inverse, _, parameters = self._element_arrays
+        inputs = [nodes, gradients, inverse, parameters, self._vectors(positions)]
+        self._launch(self._kernels.stress, self._point_shape, inputs, [out])
+        return np.asarray(out.numpy())
+
+    def hessian_data(
+        self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
+    ) -> FloatArray:
+        """Return the CSR values of the Newton matrix [N/m].
+
+        Args:
+            stiffness: Contact stiffness of ``ContactForces``.
+            projected: Make every point's tangent positive semidefinite.
+        """
+        shape = (*self._point_shape, self.reference.node_count)
+        vectors = [wp.empty(shape, dtype=wp.vec3d, device=self.device) for _ in range(3)]
+        tangents = self._points(Tangent)
+        inputs = [*self._element_arrays, self._vectors(positions), projected]
+        self._launch(self._kernels.tangent, self._point_shape, inputs, [tangents, *vectors])
+        values = wp.zeros(self.pattern.block_count, dtype=wp.mat33d, device=self.device)
+        self._launch(
+            self._kernels.hessian,
+            (len(self.elements), self.reference.node_count),
+            [self._element_slots, tangents, *vectors],
+            [values],
+        )
+        self._launch(
+            contact.hessian,
+            (len(self.faces), self.reference.face_node_count),
+            [self._face_slots, self._face_values, self._array(stiffness, wp.mat33d)],
+            [values],
+        )
+        return self.pattern.csr_data(values.numpy())
+
+    def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
+        """Return the gap of every contact point [m], shape [face_count, point_count]."""
+        out = self._face_points(wp.float64)
+        body = body_at(indenter, state.tip, state.rotation)
+        inputs = [*self._face_arrays, body, self._vectors(positions)]
+        self._launch(contact.gap, self._face_shape, inputs, [out])
+        return np.asarray(out.numpy())
+
+    def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
+        """Return the contact energy [J], infinite in penetration."""
+        out = self._face_points(wp.float64)
+        inputs = self._contact_inputs(positions, indenter, state)
+        self._launch(contact.energy, self._face_shape, inputs, [out])
+        return float(out.numpy().sum())
+
+    def contact_forces(
+        self, positions: FloatArray, indenter: Indenter, state: State
+    ) -> ContactForces:
+        """Return the contact at every point of the surface."""
+        out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
+        inputs = self._contact_inputs(positions, indenter, state)
+        self._launch(contact.force, self._face_shape, inputs, out)
+        points, forces, stiffness = (np.asarray(array.numpy()) for array in out)
+        return ContactForces(points=points, forces=forces, stiffness=stiffness)
+
+    def scatter(self, point_vectors: FloatArray) -> FloatArray:
+        """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
+        out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
+        inputs = [*self._face_arrays, self._array(point_vectors, wp.vec3d)]
+        self._launch(contact.scatter, self._face_shape, inputs, [out])
+        return np.asarray(out.numpy())
+
+    def update_anchors(self, indenter: Indenter, state: State) -> None:
+        """Bond the points that touch, when the contact is bonded."""
+        if not self.contact_options.bonded:
+            return
+        anchored = self._array(state.anchored, wp.int32)
+        anchors = self._array(state.anchors, wp.vec3d)
+        body = body_at(indenter, state.tip, state.rotation)
+        inputs = [*self._face_arrays, self._settings, body, self._vectors(state.positions)]
+        self._launch(contact.anchor, self._face_shape, inputs, [anchored, anchors])
+        state.anchored, state.anchors = anchored.numpy().copy(), anchors.numpy().copy()
+
+    def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
+        """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
+        along = np.einsum("pka,fkx->afpx", self.reference.face_gradients, positions[self.faces])
+        normals = 0.5 * np.cross(along[0], along[1])
+        return np.asarray(normals * self.reference.face_weights[:, None])
+
+    @property
+    def contact_areas(self) -> FloatArray:
+        """Rest area of every contact point [m^2], shape [face_count, point_count]."""
+        return np.asarray(self._areas.numpy())
+
+    def _on_base(self, nodes: FloatArray) -> Any:
+        return nodes[:, 2] <= 1e-6 * self.mesh.vertices[:, 2].max()
+
+    def _upload(self) -> None:
+        corners = self.nodes[self.elements[:, :4]]
+        jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+        volumes = np.linalg.det(jacobians) / 6.0
+        if volumes.min() <= 0.0:
+            raise ConfigError(
+                f"mesh has {int((volumes <= 0).sum())} tetrahedra of no positive volume",
+                remedy="orient the tetrahedra or mesh the pad again",
+            )
+        self.volume_m3 = float(volumes.sum())
+        parameters = np.array(self.law.parameters(self.young_pa, self.poisson))
+        self._element_arrays = [
+            self._array(self.elements, wp.int32),
+            self._array(self.reference.gradients, wp.vec3d),
+            self._array(np.linalg.inv(jacobians), wp.mat33d),
+            self._array(volumes[:, None] * self.reference.weights, wp.float64),
+            self._array(np.tile(parameters, (len(volumes), 1)), wp.vec4d),
+        ]
+        self._point_shape = (len(self.elements), len(self.reference.weights))
+        self._face_shape = (len(self.faces), len(self.reference.face_weights))
+        self._element_slots = self._array(self.pattern.slots(self.elements), wp.int32)
+        self._face_slots = self._array(self.pattern.slots(self.faces), wp.int32)
+        self._face_values = self._array(self.reference.face_values, wp.float64)
+        self._face_arrays = [self._array(self.faces, wp.int32), self._face_values]
+        a, b, c = (self.nodes[self.faces[:, k]] for k in range(3))
+        areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        self._areas = self._array(areas[:, None] * self.reference.face_weights, wp.float64)
+        options = self.contact_options
+        self._settings = contact.ContactSettings()
+        self._settings.distance = options.distance_m
+        self._settings.stiffness = options.stiffness_factor * self.young_pa * options.distance_m
+        self._settings.tangential = self.young_pa / options.distance_m if options.bonded else 0.0
+
+    def _contact_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
+        return [
+            *self._face_arrays,
+            self._areas,
+            self._settings,
+            body_at(indenter, state.tip, state.rotation),
+            self._vectors(positions),
+            self._array(state.anchored, wp.int32),
+            self._array(state.anchors, wp.vec3d),
+        ]
+
+    def _launch(
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
+    ) -> None:
+        wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.device)
+
+    def _array(self, values: Any, kind: Any) -> Any:
+        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.device)
+
+    def _vectors(self, positions: FloatArray) -> Any:
+        return self._array(positions, wp.vec3d)
+
+    def _points(self, kind: Any) -> Any:
+        return wp.empty(self._point_shape, dtype=kind, device=self.device)
+
+    def _face_points(self, kind: Any) -> Any:
+        return wp.empty(self._face_shape, dtype=kind, device=self.device)
+
+
+def _check_material(young_pa: float, poisson: float) -> None:
+    if not young_pa > 0.0:
+        raise ConfigError(f"Young's modulus {young_pa:g} Pa is not positive", remedy="give E > 0")
+    if not 0.0 <= poisson < 0.5:
+        raise ConfigError(
+            f"Poisson's ratio {poisson:g} is not in [0, 0.5)",
+            remedy="give nu below 0.5; 0.499 is the highest that is tested",
+        )

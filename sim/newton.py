@@ -1,0 +1,166 @@
+"""Newton's method for a static equilibrium with the indenter held still.
+
+Each iteration factors the exact Hessian; only when that is not positive definite, or an element is
+inverted, is it replaced by a semidefinite one. The line search accepts a step that keeps every gap
+positive and lowers the energy.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.indenter import Indenter
+from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
+from sim.model import ContactForces, Model, State
+from tacauchy_rig.errors import ConvergenceError
+
+logger = logging.getLogger(__name__)
+
+_GAP_FRACTION = 0.9
+_SHIFTS = (0.0, 1e-3, 1e-1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewtonOptions:
+    """When Newton stops.
+
+    Attributes:
+        residual_relative: Residual norm over the contact force's norm.
+        residual_floor_n: Residual norm that is always enough [N].
+    """
+
+    residual_relative: float = 1e-8
+    residual_floor_n: float = 1e-10
+    iteration_max: int = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equilibrium:
+    """A converged state's numbers.
+
+    Attributes:
+        iterations: Factorisations spent.
+        contact: Contact forces at the last positions.
+        elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
+        residual_n: Norm of the unbalanced nodal force [N].
+    """
+
+    iterations: int
+    contact: ContactForces
+    elastic_gradient: FloatArray
+    residual_n: float
+    min_jacobian: float
+
+
+def equilibrate(
+    model: Model,
+    solver: LinearSolver,
+    indenter: Indenter,
+    state: State,
+    *,
+    options: NewtonOptions,
+) -> Equilibrium:
+    """Move ``state.positions`` to equilibrium; on return ``solver`` holds a recent factor.
+
+    Raises:
+        ConvergenceError: No equilibrium was found; ``state`` is left where Newton stopped.
+    """
+    free = model.pattern.free_nodes
+    iterations = 0
+    while True:
+        forces = model.contact_forces(state.positions, indenter, state)
+        elastic = model.elastic_gradient(state.positions)
+        gradient = (elastic + model.scatter(forces.forces))[free]
+        residual = float(np.linalg.norm(gradient))
+        scale = float(np.linalg.norm(forces.forces.reshape(-1, 3).sum(axis=0)))
+        if not np.isfinite(residual):
+            raise ConvergenceError(
+                f"the residual is not finite after {iterations} Newton iterations",
+                remedy="press in smaller steps or use the stable-neo-hookean law",
+            )
+        if residual <= max(options.residual_relative * scale, options.residual_floor_n):
+            _, ratio = model.elastic_energy(state.positions)
+            return Equilibrium(
+                iterations=iterations,
+                contact=forces,
+                elastic_gradient=elastic,
+                residual_n=residual,
+                min_jacobian=ratio,
+            )
+        if iterations >= options.iteration_max:
+            raise ConvergenceError(
+                f"no equilibrium after {iterations} Newton iterations: residual "
+                f"{residual:.3g} N at a contact force of {scale:.4g} N",
+                remedy="press in smaller steps, or refine the mesh near the indenter's rim",
+            )
+        step = _newton_step(model, solver, state, forces, gradient)
+        iterations += 1
+        _search(model, indenter, state, step, gradient)
+        logger.debug("iteration %d: residual %.3g N, force %.4g N", iterations, residual, scale)
+
+
+def _newton_step(
+    model: Model, solver: LinearSolver, state: State, forces: ContactForces, gradient: FloatArray
+) -> FloatArray:
+    """Return the Newton step of the free nodes [m], shape [free_count, 3]."""
+    for attempt, shift in enumerate((0.0, *_SHIFTS)):
+        data = model.hessian_data(state.positions, forces.stiffness, projected=attempt > 0)
+        if shift > 0.0:
+            diagonal = model.pattern.indptr[:-1]
+            data[diagonal] *= 1.0 + shift
+        try:
+            solver.factorise(data)
+        except NotPositiveDefiniteError:
+            logger.debug("Hessian not positive definite (attempt %d)", attempt)
+            continue
+        return -solver.solve(gradient.reshape(-1)).reshape(-1, 3)
+    raise ConvergenceError(
+        "the stiffness matrix is not positive definite even when projected and shifted",
+        remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
+    )
+
+
+def _search(
+    model: Model, indenter: Indenter, state: State, step: FloatArray, gradient: FloatArray
+) -> None:
+    """Move ``state.positions`` along the step as far as gaps and energy allow."""
+    full = np.zeros_like(state.positions)
+    full[model.pattern.free_nodes] = step
+    start = state.positions
+    slope = float(np.sum(gradient * step))
+    fraction = admissible_fraction(model, indenter, state, full)
+    energy = model.elastic_energy(start)[0] + model.contact_energy(start, indenter, state)
+    # Rounding of the summed energy: below it only the gradient can tell which way is down.
+    noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
+    for _ in range(40):
+        trial = start + fraction * full
+        elastic, _ = model.elastic_energy(trial)
+        change = elastic + model.contact_energy(trial, indenter, state) - energy
+        if change <= 1e-4 * fraction * slope + noise:
+            state.positions = trial
+            return
+        fraction *= 0.5
+    raise ConvergenceError(
+        f"the line search found no descent along a direction of slope {slope:.3g} J",
+        remedy="press in smaller steps",
+    )
+
+
+def admissible_fraction(
+    model: Model, indenter: Indenter, state: State, motion: FloatArray
+) -> float:
+    """Return the largest tried fraction of a motion that keeps every gap positive."""
+    before = model.gaps(state.positions, indenter, state)
+    fraction = 1.0
+    for _ in range(60):
+        after = model.gaps(state.positions + fraction * motion, indenter, state)
+        hit = after <= (1.0 - _GAP_FRACTION) * before
+        if not hit.any():
+            return fraction
+        reach = before[hit] / np.maximum(before[hit] - after[hit], 1e-300)
+        fraction *= min(0.95, _GAP_FRACTION * float(reach.min()))
+    return 0.0

@@ -1,0 +1,97 @@
+"""Pads as data: a box, a disc, or a box with a domed top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxPad:
+    """Rectangular pad, x and y centred, base at z = 0, with a flat or domed top.
+
+    Attributes:
+        size_x_m: Extent in x [m].
+        size_y_m: Extent in y [m].
+        height_m: Thickness in the middle [m].
+        dome_radius_x_m: Radius of curvature of the top along x [m], inf for flat.
+        dome_radius_y_m: Radius of curvature of the top along y [m], inf for flat.
+    """
+
+    size_x_m: float
+    size_y_m: float
+    height_m: float
+    dome_radius_x_m: float = np.inf
+    dome_radius_y_m: float = np.inf
+
+    def __post_init__(self) -> None:
+        _check_lengths(self.size_x_m, self.size_y_m, self.height_m)
+        corner = float(self.height_at(np.array(self.size_x_m / 2), np.array(self.size_y_m / 2)))
+        if corner <= 0.1 * self.height_m:
+            raise ConfigError(
+                f"dome radii leave {corner * 1e3:.3g} mm of gel at the pad's corner",
+                remedy="give larger dome radii or a thicker pad",
+            )
+
+    def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the height of the top at rest [m]."""
+        return np.asarray(
+            self.height_m - 0.5 * x**2 / self.dome_radius_x_m - 0.5 * y**2 / self.dome_radius_y_m
+        )
+
+    def outline(self, spacing_m: float) -> FloatArray:
+        """Return points around the pad, x and y [m], shape [count, 2]."""
+        counts = [max(2, round(size / spacing_m)) for size in (self.size_x_m, self.size_y_m)]
+        u, v = (np.linspace(-1.0, 1.0, count + 1) for count in counts)
+        sides = [
+            np.column_stack([u[:-1], np.full(counts[0], -1.0)]),
+            np.column_stack([np.full(counts[1], 1.0), v[:-1]]),
+            np.column_stack([u[:0:-1], np.full(counts[0], 1.0)]),
+            np.column_stack([np.full(counts[1], -1.0), v[:0:-1]]),
+        ]
+        return np.concatenate(sides) * np.array([self.size_x_m, self.size_y_m]) / 2.0
+
+    def distance_to_outline(self, points: FloatArray) -> FloatArray:
+        """Return how far inside points [count, 2] lie [m]; negative outside."""
+        half = np.array([self.size_x_m, self.size_y_m]) / 2.0
+        return np.asarray((half - np.abs(points)).min(axis=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscPad:
+    """Round pad with a flat top, base at z = 0."""
+
+    radius_m: float
+    height_m: float
+
+    def __post_init__(self) -> None:
+        _check_lengths(self.radius_m, self.height_m)
+
+    def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the height of the top at rest [m]."""
+        return np.full(np.broadcast(x, y).shape, self.height_m)
+
+    def outline(self, spacing_m: float) -> FloatArray:
+        """Return points around the pad, x and y [m], shape [count, 2]."""
+        count = max(16, round(2.0 * np.pi * self.radius_m / spacing_m))
+        angle = 2.0 * np.pi * np.arange(count) / count
+        return self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def distance_to_outline(self, points: FloatArray) -> FloatArray:
+        """Return how far inside points [count, 2] lie [m]; negative outside."""
+        return np.asarray(self.radius_m - np.linalg.norm(points, axis=1))
+
+
+Pad = BoxPad | DiscPad
+
+
+def _check_lengths(*lengths_m: float) -> None:
+    for length in lengths_m:
+        if not length > 0.0:
+            raise ConfigError(
+                f"pad length {length * 1e3:g} mm is not positive", remedy="give lengths above 0 mm"
+            )

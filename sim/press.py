@@ -1,0 +1,158 @@
+"""One simulated press: a scene in, forces, contact and the numbers that say how good they are out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.loading import LoadingPath, PathPoint
+from sim.match import find_force
+from sim.model import Model
+from sim.presets import build_model, force_error_estimate
+from sim.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressResult:
+    """What a press gave; ``as_json`` has the same keys.
+
+    Attributes:
+        force_n: Force on the indenter [N], pad frame, +z in compression.
+        moment_nm: Moment on the indenter about its tip [N m].
+        depth_m: Travel below first touch [m].
+        contact_area_m2: Deformed area of the surface within d_hat of the indenter [m^2].
+        contact_radius_m: Radius of the disc of the same area seen along z [m].
+        max_pressure_pa: Largest contact pressure [Pa]; at a sharp rim it grows with refinement.
+        base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
+        force_balance_relative: |force + base reaction| over |force|.
+        min_jacobian: Smallest volume ratio det F at a quadrature point.
+        gap_min_m: Smallest gap at a contact point [m].
+        wall_s: Seconds spent, by part.
+        estimated_force_error_relative: Believed relative error of F_z, or None where nothing is
+            known; ``estimated_force_error_basis`` says how.
+    """
+
+    force_n: tuple[float, float, float]
+    moment_nm: tuple[float, float, float]
+    depth_m: float
+    contact_area_m2: float
+    contact_radius_m: float
+    max_pressure_pa: float
+    base_reaction_n: tuple[float, float, float]
+    force_balance_relative: float
+    min_jacobian: float
+    gap_min_m: float
+    newton_iterations: int
+    wall_s: dict[str, float]
+    element: str
+    node_count: int
+    tet_count: int
+    mesh: str
+    mesh_hash: str
+    estimated_force_error_relative: float | None
+    estimated_force_error_basis: str
+    model: Model = field(repr=False)
+    point: PathPoint | None = field(repr=False)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values for ``--json``, units in the keys."""
+        skipped = {"model", "point"}
+        names = [name for name in self.__dataclass_fields__ if name not in skipped]
+        return {name: getattr(self, name) for name in names}
+
+
+def press(scene: Scene, *, model: Model | None = None) -> PressResult:
+    """Press as a scene asks.
+
+    Args:
+        model: Reuse this model instead of meshing and assembling anew.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+        ConfigError: The scene cannot be built.
+    """
+    started = time.perf_counter()
+    model = model or build_model(scene)
+    path = LoadingPath(model, scene.indenter, scene.centre_m)
+    setup = time.perf_counter() - started
+    if scene.target.depth_m is not None:
+        point = path.advance(scene.target.depth_m)
+    else:
+        force = scene.target.force_n or 0.0
+        point = find_force(path, force, tolerance_n=scene.force_tolerance_n).point
+    wall = {"setup": setup, "solve": path.counts.wall_s}
+    return measure(scene, path, point, wall_s=wall)
+
+
+def measure(
+    scene: Scene, path: LoadingPath, point: PathPoint, *, wall_s: dict[str, float]
+) -> PressResult:
+    """Evaluate an equilibrium."""
+    model = path.model
+    contact = contact_measures(path, point)
+    reaction = -point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    balance = float(np.linalg.norm(point.force_n + reaction))
+    size = float(np.linalg.norm(point.force_n))
+    error, basis = force_error_estimate(scene, point.depth_m)
+    return PressResult(
+        force_n=_vector(point.force_n),
+        moment_nm=_vector(contact.moment_nm),
+        depth_m=point.depth_m,
+        contact_area_m2=contact.area_m2,
+        contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
+        max_pressure_pa=contact.pressure_max_pa,
+        base_reaction_n=_vector(reaction),
+        force_balance_relative=balance / size if size > 0.0 else 0.0,
+        min_jacobian=point.equilibrium.min_jacobian,
+        gap_min_m=contact.gap_min_m,
+        newton_iterations=path.counts.newton_iterations,
+        wall_s=wall_s,
+        element=model.reference.order.value,
+        node_count=len(model.nodes),
+        tet_count=len(model.elements),
+        mesh=model.mesh.name,
+        mesh_hash=model.mesh.content_hash,
+        estimated_force_error_relative=error,
+        estimated_force_error_basis=basis,
+        model=model,
+        point=point,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactMeasures:
+    """Sums over the contact points of an equilibrium; units in the names."""
+
+    moment_nm: FloatArray
+    area_m2: float
+    area_seen_m2: float
+    pressure_max_pa: float
+    gap_min_m: float
+
+
+def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
+    """Sum moment, area and pressure over the contact points."""
+    model, contact = path.model, point.equilibrium.contact
+    normals = model.deformed_area_vectors(point.state.positions)
+    areas = np.linalg.norm(normals, axis=2)
+    strength = np.linalg.norm(contact.forces, axis=2)
+    touching = strength > 0.0
+    arms = contact.points - point.state.tip
+    pressure = strength[touching] / areas[touching]
+    gaps = model.gaps(point.state.positions, path.indenter, point.state)
+    return ContactMeasures(
+        moment_nm=np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0),
+        area_m2=float(areas[touching].sum()),
+        area_seen_m2=float(np.abs(normals[..., 2])[touching].sum()),
+        pressure_max_pa=float(pressure.max()) if touching.any() else 0.0,
+        gap_min_m=float(gaps.min()),
+    )
+
+
+def _vector(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
