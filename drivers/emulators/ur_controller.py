@@ -182,7 +182,7 @@ class UrController:
         if period_s is not None and now_s - self._fed_s > period_s:
             self._end_program("watchdog")
         elif not program.cycle():
-            self._end_program("stopped by the client")
+            self._end_program("runtime error" if program.failed else "stopped by the client")
 
     def _start_program(self, offset: int) -> None:
         if not self.body.safety.admits_programs or not self.body.remote_control:

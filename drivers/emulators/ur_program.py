@@ -60,6 +60,7 @@ class ControlProgram:
         on_protective_stop: Called when the program asks for a protective stop.
 
     Attributes:
+        failed: True once it made a runtime error; it then ends.
         watchdog_period_s: Longest silence of the command register it accepts [s], None while no
             watchdog is set.
     """
@@ -76,6 +77,7 @@ class ControlProgram:
         self._asynchronous_move = False
         self._write_count = 0
         self._operation_id = 0
+        self.failed = False
         self.watchdog_period_s: float | None = None
         self.command_register = f"input_int_register_{offset}"
         body.inputs[self.command_register] = (0,)
@@ -105,7 +107,7 @@ class ControlProgram:
             self._blocked_until = self._process(command)
             if self._blocked_until is None:
                 self._signal(_DONE)
-        return True
+        return not self.failed
 
     def end(self) -> None:
         """End the program: threads die with it and the arm brakes."""
@@ -125,8 +127,8 @@ class ControlProgram:
         if command == Command.SPEED_L:
             target = self._vector(0)
             acceleration = self._double(6)
-            if self._speeding != (target, acceleration):
-                self._end_asynchronous_move()
+            self.failed = self._asynchronous_move
+            if self._speeding != (target, acceleration) and not self.failed:
                 self._speeding = (target, acceleration)
                 self._body.motion.set_velocity(target, acceleration=acceleration)
         elif command == Command.GET_STEP_TIME:
@@ -154,24 +156,31 @@ class ControlProgram:
     def _move(self) -> Callable[[], bool] | None:
         speed, acceleration = self._double(6), self._double(7)
         asynchronous = self._body.get_int(self._offset + 1) == 1
-        self._speeding = None
+        if self._speeding is not None:
+            # Two threads of the program driving the arm is a runtime error of the controller.
+            self.failed = True
+            return None
         self._end_asynchronous_move()
         self._body.motion.move_to(self._vector(0), speed=speed, acceleration=acceleration)
         if not asynchronous:
             return lambda: self._body.motion.is_still
-        self._asynchronous_move = True
-        self._operation_id = (self._operation_id + 1) % 128
-        self._report_progress(running=True)
+        self._begin_asynchronous()
         return None
 
     def _stop(self, command: int) -> Callable[[], bool] | None:
         deceleration = self._double(0)
+        asynchronous = False
         if command == Command.SPEED_STOP:
             self._speeding = None
         else:
             self._end_asynchronous_move()
-            deceleration *= _STOPJ_LEVER_M
+            asynchronous = self._body.get_int(self._offset + 1) == 1
+            if command == Command.STOP_J or not asynchronous:
+                deceleration *= _STOPJ_LEVER_M
         self._body.motion.brake(max(deceleration, 1e-3))
+        if asynchronous:
+            self._begin_asynchronous()
+            return None
         return lambda: self._body.motion.is_still
 
     def _answer(self, command: int) -> None:
@@ -191,6 +200,11 @@ class ControlProgram:
             turned = compose_rotations(turn, (second[3], second[4], second[5]))
             place = tuple(a + b for a, b in zip(first[:3], moved, strict=True))
             body.put_doubles(self._offset, (*place, *turned))
+
+    def _begin_asynchronous(self) -> None:
+        self._asynchronous_move = True
+        self._operation_id = (self._operation_id + 1) % 128
+        self._report_progress(running=True)
 
     def _end_asynchronous_move(self) -> None:
         if self._asynchronous_move:

@@ -1,0 +1,363 @@
+"""A UR5 arm (CB3 or e-Series) driven through ur_rtde."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any, TypeVar
+
+from drivers.interfaces import DeviceIdentity
+from drivers.ur5_caps import MotionCaps
+from drivers.ur5_link import UrLink
+from drivers.ur5_model import UrModel
+from drivers.ur5_probe import probe_controller, require_ready
+from drivers.ur5_safety import (
+    RobotMode,
+    RuntimeState,
+    robot_mode_name,
+    runtime_state_name,
+    safety_reason,
+)
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
+
+_logger = logging.getLogger(__name__)
+T = TypeVar("T")
+
+_COMMAND_S = 1.0
+_FEED_S = 0.25
+_STOP_S = 0.15
+_POLL_S = 0.002
+_MOVE_BEGINS_S = 0.5
+_RECORD_LIMIT = 100_000
+
+
+class _Motion(StrEnum):
+    NONE = "none"
+    LINE = "line"
+    VELOCITY = "velocity"
+
+
+class Ur5:
+    """One arm. One owner, one thread; best a process of its own, ended after any DeviceError.
+
+    After any loss (silent controller, broken connection, ended program) the arm counts as lost:
+    every further call raises the same error, nothing reconnects, and a person starts again. The
+    controller's watchdog stops the arm when nobody calls ``kick_watchdog`` or ``set_velocity``
+    at ``watchdog_hz``; it is armed by the first motion and stays armed.
+
+    Args:
+        host: Name or address of the controller.
+        model: Generation that must answer.
+        max_speed: Larger speeds are refused here, whatever the caller checked [m/s].
+        max_turn_speed: The same for turning [rad/s].
+        max_acceleration: The same for accelerations [m/s^2].
+        tcp_offset: Flange to tip [m, rad]; None keeps the controller's own.
+        payload_kg: Mass at the flange [kg]; None keeps the controller's own.
+        payload_center: Its centre of gravity in the flange frame [m].
+        stop_deceleration: Used by ``stop`` [m/s^2].
+        watchdog_hz: Slowest feeding that the controller accepts [Hz].
+        timeout_s: Deadline for the probe, and again for the client library [s].
+        simulated: True when the controller is emulated, for the record.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str,
+        model: UrModel,
+        max_speed: float,
+        max_turn_speed: float = 0.2,
+        max_acceleration: float = 0.5,
+        tcp_offset: Vector6 | None = None,
+        payload_kg: float | None = None,
+        payload_center: Vector3 = (0.0, 0.0, 0.0),
+        stop_deceleration: float = 1.0,
+        watchdog_hz: float = 10.0,
+        timeout_s: float = 5.0,
+        simulated: bool = False,
+    ) -> None:
+        self._host, self._model = host, model
+        self._device = f"robot {host}"
+        self._caps = MotionCaps(
+            speed=max_speed, turn_speed=max_turn_speed, acceleration=max_acceleration
+        )
+        self._stop_deceleration = stop_deceleration
+        self._tcp_offset = tcp_offset
+        self._payload_kg, self._payload_center = payload_kg, payload_center
+        self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
+        self._simulated = simulated
+        self._link: UrLink | None = None
+        self._lost: DeviceError | None = None
+        self._motion = _Motion.NONE
+        self._watchdog_armed = False
+        self._operation_before = -1
+        self._move_start_s = 0.0
+        self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
+        self._last_time_s = 0.0
+        self._last_change_s = 0.0
+
+    def connect(self) -> DeviceIdentity:
+        """Probe the controller, then let ur_rtde connect, each with a deadline.
+
+        Raises:
+            DeviceError: Unreachable, another model, in local control, not powered, stopped for
+                safety, in use, or silent.
+        """
+        report = probe_controller(self._host, timeout_s=self._timeout_s)
+        require_ready(report, model=self._model)
+        self._link = UrLink(self._host, timeout_s=self._timeout_s)
+        self._lost = None
+        self._motion, self._watchdog_armed = _Motion.NONE, False
+        self._last_change_s = time.monotonic()
+        offset, mass = self._tcp_offset, self._payload_kg
+        if offset is not None:
+            self._command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
+        if mass is not None:
+            center = list(self._payload_center)
+            self._command("setting the payload", lambda c: c.setPayload(mass, center))
+        self.state()
+        return DeviceIdentity(
+            driver="ur5",
+            address=self._host,
+            model=f"UR5 {report.model.value}",
+            serial=report.serial,
+            simulated=self._simulated,
+            settings={
+                "controller_version": report.version_text,
+                "tcp_offset": str(offset),
+                "payload_kg": str(mass),
+                "watchdog_hz": str(self._watchdog_hz),
+            },
+        )
+
+    def state(self) -> ArmSample:
+        """Return the newest state.
+
+        Raises:
+            DeviceError: The controller's time stamp stands still, the connection broke, or the
+                program ended (with the reason, as far as the controller tells it).
+        """
+        link = self._require_link()
+        sample = link.sample()
+        now_s = time.monotonic()
+        if sample.controller_time_s != self._last_time_s:
+            self._last_time_s, self._last_change_s = sample.controller_time_s, now_s
+            self._record.append(sample)
+        if not link.is_unbroken:
+            raise self._lose(
+                "the connection broke",
+                "check the network and the controller, then start again; nothing reconnects alone",
+            )
+        age_s = now_s - self._last_change_s
+        if age_s > self._model.stale_limit_s:
+            raise self._lose(
+                f"no new data for {age_s * 1e3:.0f} ms "
+                f"(limit {self._model.stale_limit_s * 1e3:.0f} ms)",
+                "check the cable and the controller, then start again",
+            )
+        self._require_running(sample)
+        return sample
+
+    def drain(self) -> list[ArmSample]:
+        """Return the states that ``state`` saw since the last call, oldest first, none twice."""
+        samples = list(self._record)
+        self._record.clear()
+        return samples
+
+    def is_pose_allowed(self, pose: Pose) -> bool:
+        """Ask the controller whether its safety limits admit ``pose``.
+
+        Raises:
+            DeviceError: The controller did not answer.
+        """
+        vector = list(pose.as_vector())
+        allowed = self._call(
+            "checking a pose", lambda c: bool(c.isPoseWithinSafetyLimits(vector)), _COMMAND_S
+        )
+        if not allowed:
+            self.state()  # A controller that stopped also says no.
+        return allowed
+
+    def start_move(self, target: Pose, *, speed: float, acceleration: float) -> None:
+        """Start a straight tool move [m/s, m/s^2] and return at once.
+
+        Raises:
+            SafetyError: Beyond the speed or acceleration cap, or not a number.
+            DeviceError: The controller refused.
+        """
+        self._caps.require_line(self._device, target.as_vector(), speed, acceleration)
+        vector = list(target.as_vector())
+        self._prepare_motion(_Motion.LINE)
+        _, self._operation_before = self._call("reading progress", _progress, _COMMAND_S)
+        self._motion = _Motion.LINE
+        self._move_start_s = time.monotonic()
+        self._command("starting a move", lambda c: c.moveL(vector, speed, acceleration, True))
+
+    def is_moving(self) -> bool:
+        """Return True until the move started last has ended.
+
+        Raises:
+            DeviceError: The move never began, or the arm is lost.
+        """
+        if self._motion is _Motion.VELOCITY:
+            return True
+        if self._motion is _Motion.NONE:
+            return False
+        running, operation = self._call("reading progress", _progress, _COMMAND_S)
+        if running:
+            return True
+        if operation == self._operation_before:
+            if time.monotonic() - self._move_start_s > _MOVE_BEGINS_S:
+                raise self._lose("the move never began", "read the pendant's message")
+            return True
+        self._motion = _Motion.NONE
+        return False
+
+    def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
+        """Set the tool velocity [m/s, rad/s]; holds until changed, stopped or the watchdog bites.
+
+        Raises:
+            SafetyError: Beyond a cap, or not a number.
+            DeviceError: The controller refused.
+        """
+        self._caps.require_velocity(self._device, velocity, acceleration)
+        self._prepare_motion(_Motion.VELOCITY)
+        self._motion = _Motion.VELOCITY
+        self._command(
+            "setting the velocity",
+            lambda c: c.speedL(list(velocity), acceleration, 0.0),
+            deadline_s=_FEED_S,
+        )
+
+    def kick_watchdog(self) -> None:
+        """Tell the controller that this program lives; call it at ``watchdog_hz`` or faster.
+
+        Raises:
+            DeviceError: The arm is lost, so feeding it would only keep it moving.
+        """
+        self._command("feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S)
+
+    def stop(self) -> None:
+        """End any motion. Never raises; returns within 0.2 s.
+
+        When the controller does not answer, the arm counts as lost and is fed no more, so that
+        its watchdog stops it.
+        """
+        link, deceleration = self._link, self._stop_deceleration
+        if link is None or self._motion is _Motion.NONE:
+            return
+        try:
+            if self._motion is _Motion.VELOCITY:
+                if not link.call(
+                    "stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S
+                ):
+                    self._lose("did not take the stop", "see why its program ended")
+            else:
+                self._stop_line(link)
+        except DeviceError as error:
+            self._lost = self._lost or error
+            _logger.error("%s", error)
+        self._motion = _Motion.NONE
+
+    def protective_stop(self) -> None:
+        """Trigger the controller's protective stop. A person has to unlock it.
+
+        Raises:
+            DeviceError: The controller did not take it.
+        """
+        link = self._link
+        if link is None:
+            raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
+        self._motion = _Motion.NONE
+        # The program dies of it, so whether it answers says nothing: the safety bits do.
+        activity = "triggering a protective stop"
+        link.call(activity, lambda c: c.triggerProtectiveStop(), deadline_s=_COMMAND_S)
+        end_s = time.monotonic() + _STOP_S
+        while safety_reason(link.sample().safety_bits) is None:
+            if time.monotonic() > end_s:
+                raise self._lose("did not take the protective stop", "press the emergency stop")
+            time.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Stop, end the program on the controller and disconnect. Safe to call twice."""
+        if self._link is not None:
+            self.stop()
+            self._link.close()
+            self._link = None
+
+    def _stop_line(self, link: UrLink) -> None:
+        # Only the asynchronous form brakes the tip at [m/s^2]; the other one is a stopj.
+        deceleration = self._stop_deceleration
+        end_s = time.monotonic() + _STOP_S
+        link.call("stopping", lambda c: c.stopL(deceleration, True), deadline_s=_STOP_S)
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            if not link.call("reading progress", _progress, deadline_s=left_s + _POLL_S)[0]:
+                return
+            time.sleep(_POLL_S)
+
+    def _prepare_motion(self, wanted: _Motion) -> None:
+        # Two of the controller's threads that drive the arm at once would end its program.
+        if self._motion is not _Motion.NONE and (wanted, self._motion) != (
+            _Motion.VELOCITY,
+            _Motion.VELOCITY,
+        ):
+            self.stop()
+        if not self._watchdog_armed:
+            self._command("setting the watchdog", lambda c: c.setWatchdog(self._watchdog_hz))
+            self._watchdog_armed = True
+
+    def _command(
+        self,
+        activity: str,
+        function: Callable[[Any], object],
+        *,
+        deadline_s: float = _COMMAND_S,
+    ) -> None:
+        if not self._call(activity, lambda c: bool(function(c)), deadline_s):
+            self._require_running(self._require_link().sample())
+            raise self._lose(f"refused {activity}", "read the pendant's message")
+
+    def _call(self, activity: str, function: Callable[[Any], T], deadline_s: float) -> T:
+        try:
+            return self._require_link().call(activity, function, deadline_s=deadline_s)
+        except DeviceError as error:
+            self._lost = self._lost or error
+            raise
+
+    def _require_link(self) -> UrLink:
+        if self._lost is not None:
+            raise self._lost
+        if self._link is None:
+            raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
+        return self._link
+
+    def _require_running(self, sample: ArmSample) -> None:
+        stopped = safety_reason(sample.safety_bits)
+        if stopped is not None:
+            raise self._lose(*stopped)
+        if sample.robot_mode != RobotMode.RUNNING:
+            mode = robot_mode_name(sample.robot_mode)
+            raise self._lose(f"the arm is not running ({mode})", "power it on at the pendant")
+        if sample.runtime_state != RuntimeState.PLAYING:
+            raise self._lose(
+                "the program on the controller ended "
+                f"(runtime state {runtime_state_name(sample.runtime_state)})",
+                f"it ends by itself when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or "
+                "at the pendant; start again",
+            )
+
+    def _lose(self, reason: str, remedy: str) -> DeviceError:
+        """Return the error to raise, and remember it: a lost arm stays lost."""
+        if self._lost is None:
+            self._lost = DeviceError(f"{self._device}: {reason}", remedy=remedy)
+        return self._lost
+
+
+def _progress(control: Any) -> tuple[bool, int]:
+    """Return (whether an asynchronous operation runs, its number)."""
+    status = control.getAsyncOperationProgressEx()
+    return bool(status.isAsyncOperationRunning()), int(status.operationId())
