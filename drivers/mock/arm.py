@@ -1,0 +1,192 @@
+"""A mock arm: moves in the mock world with a delay and finite acceleration."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from drivers.interfaces import DeviceIdentity
+from drivers.mock.world import MockWorld, Still
+from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ArmSample, Pose, Vector6
+
+RATE_HZ = {RobotModel.CB3: 125.0, RobotModel.E_SERIES: 500.0}
+WATCHDOG_S = 0.1
+ARRIVED_M = 1e-6
+PLAYING, RUNNING = 2, 7
+PROTECTIVE_STOPPED = 1 << 2
+
+
+class MockArm:
+    """Obeys ``drivers.interfaces.Arm`` without a wire.
+
+    Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
+    ``arm-refuses-pose``, ``arm-ignores-moves``.
+
+    Attributes:
+        protective_stops: How often a protective stop was triggered.
+        fastest_m_s: Highest tool speed so far.
+        watchdog_stops: How often the watchdog had to stop the arm.
+    """
+
+    def __init__(self, world: MockWorld) -> None:
+        self.world = world
+        self.protective_stops = 0
+        self.watchdog_stops = 0
+        self.fastest_m_s = 0.0
+        self.stopped_by_program_count = 0
+        self._target: Pose | None = None
+        self._speed = 0.0
+        self._acceleration = world.config.robot.acceleration
+        self._commands: deque[tuple[int, Vector6]] = deque()
+        self._wanted: Vector6 = Still
+        self._kicked_ns = world.now_ns
+        self._locked = False
+        self._states: list[ArmSample] = []
+        self._newest = self._sample(world.now_ns)
+        self._period_ns = round(1e9 / RATE_HZ[world.config.robot.model])
+        self._next_ns = world.now_ns
+        world.drive(self._velocity_after)
+        world.on_step(self._report)
+
+    def connect(self) -> DeviceIdentity:
+        """Answer at once."""
+        self._kicked_ns = self.world.clock.now_ns()
+        return DeviceIdentity(
+            driver="mock",
+            address="in process",
+            model=f"mock UR5 {self.world.config.robot.model.value}",
+            serial="0",
+            simulated=True,
+            settings={},
+        )
+
+    def state(self) -> ArmSample:
+        """Return the newest state.
+
+        Raises:
+            DeviceError: The arm is frozen or in a protective stop.
+        """
+        self.world.catch_up()
+        age_s = (self.world.now_ns - self._newest.stamp_ns) * 1e-9
+        if "arm-frozen" in self.world.faults and age_s > 0.05:
+            raise DeviceError(f"robot: its time stamp has not moved for {age_s * 1e3:.0f} ms")
+        if self._locked:
+            raise DeviceError(
+                "robot: protective stop (safety bit 2)",
+                remedy="look at the arm, then unlock it on the pendant",
+            )
+        return self._newest
+
+    def drain(self) -> list[ArmSample]:
+        """Return the states since the last call."""
+        self.world.catch_up()
+        states, self._states = self._states, []
+        return states
+
+    def is_pose_allowed(self, pose: Pose) -> bool:
+        """Admit every pose unless told to refuse."""
+        return "arm-refuses-pose" not in self.world.faults and math.isfinite(pose.position[2])
+
+    def start_move(self, target: Pose, *, speed: float, acceleration: float) -> None:
+        """Start a straight move.
+
+        Raises:
+            DeviceError: The arm is locked.
+        """
+        self.state()
+        if "arm-ignores-moves" not in self.world.faults:
+            self._target, self._speed, self._acceleration = target, speed, acceleration
+
+    def is_moving(self) -> bool:
+        """Return True until the move has ended."""
+        self.world.catch_up()
+        return self._target is not None
+
+    def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
+        """Set the velocity, effective after the world's motion delay.
+
+        Raises:
+            DeviceError: The arm is locked.
+        """
+        self.state()
+        delay_ns = round(self.world.motion_delay_s * 1e9)
+        self._commands.append((self.world.clock.now_ns() + delay_ns, velocity))
+        self._target, self._acceleration = None, acceleration
+
+    def kick_watchdog(self) -> None:
+        """Remember that the program lives."""
+        self._kicked_ns = self.world.clock.now_ns()
+
+    def stop(self) -> None:
+        """End any motion after the world's motion delay."""
+        self.stopped_by_program_count += 1
+        delay_ns = round(self.world.motion_delay_s * 1e9)
+        self._commands.append((self.world.clock.now_ns() + delay_ns, Still))
+        self._target = None
+
+    def protective_stop(self) -> None:
+        """Lock the arm; nothing here unlocks it."""
+        self.protective_stops += 1
+        self._lock()
+
+    def close(self) -> None:
+        """Stop."""
+        self.stop()
+
+    def _lock(self) -> None:
+        self._locked = True
+        self._target = None
+        self._wanted = Still
+        self._commands.clear()
+
+    def _velocity_after(self, step_s: float) -> Vector6:
+        now_ns = self.world.now_ns
+        while self._commands and self._commands[0][0] <= now_ns:
+            self._wanted = self._commands.popleft()[1]
+        if self._locked:
+            return Still
+        wanted = self._wanted if self._target is None else self._towards_target(step_s)
+        if wanted != Still and now_ns - self._kicked_ns > WATCHDOG_S * 1e9:
+            self.watchdog_stops += 1
+            self._lock()
+            return Still
+        most = max(self._acceleration * step_s, 1e-9)
+        old = self.world.velocity
+        step = [min(most, max(-most, w - v)) for w, v in zip(wanted, old, strict=True)]
+        new = [v + dv for v, dv in zip(old, step, strict=True)]
+        self.fastest_m_s = max(self.fastest_m_s, math.hypot(*new[:3]))
+        return (new[0], new[1], new[2], new[3], new[4], new[5])
+
+    def _towards_target(self, step_s: float) -> Vector6:
+        target = self._target
+        if target is None:
+            return Still
+        way = [t - p for t, p in zip(target.position, self.world.pose.position, strict=True)]
+        distance = math.hypot(*way)
+        if distance < ARRIVED_M:
+            self._target, self._wanted = None, Still
+            self.world.velocity = Still
+            return Still
+        braking = math.sqrt(2.0 * 0.5 * self._acceleration * distance)
+        speed = min(self._speed, braking, distance / step_s)
+        return (*(w / distance * speed for w in way), 0.0, 0.0, 0.0)  # type: ignore[return-value]
+
+    def _sample(self, stamp_ns: int) -> ArmSample:
+        return ArmSample(
+            stamp_ns=stamp_ns,
+            controller_time_s=(stamp_ns - self.world.start_ns) * 1e-9,
+            pose=self.world.pose,
+            velocity=self.world.velocity,
+            runtime_state=PLAYING,
+            safety_bits=PROTECTIVE_STOPPED if self._locked else 1,
+            robot_mode=RUNNING,
+        )
+
+    def _report(self, now_ns: int) -> None:
+        if now_ns < self._next_ns or "arm-frozen" in self.world.faults:
+            return
+        self._next_ns = now_ns + self._period_ns
+        self._newest = self._sample(now_ns)
+        self._states.append(self._newest)

@@ -1,0 +1,127 @@
+"""One small world behind the mock devices: an arm that moves, a gel that pushes back.
+
+Nothing runs by itself: each device first asks the world to catch up with the clock, so the same
+mocks work with a simulated clock and, across processes, with the host's.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+from drivers.interfaces import Clock
+from drivers.mock.gel import Gel
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import Pose, Vector6
+
+STEP_S = 0.002
+
+Still: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class MockWorld:
+    """State that the mock devices share.
+
+    Args:
+        clock: Simulated, or the host's.
+        config: Says where home and the gel are, and the force sensor's sign and rate.
+        gel: What the indenter presses into.
+        noise_n: Standard deviation of the force sensor's noise [N].
+        drift_n_s: Drift of its zero [N/s].
+        bias: Raw wrench while nothing touches [N, N m].
+        surface_offset_m: How much higher the gel lies than the configuration says.
+        motion_delay_s: From a velocity command to the arm's reaction.
+
+    Attributes:
+        faults: Names of the failures that are on now; the devices look here.
+        disturbance: Wrench that something else exerts on the sensor.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        config: RigConfig,
+        *,
+        gel: Gel | None = None,
+        noise_n: float = 0.008,
+        drift_n_s: float = 0.0007,
+        bias: Vector6 = (0.3, -0.2, 1.4, 0.001, -0.002, 0.0),
+        surface_offset_m: float = 0.0,
+        motion_delay_s: float = 0.02,
+        seed: int = 1,
+    ) -> None:
+        self.clock = clock
+        self.config = config
+        self.gel = gel or Gel()
+        self.noise_n = noise_n
+        self.drift_n_s = drift_n_s
+        self.bias = bias
+        self.motion_delay_s = motion_delay_s
+        self.random = random.Random(seed)  # noqa: S311 - noise, not a secret
+        self.surface_z_m = config.sensor.surface[2] + surface_offset_m
+        self.pose = Pose(position=config.robot.home, rotation_vector=config.robot.tool_rotation)
+        self.velocity: Vector6 = Still
+        self.force_n = 0.0
+        self.disturbance: Vector6 = Still
+        self.faults: set[str] = set()
+        self.start_ns = clock.now_ns()
+        self._now_ns = self.start_ns
+        self._drive: Callable[[float], Vector6] | None = None
+        self._listeners: list[Callable[[int], None]] = []
+        self._plans: list[tuple[Callable[[], bool], Callable[[], None]]] = []
+
+    @property
+    def now_ns(self) -> int:
+        """Time the world has reached [ns]."""
+        return self._now_ns
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the world began [s]."""
+        return (self._now_ns - self.start_ns) * 1e-9
+
+    def drive(self, velocity_after: Callable[[float], Vector6]) -> None:
+        """Let ``velocity_after(step_s)`` give the tool's velocity [m/s, rad/s] at each step."""
+        self._drive = velocity_after
+
+    def on_step(self, listener: Callable[[int], None]) -> None:
+        """Call ``listener(now_ns)`` after each step; how mock devices make their samples."""
+        self._listeners.append(listener)
+
+    def when(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
+        """Do ``action`` once, at the first step at which ``condition`` holds."""
+        self._plans.append((condition, action))
+
+    def catch_up(self) -> None:
+        """Integrate up to the clock's time."""
+        target_ns = self.clock.now_ns()
+        step_ns = round(STEP_S * 1e9)
+        while self._now_ns + step_ns <= target_ns:
+            self._now_ns += step_ns
+            self._step()
+
+    def raw_wrench(self) -> Vector6:
+        """Return what the sensor would report now, with bias, drift and noise [N, N m]."""
+        drift = self.drift_n_s * self.elapsed_s
+        along = self.config.force_sensor.compression_sign * (self.force_n + drift)
+        load: Vector6 = (0.01 * self.force_n, 0.0, along, 0.0, 0.0, 0.0)
+        scales = (self.noise_n,) * 3 + (self.noise_n * 1e-2,) * 3
+        rows = zip(self.bias, load, self.disturbance, scales, strict=True)
+        values = [b + f + d + self.random.gauss(0.0, s) for b, f, d, s in rows]
+        return (values[0], values[1], values[2], values[3], values[4], values[5])
+
+    def _step(self) -> None:
+        if self._drive is not None:
+            self.velocity = self._drive(STEP_S)
+        vx, vy, vz = self.velocity[:3]
+        if vx or vy or vz:
+            self.pose = self.pose.shifted(x=vx * STEP_S, y=vy * STEP_S, z=vz * STEP_S)
+        depth_m = self.surface_z_m - self.pose.position[2]
+        self.force_n = self.gel.press(depth_m, duration_s=STEP_S)
+        for listener in self._listeners:
+            listener(self._now_ns)
+        for plan in list(self._plans):
+            condition, action = plan
+            if condition():
+                self._plans.remove(plan)
+                action()

@@ -1,0 +1,37 @@
+"""A person's wish to stop, from wherever it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class Abort:
+    """Counts requests to stop; safe to call from a signal handler or a thread.
+
+    The first request stops the arm and takes it slowly off the gel; a second one holds it where
+    it is.
+    """
+
+    def __init__(self) -> None:
+        self._reasons: list[str] = []
+        self._listeners: list[Callable[[str], None]] = []
+
+    def request(self, reason: str) -> None:
+        """Ask to stop, because of ``reason``."""
+        self._reasons.append(reason)
+        for listener in self._listeners:
+            listener(reason)
+
+    def on_request(self, listener: Callable[[str], None]) -> None:
+        """Call ``listener(reason)`` at each request, in the caller's thread; it must not block."""
+        self._listeners.append(listener)
+
+    @property
+    def count(self) -> int:
+        """How often it was asked."""
+        return len(self._reasons)
+
+    @property
+    def reason(self) -> str:
+        """The first reason, or an empty text."""
+        return self._reasons[0] if self._reasons else ""

@@ -1,0 +1,257 @@
+"""One turn of the control loop: look at every device, record, guard, feed the watchdog.
+
+Whatever a step waits for, it waits by turning this cycle, so nothing ever waits unguarded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.rig import Rig
+from protocols.abort import Abort
+from protocols.breach import BreachError, Reaction
+from protocols.force_guard import ForceGuard
+from protocols.rates import RateMeter
+from protocols.sink import Sink
+from protocols.stream_guard import StreamGuard
+from protocols.workspace import Workspace
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.run import ArmSample, ForceSample, Pose, Vector6
+
+PERIOD_S = 0.005
+KICK_PERIOD_NS = 25_000_000
+_SEVERITY = (Reaction.RETRACT, Reaction.HOLD, Reaction.PROTECTIVE_STOP)
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """One guarded force sample.
+
+    Attributes:
+        force_n: Pressing force [N], tared, positive in compression; 0 before the first tare.
+        raw: The sample as it came.
+    """
+
+    stamp_ns: int
+    force_n: float
+    raw: ForceSample
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one turn found: new force samples, oldest first, and the arm's newest state."""
+
+    presses: tuple[Press, ...]
+    arm: ArmSample
+    now_ns: int
+
+
+class Cycle:
+    """The control loop's body.
+
+    Args:
+        rig: Connected devices.
+        config: Limits and speeds.
+        sink: Takes the record.
+        abort: Asked at every turn.
+
+    Attributes:
+        force_guard: Limits on each force sample.
+        workspace: Limits on where the arm is and goes.
+        rates: What arrived since the attempt began.
+        last_force_n: Newest pressing force [N].
+        observers: Called with each reading, to show progress; they must not block.
+    """
+
+    def __init__(self, rig: Rig, config: RigConfig, *, sink: Sink, abort: Abort) -> None:
+        self.rig = rig
+        self.config = config
+        self.sink = sink
+        self.abort = abort
+        self.force_guard = ForceGuard(config)
+        self.workspace = Workspace(config)
+        self.rates = RateMeter()
+        self.last_force_n = 0.0
+        self.last_state: ArmSample | None = None
+        self.observers: list[Callable[[Reading], None]] = []
+        self._streams = StreamGuard(config)
+        self._aborts_heeded = 0
+        self._turned_ns: int | None = None
+        self._kicked_ns = 0
+
+    def turn(self) -> Reading:
+        """Wait for the next turn and do it.
+
+        Raises:
+            BreachError: A limit was passed, or a device or the record is gone.
+            AbortedError: A person asked to stop.
+        """
+        turn_s = self._pace()
+        if self.abort.count > self._aborts_heeded:
+            self._aborts_heeded = self.abort.count
+            raise AbortedError(f"aborted: {self.abort.reason}")
+        presses: list[Press] = []
+        breaches: list[BreachError] = []
+        # All parts run whatever one of them finds: a dead camera must not hide a rising force.
+        for part in (
+            self._kick,
+            lambda: self._read_force(presses, turn_s),
+            self._read_arm,
+            lambda: self._watch_camera(turn_s),
+            self._watch_record,
+        ):
+            try:
+                part()
+            except BreachError as breach:
+                breaches.append(breach)
+        if breaches:
+            raise max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
+        if self.last_state is None:
+            raise _robot_breach(DeviceError("robot: it has reported no state"))
+        reading = Reading(
+            presses=tuple(presses), arm=self.last_state, now_ns=self.rig.clock.now_ns()
+        )
+        for observer in self.observers:
+            observer(reading)
+        return reading
+
+    def set_velocity(self, velocity: Vector6) -> None:
+        """Set the tool's velocity [m/s, rad/s].
+
+        Raises:
+            BreachError: The robot refuses.
+        """
+        try:
+            self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
+        except DeviceError as error:
+            raise _robot_breach(error) from error
+
+    def start_move(self, target: Pose, *, speed: float) -> None:
+        """Start a straight move after every check that can be made beforehand.
+
+        Raises:
+            BreachError: The target is outside the workspace, or the controller refuses it.
+        """
+        self.workspace.check_target(target)
+        try:
+            if not self.rig.arm.is_pose_allowed(target):
+                raise DeviceError(
+                    f"robot: its safety limits do not admit {target.position}",
+                    remedy="see the safety planes in the controller's installation",
+                )
+            self.rig.arm.start_move(
+                target, speed=speed, acceleration=self.config.robot.acceleration
+            )
+        except DeviceError as error:
+            raise _robot_breach(error) from error
+
+    def is_moving(self) -> bool:
+        """Return whether the move that was started last goes on.
+
+        Raises:
+            BreachError: The robot is gone.
+        """
+        try:
+            return self.rig.arm.is_moving()
+        except DeviceError as error:
+            raise _robot_breach(error) from error
+
+    def stop(self) -> None:
+        """End any motion; never raises."""
+        self.rig.arm.stop()
+
+    def _pace(self) -> float:
+        clock = self.rig.clock
+        if self._turned_ns is not None:
+            due_ns = self._turned_ns + round(PERIOD_S * 1e9)
+            clock.sleep((due_ns - clock.now_ns()) * 1e-9)
+        now_ns = clock.now_ns()
+        turn_s = PERIOD_S if self._turned_ns is None else (now_ns - self._turned_ns) * 1e-9
+        self._turned_ns = now_ns
+        self.rates.turn(turn_s)
+        return turn_s
+
+    def _kick(self) -> None:
+        now_ns = self.rig.clock.now_ns()
+        if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
+            self._kicked_ns = now_ns
+            try:
+                self.rig.arm.kick_watchdog()
+            except DeviceError as error:
+                raise _robot_breach(error) from error
+
+    def _read_force(self, presses: list[Press], turn_s: float) -> None:
+        sensor = self.rig.force_sensor
+        try:
+            samples = sensor.drain()
+            health = sensor.health()
+        except DeviceError as error:
+            raise _sensor_breach(error) from error
+        if samples:
+            self._record_force(samples)
+        for sample in samples:
+            force_n = self.force_guard.check(sample)
+            presses.append(Press(sample.stamp_ns, force_n, sample))
+            self.last_force_n = force_n
+        self._streams.check_force(health, now_ns=self.rig.clock.now_ns(), turn_s=turn_s)
+
+    def _record_force(self, samples: list[ForceSample]) -> None:
+        self.rates.force(samples)
+        try:
+            self.sink.force(samples)
+        except RecordError as error:
+            raise _recorder_breach(str(error)) from error
+
+    def _read_arm(self) -> None:
+        try:
+            states = self.rig.arm.drain()
+            if states:
+                self.sink.arm(states)
+            state = self.rig.arm.state()
+        except DeviceError as error:
+            raise _robot_breach(error) from error
+        except RecordError as error:
+            raise _recorder_breach(str(error)) from error
+        self.last_state = state
+        self.rates.arm(len(states))
+        self.workspace.check_state(state)
+
+    def _watch_record(self) -> None:
+        problem = self.sink.problem()
+        if problem:
+            raise _recorder_breach(problem)
+
+    def _watch_camera(self, turn_s: float) -> None:
+        camera = self.rig.camera
+        try:
+            self.rates.frames(camera.poll())
+            health = camera.health()
+        except DeviceError as error:
+            raise BreachError(
+                error.message, limit="camera", reaction=Reaction.RETRACT, remedy=error.remedy
+            ) from error
+        except RecordError as error:
+            raise _recorder_breach(str(error)) from error
+        self.rates.frame_losses(health.lost_count)
+        self._streams.check_image(health, turn_s=turn_s)
+
+
+def _robot_breach(error: DeviceError) -> BreachError:
+    return BreachError(error.message, limit="robot", reaction=Reaction.HOLD, remedy=error.remedy)
+
+
+def _sensor_breach(error: DeviceError) -> BreachError:
+    return BreachError(
+        error.message, limit="force sensor", reaction=Reaction.HOLD, remedy=error.remedy
+    )
+
+
+def _recorder_breach(problem: str) -> BreachError:
+    return BreachError(
+        problem,
+        limit="recorder",
+        reaction=Reaction.RETRACT,
+        remedy="see to the disk, then `tacauchy-rig resume` continues with this trial",
+    )

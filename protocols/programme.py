@@ -1,0 +1,127 @@
+"""All trials of a run, in order, each until it passes or its tries are used up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from protocols.air_press import press_air
+from protocols.breach import reaction_to
+from protocols.cycle import Cycle
+from protocols.journal import Journal
+from protocols.make_safe import make_safe
+from protocols.preflight import run_preflight
+from protocols.trial import run_trial
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import AbortedError, RigError
+from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTrial:
+    """A trial that may still have to be run.
+
+    Attributes:
+        next_attempt: Number of its next attempt; attempts are never overwritten.
+        done: True when an earlier run has an attempt that passed.
+    """
+
+    spec: TrialSpec
+    next_attempt: int = 1
+    done: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgrammeResult:
+    """How a run ended.
+
+    Attributes:
+        records: The last attempt of each trial that was tried in this run.
+        reason: What went wrong, where the arm is and which trials are safe.
+        remedy: What to do about it.
+    """
+
+    outcome: Outcome
+    records: tuple[TrialRecord, ...]
+    reason: str = ""
+    remedy: str = ""
+
+
+def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
+    """Return the plan of a run that has no attempts yet."""
+    targets = enumerate(config.protocol.force_targets, start=1)
+    return tuple(
+        PlannedTrial(spec=TrialSpec(index=index, force_target_n=target))
+        for index, target in targets
+    )
+
+
+def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) -> ProgrammeResult:
+    """Preflight, air press, then each trial that is not done. Ends with the arm at rest."""
+    records: dict[int, TrialRecord] = {}
+    try:
+        _prepare(cycle, journal)
+        for planned in plan:
+            if not planned.done:
+                records[planned.spec.index] = _try(cycle, journal, planned)
+    except RigError as error:
+        safe = [p.spec.index for p in plan if p.done]
+        safe += [index for index, record in records.items() if record.passed]
+        return ProgrammeResult(
+            outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
+            records=tuple(records.values()),
+            reason=f"{error.message} {describe_safe(sorted(safe))}",
+            remedy=error.remedy or "`tacauchy-rig resume` continues with the next unfinished trial",
+        )
+    finally:
+        cycle.stop()
+    missed = [str(index) for index, record in records.items() if not record.passed]
+    return ProgrammeResult(
+        outcome=Outcome.FAILED if missed else Outcome.PASSED,
+        records=tuple(records.values()),
+        reason=f"trials without a passed attempt: {', '.join(missed)}" if missed else "",
+        remedy="`tacauchy-rig resume` tries them again" if missed else "",
+    )
+
+
+def _prepare(cycle: Cycle, journal: Journal) -> None:
+    try:
+        journal.enter(Phase.PREFLIGHT)
+        run_preflight(cycle)
+        journal.enter(Phase.AIR_PRESS)
+        air = press_air(cycle)
+        journal.write("air-press", overrun_m=air.overrun_m, peak_force_n=air.peak_force_n)
+    except RigError as error:
+        reaction = reaction_to(error)
+        end = make_safe(cycle, reaction)
+        journal.write(
+            "abort" if isinstance(error, AbortedError) else "fault",
+            reason=error.message,
+            during=journal.phase.value,
+            reaction=reaction.value,
+            stop_ms=end.stop_ms,
+            arm=end.text,
+        )
+        error.message = f"{error.message} during {journal.phase.value}. {end.text}"
+        raise
+
+
+def _try(cycle: Cycle, journal: Journal, planned: PlannedTrial) -> TrialRecord:
+    first = planned.next_attempt
+    record = run_trial(cycle, journal, planned.spec, attempt=first)
+    for attempt in range(first + 1, first + cycle.config.protocol.attempts):
+        if record.passed:
+            break
+        record = run_trial(cycle, journal, planned.spec, attempt=attempt)
+    return record
+
+
+def describe_safe(indices: Sequence[int]) -> str:
+    """Return which trials are kept, as a sentence."""
+    if not indices:
+        return "No trial has passed yet."
+    if len(indices) == 1:
+        return f"Trial {indices[0]} is safe."
+    if indices[-1] - indices[0] + 1 == len(indices):
+        return f"Trials {indices[0]} to {indices[-1]} are safe."
+    return f"Trials {', '.join(map(str, indices))} are safe."

@@ -1,0 +1,81 @@
+"""Rates, losses and delays of one attempt, as they were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivers.rig import FrameMark
+from tacauchy_rig.run import ForceSample
+
+
+class RateMeter:
+    """Counts what arrives; ``report`` says how well."""
+
+    def __init__(self) -> None:
+        self._force_stamps: list[int] = []
+        self._force_counters: list[int] = []
+        self._frames: list[FrameMark] = []
+        self._turns_s: list[float] = []
+        self._arm_count = 0
+        self._frames_lost: list[int] = []
+
+    def force(self, samples: Sequence[ForceSample]) -> None:
+        """Count force samples."""
+        self._force_stamps += [sample.stamp_ns for sample in samples]
+        self._force_counters += [sample.counter for sample in samples]
+
+    def frames(self, marks: Sequence[FrameMark]) -> None:
+        """Count camera frames."""
+        self._frames += marks
+
+    def frame_losses(self, lost_count: int) -> None:
+        """Note how many frames the camera's driver has dropped since it was started."""
+        if not self._frames_lost or self._frames_lost[-1] != lost_count:
+            self._frames_lost.append(lost_count)
+
+    def arm(self, count: int) -> None:
+        """Count arm states."""
+        self._arm_count += count
+
+    def turn(self, duration_s: float) -> None:
+        """Note how long a turn of the control loop took [s]."""
+        self._turns_s.append(duration_s)
+
+    def frame_count(self, start_ns: int, end_ns: int) -> int:
+        """Return how many frames arrived within a window."""
+        return sum(start_ns <= mark.stamp_ns <= end_ns for mark in self._frames)
+
+    def report(self) -> dict[str, float]:
+        """Return the numbers of ``TrialRecord.rates``; units are in the keys."""
+        force = _stream(self._force_stamps, "force")
+        image = _stream([mark.stamp_ns for mark in self._frames], "image")
+        turns_ms = np.array(self._turns_s or [0.0]) * 1e3
+        span_s = float(np.sum(turns_ms)) * 1e-3
+        dropped = self._frames_lost or [0]
+        frames_lost = _missing([mark.counter for mark in self._frames]) + dropped[-1] - dropped[0]
+        return {
+            **force,
+            "force_lost_count": float(_missing(self._force_counters)),
+            **image,
+            "image_lost_count": float(frames_lost),
+            "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
+            "control_loop_ms_p50": float(np.percentile(turns_ms, 50)),
+            "control_loop_ms_p99": float(np.percentile(turns_ms, 99)),
+            "control_loop_ms_max": float(np.max(turns_ms)),
+        }
+
+
+def _missing(counters: list[int]) -> int:
+    return counters[-1] - counters[0] + 1 - len(counters) if counters else 0
+
+
+def _stream(stamps_ns: list[int], name: str) -> dict[str, float]:
+    gaps_ms = np.diff(np.array(stamps_ns, dtype=np.int64)) * 1e-6
+    span_s = float(np.sum(gaps_ms)) * 1e-3
+    return {
+        f"{name}_count": float(len(stamps_ns)),
+        f"{name}_rate_hz": len(gaps_ms) / span_s if span_s > 0.0 else 0.0,
+        f"{name}_gap_max_ms": float(np.max(gaps_ms)) if len(gaps_ms) else 0.0,
+    }

@@ -1,0 +1,122 @@
+"""Writes what a run hands over: one recording an attempt, the journal, the results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
+from tacauchy_rig.store.journal import append_event, read_journal
+from tacauchy_rig.store.recording import RecordingWriter
+from tacauchy_rig.store.run_store import RunStore
+
+
+class RecordKeeper:
+    """Keeps the record of one run, on disk when each call returns.
+
+    Streams that arrive between attempts are not kept. With ``spill_source`` it keeps what the
+    recorder never acknowledged: beside the recording instead of in it, and only such lines of
+    the journal as are not there yet.
+
+    Args:
+        store: The run's folder.
+        spill_source: Process whose messages these are; empty in the recorder itself.
+
+    Attributes:
+        kept_count: Samples, frames and events written to recordings.
+    """
+
+    def __init__(self, store: RunStore, *, spill_source: str = "") -> None:
+        self._store = store
+        self._spill_source = spill_source
+        self._writer: RecordingWriter | None = None
+        self.kept_count = 0
+
+    def begin_attempt(self, trial: int, attempt: int) -> None:
+        """Open the recording of an attempt.
+
+        Raises:
+            RecordError: It exists already, or the disk is full.
+        """
+        self.close()
+        paths = self._store.paths
+        source = self._spill_source
+        path = paths.spill(trial, attempt, source) if source else paths.recording(trial, attempt)
+        metadata = {
+            "run": paths.root.name,
+            "trial": str(trial),
+            "attempt": str(attempt),
+            "config_hash": self._store.config_hash,
+            "source": source or "recorder",
+        }
+        self._writer = RecordingWriter(path, metadata=metadata)
+
+    def force(self, samples: Sequence[ForceSample]) -> None:
+        """Record force samples.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        if self._writer is not None:
+            self._writer.write_force(samples)
+            self.kept_count += len(samples)
+
+    def arm(self, samples: Sequence[ArmSample]) -> None:
+        """Record arm states.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        if self._writer is not None:
+            self._writer.write_arm(samples)
+            self.kept_count += len(samples)
+
+    def frame(self, frame: ImageFrame) -> None:
+        """Record a camera frame.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        if self._writer is not None:
+            self._writer.write_frame(frame)
+            self.kept_count += 1
+
+    def event(self, event: JournalEvent) -> None:
+        """Add a line to the journal, and to the recording of the attempt that runs.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        journal = self._store.paths.journal
+        if not (self._spill_source and _is_journalled(self._store, event)):
+            append_event(journal, event)
+        if self._writer is not None:
+            self._writer.write_event(event)
+            self.kept_count += 1
+
+    def end_attempt(self, record: TrialRecord) -> None:
+        """Keep the result and finish the recording.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        self._store.save_result(record)
+        self.close()
+
+    def close(self) -> None:
+        """Finish the recording that is open.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close()
+
+
+def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
+    try:
+        known = read_journal(store.paths.journal)
+    except RecordError:
+        return False
+    return any(line.stamp_ns == event.stamp_ns and line.name == event.name for line in known)

@@ -1,0 +1,57 @@
+"""A whole session: from a run folder and a configuration to six kept trials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.interfaces import Arm, Camera, Clock, ForceTorqueSensor
+from drivers.rig import Rig
+from protocols.abort import Abort
+from protocols.cycle import Cycle
+from protocols.direct_sink import DirectCamera, DirectSink
+from protocols.journal import Journal
+from protocols.programme import PlannedTrial, ProgrammeResult, fresh_plan, run_programme
+from protocols.record_keeper import RecordKeeper
+from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.store.run_store import RunStore
+
+
+def plan_session(store: RunStore) -> tuple[PlannedTrial, ...]:
+    """Return what is left to do: trials without a passed attempt, numbered after earlier ones."""
+    return tuple(
+        PlannedTrial(
+            spec=planned.spec,
+            next_attempt=store.next_attempt(planned.spec.index),
+            done=store.accepted(planned.spec.index) is not None,
+        )
+        for planned in fresh_plan(store.config)
+    )
+
+
+def run_session_in_process(
+    store: RunStore,
+    *,
+    arm: Arm,
+    force_sensor: ForceTorqueSensor,
+    camera: Camera,
+    clock: Clock,
+    on_event: Callable[[JournalEvent], None],
+    abort: Abort,
+) -> ProgrammeResult:
+    """Run with connected devices in this process; for mocks.
+
+    Raises:
+        RecordError: Another program works on the run.
+    """
+    with store.lock():
+        keeper = RecordKeeper(store)
+        sink = DirectSink(keeper)
+        rig = Rig(
+            arm=arm, force_sensor=force_sensor, camera=DirectCamera(camera, keeper), clock=clock
+        )
+        cycle = Cycle(rig, store.config, sink=sink, abort=abort)
+        journal = Journal(sink, clock, listener=on_event)
+        try:
+            return run_programme(cycle, journal, plan_session(store))
+        finally:
+            keeper.close()

@@ -1,0 +1,120 @@
+"""One attempt at a trial, from home to home."""
+
+from __future__ import annotations
+
+from protocols.approach import approach
+from protocols.breach import BreachError, reaction_to
+from protocols.cycle import Cycle
+from protocols.drift import force_drift
+from protocols.dwell import hold
+from protocols.findings import Findings
+from protocols.force_guard import Contact
+from protocols.journal import Journal
+from protocols.make_safe import make_safe
+from protocols.motion import home_pose, move_to
+from protocols.press import PressDrive, press_to_target, settle
+from protocols.rates import RateMeter
+from protocols.reference import take_reference
+from protocols.retract import retract
+from protocols.search import search_contact
+from protocols.tare import judge_tare, take_quiet_tare, take_tare
+from protocols.verdict import judge
+from tacauchy_rig.errors import AbortedError, RigError
+from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
+
+
+def run_trial(cycle: Cycle, journal: Journal, spec: TrialSpec, *, attempt: int) -> TrialRecord:
+    """Run one attempt; its record is kept whatever happens.
+
+    Raises:
+        RigError: A breach, an abort or a refusal, after the arm was made safe and the record kept.
+    """
+    findings = Findings(spec=spec, attempt=attempt)
+    journal.trial, journal.attempt = spec.index, attempt
+    cycle.rates = RateMeter()
+    cycle.sink.begin_attempt(spec.index, attempt)
+    journal.write("attempt-start", force_target_n=spec.force_target_n)
+    try:
+        _press_once(cycle, journal, findings)
+    except RigError as error:
+        record = _record_fault(cycle, journal, findings, error)
+        _finish(cycle, journal, record)
+        raise
+    journal.enter(Phase.VERDICT)
+    rates = cycle.rates.report()
+    criteria = judge(findings, cycle.config, rates)
+    missed = [criterion.name for criterion in criteria if not criterion.passed]
+    record = findings.record(
+        Outcome.FAILED if missed or findings.dwell is None else Outcome.PASSED,
+        rates=rates,
+        reason=f"missed: {', '.join(missed)}" if missed else "",
+        criteria=criteria,
+    )
+    _finish(cycle, journal, record)
+    return record
+
+
+def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
+    config, target_n = cycle.config, findings.spec.force_target_n
+    cycle.force_guard.contact = Contact.NONE
+    journal.enter(Phase.HOME)
+    move_to(cycle, home_pose(cycle), speed=config.robot.approach_speed)
+    journal.enter(Phase.TARE)
+    findings.tare_before = take_quiet_tare(cycle)
+    if not all(criterion.passed for criterion in judge_tare(findings.tare_before, config)):
+        return
+    cycle.force_guard.set_zero(findings.tare_before)
+    journal.enter(Phase.REFERENCE)
+    findings.reference = take_reference(cycle)
+    journal.enter(Phase.APPROACH)
+    approach(cycle)
+    journal.enter(Phase.SEARCH)
+    findings.contact_z_m = search_contact(cycle)
+    journal.enter(Phase.PRESS, contact_z_m=findings.contact_z_m, force_target_n=target_n)
+    drive = PressDrive(cycle, target_n=target_n, contact_z_m=findings.contact_z_m)
+    press_to_target(cycle, drive)
+    settled = settle(cycle, drive)
+    journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
+    findings.dwell = hold(cycle, drive, settled=settled)
+    journal.enter(Phase.RETRACT, force_mean_n=findings.dwell.force.mean_n)
+    retract(cycle, contact_z_m=findings.contact_z_m)
+    journal.enter(Phase.DRIFT_CHECK)
+    findings.tare_after = take_tare(cycle)
+    findings.drift_n = force_drift(findings.tare_before, findings.tare_after, config=config)
+
+
+def _record_fault(
+    cycle: Cycle, journal: Journal, findings: Findings, error: RigError
+) -> TrialRecord:
+    reaction = reaction_to(error)
+    phase, force_n = journal.phase, cycle.last_force_n
+    end = make_safe(cycle, reaction)
+    outcome = Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT
+    journal.enter(Phase.FAULT)
+    journal.write(
+        "abort" if isinstance(error, AbortedError) else "fault",
+        limit=error.limit if isinstance(error, BreachError) else "",
+        reason=error.message,
+        during=phase.value,
+        reaction=reaction.value,
+        force_n=force_n,
+        peak_force_n=end.peak_force_n,
+        stop_ms=end.stop_ms,
+        position_m=list(end.pose.position) if end.pose else None,
+        arm=end.text,
+    )
+    error.message = (
+        f"{error.message} during {phase.value} of trial {findings.spec.index}. {end.text}"
+    )
+    return findings.record(outcome, rates=cycle.rates.report(), reason=error.message)
+
+
+def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
+    journal.write(
+        "attempt-end",
+        outcome=record.outcome.value,
+        reason=record.reason,
+        force_measured_n=record.force_measured_n,
+        depth_measured_m=record.depth_measured_m,
+    )
+    cycle.sink.end_attempt(record)

@@ -1,0 +1,103 @@
+"""Every criterion of a finished attempt: what was measured, what was asked, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from protocols.dwell import Dwell
+from protocols.findings import Findings
+from protocols.tare import judge_tare
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import Criterion
+
+MIN_DWELL_FRAMES = 5
+MIN_REFERENCE_FRAMES = 3
+
+
+def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> tuple[Criterion, ...]:
+    """Compare what was found with ``[protocol]``."""
+    return tuple(_criteria(findings, config, rates))
+
+
+def _criteria(
+    findings: Findings, config: RigConfig, rates: dict[str, float]
+) -> Iterator[Criterion]:
+    if findings.tare_before is not None:
+        yield from judge_tare(findings.tare_before, config)
+    if findings.dwell is not None:
+        yield from _force(findings.dwell, findings.spec.force_target_n, config)
+        yield _frames("dwell_frames", findings.dwell.frame_count, MIN_DWELL_FRAMES)
+    if findings.reference is not None:
+        yield _frames("reference_frames", findings.reference.frame_count, MIN_REFERENCE_FRAMES)
+    if findings.drift_n is not None:
+        yield _at_most(
+            "force_drift",
+            abs(findings.drift_n),
+            config.protocol.drift,
+            "N",
+            "let the force sensor warm up; keep draughts off; shorten the trial",
+        )
+    yield from _rates(rates, config)
+
+
+def _force(dwell: Dwell, target_n: float, config: RigConfig) -> Iterator[Criterion]:
+    protocol = config.protocol
+    yield _at_most(
+        "force_mean",
+        abs(dwell.force.mean_n - target_n),
+        protocol.force_tolerance,
+        "N",
+        "raise protocol.settle_timeout, or force_tolerance if the noise is larger",
+    )
+    yield _at_most(
+        "force_rate",
+        abs(dwell.force.slope_n_s),
+        protocol.dwell_force_rate,
+        "N/s",
+        "the gel was still creeping: raise protocol.settle_timeout",
+    )
+    yield Criterion(
+        name="settled",
+        passed=dwell.settled,
+        measured=float(dwell.settled),
+        limit="the force settled before the dwell",
+        unit="",
+        remedy="raise protocol.settle_timeout",
+    )
+
+
+def _rates(rates: dict[str, float], config: RigConfig) -> Iterator[Criterion]:
+    for name, least, remedy in (
+        ("force_rate_hz", config.protocol.min_force_rate, "see `tacauchy-rig doctor`: serial port"),
+        ("image_rate_hz", config.protocol.min_image_rate, "see `tacauchy-rig doctor`: camera"),
+    ):
+        yield Criterion(
+            name=name,
+            passed=rates[name] >= least,
+            measured=rates[name],
+            limit=f">= {least:g} Hz",
+            unit="Hz",
+            remedy=remedy,
+        )
+
+
+def _at_most(name: str, measured: float, limit: float, unit: str, remedy: str) -> Criterion:
+    return Criterion(
+        name=name,
+        passed=measured <= limit,
+        measured=measured,
+        limit=f"<= {limit:g} {unit}",
+        unit=unit,
+        remedy=remedy,
+    )
+
+
+def _frames(name: str, count: int, least: int) -> Criterion:
+    return Criterion(
+        name=name,
+        passed=count >= least,
+        measured=float(count),
+        limit=f">= {least} frames",
+        unit="frames",
+        remedy="see `tacauchy-rig doctor`: the rate that the camera really gives",
+    )
