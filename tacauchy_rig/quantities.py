@@ -49,6 +49,23 @@ UNITS: dict[Dimension, dict[str, float]] = {
     Dimension.RATIO: {"": 1.0, "%": 1e-2},
 }
 
+_EXAMPLES: dict[Dimension, str] = {
+    Dimension.LENGTH: "5 mm",
+    Dimension.FORCE: "5 N",
+    Dimension.TORQUE: "0.1 N m",
+    Dimension.PRESSURE: "0.3 MPa",
+    Dimension.TIME: "1 s",
+    Dimension.SPEED: "0.3 mm/s",
+    Dimension.ACCELERATION: "100 mm/s^2",
+    Dimension.ANGLE: "3 deg",
+    Dimension.ANGULAR_SPEED: "5 deg/s",
+    Dimension.FREQUENCY: "25 Hz",
+    Dimension.FORCE_RATE: "0.05 N/s",
+    Dimension.MASS: "0.4 kg",
+    Dimension.IMAGE_SCALE: "19.58 px/mm",
+    Dimension.RATIO: "3 %",
+}
+
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -66,6 +83,12 @@ class Quantity:
     text: str
 
 
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """Return the number and the unit that ``text`` consists of, or None if it has no number."""
+    match = _NUMBER.match(text)
+    return (float(match.group(1)), match.group(2)) if match else None
+
+
 def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> Quantity:
     """Parse a number with a unit.
 
@@ -75,27 +98,30 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
         field: Name used in the error message.
 
     Raises:
-        ConfigError: The text has no number, no unit, or a unit of another dimension.
+        ConfigError: The text has no number, an infinite one, no unit, or a unit of another
+            dimension.
     """
     units = UNITS[dimension]
-    listed = ", ".join(unit or "no unit" for unit in units)
-    example = f"write it as text with a unit, for example {field} = {_example(dimension)}"
-    match = _NUMBER.match(text)
-    if match is None:
-        raise ConfigError(f"{field}: {text!r} is not a number with a unit", remedy=example)
-    number, unit = float(match.group(1)), match.group(2)
+    remedy = f'write it as text with a unit, for example {field} = "{example(dimension)}"'
+    parts = split_quantity(text)
+    if parts is None:
+        raise ConfigError(f'{field}: "{text}" is not a number with a unit', remedy=remedy)
+    number, unit = parts
     if unit not in units:
-        problem = f"has the unit {unit!r}" if unit else "has no unit"
+        listed = ", ".join(known or "no unit" for known in units)
+        problem = f'has the unit "{unit}"' if unit else "has no unit"
         raise ConfigError(
-            f"{field}: {text!r} {problem}; a {dimension.value} needs one of: {listed}",
-            remedy=example,
+            f'{field}: "{text}" {problem}; a {dimension.value} needs one of: {listed}',
+            remedy=remedy,
         )
+    if not math.isfinite(number * units[unit]):
+        raise ConfigError(f'{field}: "{text}" is not a finite number', remedy=remedy)
     return Quantity(value=number * units[unit], dimension=dimension, text=text)
 
 
-def _example(dimension: Dimension) -> str:
-    unit = list(UNITS[dimension])[min(2, len(UNITS[dimension]) - 1)]
-    return f'"5 {unit}"'
+def example(dimension: Dimension) -> str:
+    """Return a quantity as one writes it, for example ``5 mm``."""
+    return _EXAMPLES[dimension]
 
 
 def format_si(value: float, *, unit: str, dimension: Dimension, digits: int = 4) -> str:

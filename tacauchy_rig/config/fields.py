@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.quantities import Dimension, example, parse_quantity
 
 
 class Section(BaseModel):
     """A table of ``rig.toml``: frozen, unknown keys refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False
+    )
 
 
 def _reader(dimension: Dimension) -> BeforeValidator:
@@ -22,25 +25,28 @@ def _reader(dimension: Dimension) -> BeforeValidator:
             try:
                 return parse_quantity(value, dimension=dimension).value
             except ConfigError as error:
-                raise ValueError(str(error).removeprefix("value: ")) from error
-        if dimension is Dimension.RATIO and isinstance(value, int | float):
+                problem = error.message.removeprefix("value: ")
+                raise ValueError(f'{problem}; write for example "{example(dimension)}"') from error
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if dimension is Dimension.RATIO and is_number:
             return float(value)
         raise ValueError(
-            f"{value!r} has no unit; a {dimension.value} is written as text with its unit"
+            f"{json.dumps(value, default=str)} has no unit; a {dimension.value} is written as text "
+            f'with its unit, for example "{example(dimension)}"'
         )
 
     return BeforeValidator(read)
 
 
-Length = Annotated[float, _reader(Dimension.LENGTH)]
-Force = Annotated[float, _reader(Dimension.FORCE)]
-Torque = Annotated[float, _reader(Dimension.TORQUE)]
-Time = Annotated[float, _reader(Dimension.TIME)]
-Speed = Annotated[float, _reader(Dimension.SPEED)]
-Acceleration = Annotated[float, _reader(Dimension.ACCELERATION)]
-Angle = Annotated[float, _reader(Dimension.ANGLE)]
-Frequency = Annotated[float, _reader(Dimension.FREQUENCY)]
-ForceRate = Annotated[float, _reader(Dimension.FORCE_RATE)]
-Mass = Annotated[float, _reader(Dimension.MASS)]
-Ratio = Annotated[float, _reader(Dimension.RATIO)]
-Pressure = Annotated[float, _reader(Dimension.PRESSURE)]
+Length = Annotated[float, Dimension.LENGTH, _reader(Dimension.LENGTH)]
+Force = Annotated[float, Dimension.FORCE, _reader(Dimension.FORCE)]
+Torque = Annotated[float, Dimension.TORQUE, _reader(Dimension.TORQUE)]
+Time = Annotated[float, Dimension.TIME, _reader(Dimension.TIME)]
+Speed = Annotated[float, Dimension.SPEED, _reader(Dimension.SPEED)]
+Acceleration = Annotated[float, Dimension.ACCELERATION, _reader(Dimension.ACCELERATION)]
+Angle = Annotated[float, Dimension.ANGLE, _reader(Dimension.ANGLE)]
+Frequency = Annotated[float, Dimension.FREQUENCY, _reader(Dimension.FREQUENCY)]
+ForceRate = Annotated[float, Dimension.FORCE_RATE, _reader(Dimension.FORCE_RATE)]
+Mass = Annotated[float, Dimension.MASS, _reader(Dimension.MASS)]
+Ratio = Annotated[float, Dimension.RATIO, _reader(Dimension.RATIO)]
+Pressure = Annotated[float, Dimension.PRESSURE, _reader(Dimension.PRESSURE)]

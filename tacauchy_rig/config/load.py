@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from tacauchy_rig.config.explain import explain
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.config.rules import broken_rules
 from tacauchy_rig.errors import ConfigError
@@ -100,7 +101,7 @@ def check_config(tables: Mapping[str, Any]) -> RigConfig:
     try:
         config = RigConfig.model_validate(tables)
     except ValidationError as error:
-        raise ConfigError("\n".join(_explain(error)), remedy=_SHOW) from error
+        raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
     problems = [f"{name}: {what}; {remedy}" for name, what, remedy in broken_rules(config)]
     if problems:
         raise ConfigError("\n".join(problems), remedy=_SHOW)
@@ -108,27 +109,6 @@ def check_config(tables: Mapping[str, Any]) -> RigConfig:
 
 
 _SHOW = "`tacauchy-rig config show` lists every field, its value and where it came from"
-
-
-def _explain(error: ValidationError) -> Iterator[str]:
-    for problem in error.errors():
-        field = ".".join(str(part) for part in problem["loc"]) or "rig.toml"
-        if problem["type"] == "extra_forbidden":
-            known = ", ".join(_known_keys(problem["loc"]))
-            yield f"{field}: unknown key; known here: {known}"
-        elif problem["type"] == "missing":
-            yield f"{field}: missing"
-        elif problem["type"] == "value_error":
-            yield f"{field}: {problem['ctx']['error']}"
-        else:
-            yield f"{field}: {problem['input']!r}: {problem['msg']} (SI units)"
-
-
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    section = RigConfig.model_fields.get(str(location[0]))
-    if len(location) == 1 or section is None:
-        return list(RigConfig.model_fields)
-    return list(getattr(section.annotation, "model_fields", {}))
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -175,5 +155,9 @@ def _nest(leaves: Mapping[str, Any]) -> dict[str, Any]:
         table = tables
         for part in path:
             table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise ConfigError(
+                    f"{name}: unknown key; {'.'.join(path)} is a value, not a table", remedy=_SHOW
+                )
         table[last] = value
     return tables

@@ -93,7 +93,7 @@ class RobotSection(Section):
     home: tuple[Length, Length, Length]
     tool_rotation: tuple[Angle, Angle, Angle]
     tcp_offset: tuple[Length, Length, Length]
-    payload: Mass
+    payload: Mass = Field(ge=0, le=5)
     approach_speed: Speed = Field(gt=0, le=0.010)
     search_speed: Speed = Field(gt=0, le=0.001)
     press_speed: Speed = Field(gt=0, le=0.0005)
@@ -233,7 +233,7 @@ class ReplaySection(Section):
 
     force_tolerance: Force = Field(gt=0)
     preset: str
-    young: Pressure | None = None
+    young: Pressure | None = Field(default=None, gt=0)
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)
 
 

@@ -137,15 +137,19 @@ class Recording:
         return self.finished and not self.damage
 
     @property
+    def start_ns(self) -> int:
+        """Arrival of the first message [ns]; 0 when there is none."""
+        return min((entries[0].log_time for entries in self._filled()), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Arrival of the last message [ns]; 0 when there is none."""
+        return max((entries[-1].log_time for entries in self._filled()), default=0)
+
+    @property
     def duration_s(self) -> float:
         """Time between the first and the last message [s]."""
-        stamps = [
-            entries[end].log_time
-            for entries in self._entries.values()
-            if entries
-            for end in (0, -1)
-        ]
-        return (max(stamps) - min(stamps)) * 1e-9 if stamps else 0.0
+        return (self.end_ns - self.start_ns) * 1e-9
 
     def describe(self) -> str:
         """Return one line: what state the file is in and how much of it is readable."""
@@ -221,6 +225,9 @@ class Recording:
     def events(self) -> list[JournalEvent]:
         """Return the journal events that were recorded beside the streams."""
         return [decode_event(data) for _, data in self._read(Topic.EVENT)]
+
+    def _filled(self) -> list[list[Entry]]:
+        return [entries for entries in self._entries.values() if entries]
 
     def raw_messages(self) -> Iterator[RawMessage]:
         """Yield all messages as they were encoded, in order of arrival."""

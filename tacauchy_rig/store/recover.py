@@ -30,7 +30,7 @@ class RecoveryReport:
         message_count: Messages that are readable now.
         merged_count: Of these, those that came from spills (``unacknowledged-*.mcap``).
         original: Where the file as it was lies now, if it was repacked.
-        problem: Why it could not be recovered; empty when it was, or needed nothing.
+        problems: What could not be recovered, in words; empty when all was.
     """
 
     path: Path
@@ -39,7 +39,7 @@ class RecoveryReport:
     message_count: int
     merged_count: int = 0
     original: Path | None = None
-    problem: str = ""
+    problems: tuple[str, ...] = ()
 
 
 def recover_run(root: Path) -> list[RecoveryReport]:
@@ -52,10 +52,13 @@ def recover_run(root: Path) -> list[RecoveryReport]:
         try:
             reports.append(recover_recording(path))
         except RecordError as error:
-            logger.warning("%s", error)
             reports.append(
                 RecoveryReport(
-                    path=path, changed=False, before="", message_count=0, problem=str(error)
+                    path=path,
+                    changed=False,
+                    before="not recovered",
+                    message_count=0,
+                    problems=(str(error),),
                 )
             )
     return reports
@@ -70,85 +73,92 @@ def recover_recording(path: Path) -> RecoveryReport:
     Raises:
         RecordError: Nothing in it is readable, it is still being written, or the disk is full.
     """
-    spills = [Recording.open(spill) for spill in sorted(path.parent.glob(SPILL_PATTERN))]
+    problems: list[str] = []
+    spills = _open_all(sorted(path.parent.glob(SPILL_PATTERN)), problems)
     if not path.exists() and spills:
-        return _recover_spills_alone(path, spills)
+        return _repacked(path, [], spills, problems, before="missing")
     with _unused(path):
-        recording = Recording.open(path)
+        try:
+            recording = Recording.open(path)
+        except RecordError as error:
+            if not spills:
+                raise
+            problems.append(str(error))
+            return _repacked(path, [], spills, problems, before="unreadable")
         if recording.is_intact and not spills:
             return RecoveryReport(
                 path=path,
                 changed=False,
                 before=recording.describe(),
                 message_count=recording.message_count,
+                problems=tuple(problems),
             )
-        temporary = path.with_name(f".{path.name}.recovered")
-        counts = _repack_beside(temporary, [recording, *spills])
-        original = _replace_keeping(path, temporary)
-    _retire(spills)
-    return RecoveryReport(
-        path=path,
-        changed=True,
-        before=recording.describe(),
-        message_count=sum(counts),
-        merged_count=sum(counts[1:]),
-        original=original,
-    )
+        return _repacked(path, [recording], spills, problems, before=recording.describe())
 
 
-def _recover_spills_alone(path: Path, spills: list[Recording]) -> RecoveryReport:
+def _open_all(paths: list[Path], problems: list[str]) -> list[Recording]:
+    recordings = []
+    for path in paths:
+        try:
+            recordings.append(Recording.open(path))
+        except RecordError as error:
+            problems.append(str(error))
+    return recordings
+
+
+def _repacked(
+    path: Path,
+    recording: list[Recording],
+    spills: list[Recording],
+    problems: list[str],
+    *,
+    before: str,
+) -> RecoveryReport:
     temporary = path.with_name(f".{path.name}.recovered")
-    counts = _repack_beside(temporary, spills)
-    try:
-        temporary.replace(path)
-        sync_folder(path.parent)
-    except OSError as error:
-        raise write_error(path, error) from error
-    _retire(spills)
-    return RecoveryReport(
-        path=path,
-        changed=True,
-        before="missing; only unacknowledged messages were left",
-        message_count=sum(counts),
-        merged_count=sum(counts),
-    )
-
-
-def _repack_beside(temporary: Path, recordings: list[Recording]) -> list[int]:
     temporary.unlink(missing_ok=True)
     try:
-        return repack(recordings, temporary)
+        counts = repack([*recording, *spills], temporary)
     except RecordError:
         temporary.unlink(missing_ok=True)
         raise
-
-
-def _replace_keeping(path: Path, temporary: Path) -> Path:
-    """Put ``temporary`` in the place of ``path``, which is never missing, and keep the old."""
-    original = _free_name(path)
     try:
-        try:
-            original.hardlink_to(path)
-        except OSError:
-            shutil.copy2(path, original)
+        original = _keep(path) if path.exists() else None
         temporary.replace(path)
+        for spill in spills:
+            spill.path.rename(_free_name(spill.path, "merged"))
         sync_folder(path.parent)
     except OSError as error:
         raise write_error(path, error) from error
+    if recording and recording[0].damage:
+        problems.append(f"{path}: {recording[0].damage}")
+    return RecoveryReport(
+        path=path,
+        changed=True,
+        before=before,
+        message_count=sum(counts),
+        merged_count=sum(counts[len(recording) :]),
+        original=original,
+        problems=tuple(problems),
+    )
+
+
+def _keep(path: Path) -> Path:
+    """Give the file a second name, so that it is never missing under its first."""
+    original = _free_name(path, "torn")
+    try:
+        original.hardlink_to(path)
+    except OSError as error:
+        logger.info("%s: no hard links here (%s); copying", path, error.strerror)
+        shutil.copy2(path, original)
     return original
 
 
-def _free_name(path: Path) -> Path:
-    candidate, number = path.with_name(f"{path.name}.torn"), 1
+def _free_name(path: Path, suffix: str) -> Path:
+    candidate, number = path.with_name(f"{path.name}.{suffix}"), 1
     while candidate.exists():
         number += 1
-        candidate = path.with_name(f"{path.name}.torn-{number}")
+        candidate = path.with_name(f"{path.name}.{suffix}-{number}")
     return candidate
-
-
-def _retire(spills: list[Recording]) -> None:
-    for spill in spills:
-        spill.path.rename(spill.path.with_name(f"{spill.path.name}.merged"))
 
 
 @contextmanager
@@ -163,12 +173,13 @@ def _unused(path: Path) -> Iterator[None]:
     except OSError as error:
         raise read_error(path, error, what="the recording") from error
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise RecordError(
+                f"{path}: is being written by a program that is still running",
+                remedy="wait for the run to end, or stop it, then recover",
+            ) from error
         yield
-    except BlockingIOError as error:
-        raise RecordError(
-            f"{path}: is being written by a program that is still running",
-            remedy="wait for the run to end, or stop it, then recover",
-        ) from error
     finally:
         os.close(descriptor)

@@ -1,0 +1,139 @@
+"""Say what is wrong with a field in the words and units of the file it stands in."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.quantities import UNITS, Dimension, example, split_quantity
+
+_LIMITS = {
+    "greater_than": ("gt", "is not above the limit", "write more than"),
+    "greater_than_equal": ("ge", "is below the limit", "write at least"),
+    "less_than": ("lt", "is not below the limit", "write less than"),
+    "less_than_equal": ("le", "is above the limit", "write at most"),
+}
+_KINDS = {
+    "int": "is not a whole number",
+    "float": "is not a number",
+    "bool": "is neither true nor false",
+    "string": "is not text; write it in quotes",
+    "tuple": 'is not a list; write ["...", "..."]',
+    "model": "is not a table",
+    "finite": "is not a finite number",
+}
+
+
+def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
+    """Yield one line for each wrong field.
+
+    Args:
+        error: What pydantic found.
+        tables: The values as they were written.
+    """
+    seen = set()
+    for problem in error.errors():
+        line = _line(problem, tables)
+        if line not in seen:
+            seen.add(line)
+            yield line
+
+
+def _line(problem: Any, tables: Mapping[str, Any]) -> str:
+    location, kind = problem["loc"], problem["type"]
+    name = _name(location)
+    written = _written(tables, location, problem["input"])
+    value = json.dumps(written, ensure_ascii=False, default=str)
+    if kind in _LIMITS:
+        return f"{name}: {value} {_limit(problem, written)}"
+    if kind == "extra_forbidden":
+        return f"{name}: unknown key; {_suggestion(location)}"
+    if kind == "missing":
+        return _missing(location)
+    if kind == "value_error":
+        return f"{name}: {problem['ctx']['error']}"
+    if kind == "enum":
+        choices = problem["ctx"]["expected"].replace("'", '"').replace(" or ", ", ")
+        return f"{name}: {value} is none of {choices}"
+    if kind in ("too_long", "too_short"):
+        context = problem["ctx"]
+        allowed = context.get("max_length", context.get("min_length"))
+        word = "at most" if kind == "too_long" else "at least"
+        return f"{name}: holds {context['actual_length']} values; write {word} {allowed}"
+    if kind == "string_pattern_mismatch":
+        return f'{name}: {value} may hold only letters, digits, "_", "." and "-"'
+    what = _KINDS.get(kind.split("_")[0], problem["msg"])
+    return f"{name}: {value} {what}"
+
+
+def _name(location: tuple[int | str, ...]) -> str:
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    return "".join(parts).removeprefix(".") or "rig.toml"
+
+
+def _limit(problem: Any, written: Any) -> str:
+    key, relation, advice = _LIMITS[problem["type"]]
+    limit = problem["ctx"][key]
+    dimension = _dimension(problem["loc"])
+    parts = split_quantity(written) if isinstance(written, str) else None
+    if dimension is None or parts is None:
+        return f"{relation} {limit:g}; {advice} {limit:g}"
+    unit = parts[1]
+    text = f"{limit / UNITS[dimension][unit]:.6g} {unit}".strip()
+    return f'{relation} {text}; {advice} "{text}"'
+
+
+def _missing(location: tuple[int | str, ...]) -> str:
+    if isinstance(location[-1], int):
+        return f"{_name(location[:-1])}: holds too few values"
+    dimension = _dimension(location)
+    advice = f'; write for example {location[-1]} = "{example(dimension)}"' if dimension else ""
+    return f"{_name(location)}: missing{advice}"
+
+
+def _suggestion(location: tuple[int | str, ...]) -> str:
+    known = _known_keys(location)
+    close = difflib.get_close_matches(str(location[-1]), known, n=1)
+    return f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    section = _section(location)
+    return list(RigConfig.model_fields if section is None else section.model_fields)
+
+
+def _section(location: tuple[int | str, ...]) -> type[BaseModel] | None:
+    field = RigConfig.model_fields.get(str(location[0]))
+    if len(location) == 1 or field is None or not isinstance(field.annotation, type):
+        return None
+    return field.annotation if issubclass(field.annotation, BaseModel) else None
+
+
+def _dimension(location: tuple[int | str, ...]) -> Dimension | None:
+    section = _section(location)
+    if section is None or str(location[1]) not in section.model_fields:
+        return None
+    field = section.model_fields[str(location[1])]
+    marks = [*field.metadata, *_metadata(field.annotation)]
+    return next((mark for mark in marks if isinstance(mark, Dimension)), None)
+
+
+def _metadata(annotation: Any) -> Iterator[Any]:
+    yield from getattr(annotation, "__metadata__", ())
+    for argument in get_args(annotation):
+        yield from _metadata(argument)
+
+
+def _written(tables: Mapping[str, Any], location: tuple[int | str, ...], value: Any) -> Any:
+    found: Any = tables
+    for part in location:
+        try:
+            found = found[part]
+        except (KeyError, IndexError, TypeError):
+            return value
+    return found
