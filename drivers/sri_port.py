@@ -10,6 +10,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from drivers.device_file import device_holders
 from tacauchy_rig.errors import DeviceError
 
 _logger = logging.getLogger(__name__)
@@ -24,7 +25,7 @@ def open_port(path: str, *, baud_rate: int) -> serial.Serial:
     Raises:
         DeviceError: Absent, no permission, in use, or not a serial port; each with its remedy.
     """
-    holders = port_holders(path)
+    holders = device_holders(path)
     if holders:
         raise _in_use(path, holders)
     try:
@@ -62,38 +63,6 @@ def explain_open_error(path: str, error: OSError | ValueError) -> DeviceError:
         f"force sensor: {path} cannot be used as a serial port: {text}",
         remedy="set force_sensor.port to the adapter's path below /dev/serial/by-id/",
     )
-
-
-def port_holders(path: str, *, proc: Path = Path("/proc")) -> list[str]:
-    """Return "name (pid n)" of the other processes that hold ``path`` open.
-
-    Only processes whose descriptors this user may read are seen.
-    """
-    target = os.path.realpath(path)
-    holders = []
-    for process in proc.glob("[0-9]*"):
-        if process.name == str(os.getpid()) or not _holds(process, target):
-            continue
-        try:
-            name = (process / "comm").read_text("utf-8").strip()
-        except OSError:
-            name = "a process"
-        holders.append(f"{name} (pid {process.name})")
-    return sorted(holders)
-
-
-def _holds(process: Path, target: str) -> bool:
-    try:
-        links = list((process / "fd").iterdir())
-    except OSError:
-        return False
-    for link in links:
-        try:
-            if str(link.readlink()) == target:
-                return True
-        except OSError:
-            continue
-    return False
 
 
 def adapter_serial(path: str) -> str:

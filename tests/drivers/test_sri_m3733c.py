@@ -15,9 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.device_file import device_holders
 from drivers.emulators.faults import Device, FaultKind, send_fault
 from drivers.sri_m3733c import SriM3733c
-from drivers.sri_port import explain_open_error, port_holders
+from drivers.sri_port import explain_open_error
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample
@@ -216,7 +217,7 @@ def test_other_program_is_named(box: tuple[Path, str]) -> None:
     with Path(box[1]).open("rb", buffering=0) as other:
         program = subprocess.Popen(["sleep", "30"], stdin=other)
     try:
-        assert port_holders(box[1]) == [f"sleep (pid {program.pid})"]
+        assert device_holders(box[1]) == [f"sleep (pid {program.pid})"]
         with pytest.raises(DeviceError, match=rf"in use by sleep \(pid {program.pid}\)"):
             SriM3733c(box[1]).connect()
     finally:
