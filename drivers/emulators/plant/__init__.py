@@ -1,0 +1,1 @@
+"""The gel as the emulated world has it: force and image from the pose of the indenter."""

@@ -1,0 +1,224 @@
+"""What a tip does to the gel, tabulated over depth and kept in a cache by content.
+
+``python -m drivers.emulators.plant.press_table`` computes again the tables that are shipped for
+the dry run's cylinder (about a quarter of a minute each).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import zipfile
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from drivers.emulators.plant.arrays import FloatArray
+from drivers.emulators.plant.axisymmetric import GelSolver
+from drivers.emulators.plant.neo_hookean import NeoHookean
+from drivers.emulators.plant.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.tips import CylinderTip, Tip
+from tacauchy_rig.errors import ConvergenceError
+
+POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
+
+_SOLVER_VERSION = 1  # raise it when the solver's numbers change, so that old tables are not used
+_SHIPPED = Path(__file__).with_name("tables")
+_DEPTH_STEP_M = 4e-5
+_FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
+_POINTS_PER_EDGE = 4
+_CUT_LIMIT = 3
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressCase:
+    """Everything a table depends on. Young's modulus is not here: forces scale with it.
+
+    Attributes:
+        max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
+            the gel finds no equilibrium any more.
+    """
+
+    tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
+    gel: GelDisc = field(default_factory=GelDisc)
+    poisson: float = 0.48
+    max_depth_m: float = 1.0e-3
+
+    def file_name(self) -> str:
+        """Return a name made from the content."""
+        content = f"{_SOLVER_VERSION} {type(self.tip).__name__} {sorted(asdict(self).items())}"
+        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
+        return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressTable:
+    """Force and surface over depth; row 0 is the moment of contact.
+
+    Attributes:
+        depths: Tip below the gel's highest point [m], shape [depth_count].
+        force: Over Young's modulus [m^2], shape [depth_count].
+        contact_radius: Largest radius in contact [m], shape [depth_count].
+        radius_rest: Where points of the surface lie at rest [m], shape [point_count].
+        height_rest: Their height relative to the highest point [m].
+        displacement: Their (u_r, u_z) [m], shape [depth_count, point_count, 2].
+    """
+
+    depths: FloatArray
+    force: FloatArray
+    contact_radius: FloatArray
+    radius_rest: FloatArray
+    height_rest: FloatArray
+    displacement: FloatArray
+
+    def save(self, path: Path) -> None:
+        """Write the table so that readers never see half of it."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fresh = path.with_name(f".{os.getpid()}-{path.name}")
+        with fresh.open("wb") as file:
+            np.savez_compressed(
+                file,
+                depths=self.depths,
+                force=self.force,
+                contact_radius=self.contact_radius,
+                radius_rest=self.radius_rest,
+                height_rest=self.height_rest,
+                displacement=self.displacement.astype(np.float32),
+            )
+        fresh.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> PressTable:
+        """Read a table that ``save`` wrote."""
+        with np.load(path) as content:
+            return cls(**{name: content[name].astype(np.float64) for name in content.files})
+
+
+def press_table(case: PressCase) -> PressTable:
+    """Return the table for ``case``: shipped, cached, or computed now and cached."""
+    name = case.file_name()
+    cached = cache_folder() / name
+    for path in (_SHIPPED / name, cached):
+        try:
+            return PressTable.load(path)
+        except FileNotFoundError:
+            continue
+        except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile) as error:
+            log.warning("press table %s is damaged and will be computed again: %s", path, error)
+    log.info("computing the press table %s", name)
+    table = compute_table(case)
+    try:
+        table.save(cached)
+    except OSError as error:
+        log.warning("press table %s could not be kept: %s", cached, error)
+    return table
+
+
+def cache_folder() -> Path:
+    """Return where computed tables are kept: under XDG_CACHE_HOME or ``~/.cache``."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "tacauchy-rig" / "press-tables"
+
+
+def compute_table(case: PressCase) -> PressTable:
+    """Press in steps and tabulate.
+
+    Raises:
+        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
+    """
+    mesh = mesh_disc(case.gel, _grading(case))
+    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson))
+    depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
+    regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
+    depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
+    solved, rows = [0.0], [(0.0, 0.0, np.zeros_like(mesh.nodes))]
+    for depth in depths:
+        try:
+            rows.append(_advance(solver, case, solved, [row[2] for row in rows[-2:]], depth))
+        except ConvergenceError:
+            if depth < 0.5 * case.max_depth_m:
+                raise
+            break
+        solved.append(float(depth))
+    sample = _surface_sampler(mesh)
+    rest = sample(mesh.nodes)
+    return PressTable(
+        depths=np.array(solved),
+        force=np.array([row[0] for row in rows]),
+        contact_radius=np.array([row[1] for row in rows]),
+        radius_rest=rest[:, 0],
+        height_rest=rest[:, 1] - case.gel.thickness_m,
+        displacement=np.stack([sample(row[2]) for row in rows]),
+    )
+
+
+def _advance(
+    solver: GelSolver, case: PressCase, solved: list[float], states: list[FloatArray], depth: float
+) -> tuple[float, float, FloatArray]:
+    """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
+    start = states[-1]
+    if len(states) == 2:
+        ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
+        start = start + ratio * (states[-1] - states[-2])
+    try:
+        found = solver.press(case.tip, case.gel.thickness_m - depth, start)
+    except ConvergenceError as error:
+        last = error
+    else:
+        return found.force, found.contact_radius_m, found.displacement
+    for cut in range(_CUT_LIMIT):
+        state = states[-1]
+        try:
+            for z in np.linspace(solved[-1], depth, 2**cut + 1)[1:]:
+                found = solver.press(case.tip, case.gel.thickness_m - float(z), state)
+                state = found.displacement
+        except ConvergenceError as error:
+            last = error
+        else:
+            return found.force, found.contact_radius_m, found.displacement
+    raise last
+
+
+def _grading(case: PressCase) -> Grading:
+    if isinstance(case.tip, CylinderTip):
+        rim = 0.5 * case.tip.diameter_m
+        return Grading(
+            fine_from_m=rim - min(0.4e-3 * case.max_depth_m / 1e-3, 0.6 * rim),
+            fine_to_m=rim + 5e-5,
+            fine_size_m=max(0.3 * case.tip.fillet_m, 2.5e-5),
+        )
+    reach = min(np.sqrt(case.tip.diameter_m * case.max_depth_m), 0.5 * case.tip.diameter_m)
+    return Grading(
+        fine_from_m=0.0, fine_to_m=1.1 * reach, fine_size_m=reach / 18, top_size_m=reach / 14
+    )
+
+
+class _surface_sampler:  # noqa: N801 - used as a function
+    """Evaluates a nodal field along the quadratic edges of the top."""
+
+    def __init__(self, mesh: QuadMesh) -> None:
+        points = np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1]
+        self._shape, _ = line_shape(points)
+        self._edges = mesh.top_edges
+
+    def __call__(self, nodal: FloatArray) -> FloatArray:
+        """Return values, shape [point_count, 2], from the axis outwards."""
+        inner = np.einsum("qi,eia->eqa", self._shape, nodal[self._edges]).reshape(-1, 2)
+        return np.vstack([inner, nodal[self._edges[-1, 2]]])
+
+
+def main() -> None:
+    """Compute the shipped tables again."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    for poisson in POISSON_STEPS:
+        case = PressCase(poisson=poisson)
+        compute_table(case).save(_SHIPPED / case.file_name())
+        log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""A disc of gel as nine-node quadrilaterals in the (r, z) half-plane, fine where a tip bends it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.emulators.plant.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GelDisc:
+    """The gel at rest.
+
+    Attributes:
+        radius_m: Radius of the disc [m].
+        thickness_m: Height of its highest point above the clamped base [m].
+        dome_radius_m: Radius of the domed top [m]; inf is flat.
+    """
+
+    radius_m: float = 12.9e-3
+    thickness_m: float = 4.0e-3
+    dome_radius_m: float = 134e-3
+
+    def sag(self, radius: FloatArray) -> FloatArray:
+        """Return how far the surface lies below its highest point at ``radius`` [m]."""
+        return 0.5 * radius**2 / self.dome_radius_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grading:
+    """Where elements are fine; from there they grow by a constant factor.
+
+    Without friction the gel is squeezed out from under the rim by a few hundred micrometres, so
+    the fine band has to begin inside the rim, or coarse elements snap around its edge one by one.
+
+    Attributes:
+        fine_from_m, fine_to_m: Radii between which elements have ``fine_size_m`` [m].
+        growth: Ratio of neighbouring element sizes outside that band.
+        top_size_m: Thickness of the uppermost elements [m].
+        largest_m: No element is longer than this [m].
+    """
+
+    fine_from_m: float
+    fine_to_m: float
+    fine_size_m: float
+    growth: float = 1.4
+    top_size_m: float = 5e-5
+    largest_m: float = 1.2e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuadMesh:
+    """Nodes and nine-node elements.
+
+    Attributes:
+        nodes: (r, z) [m], z = 0 at the clamped base, shape [node_count, 2].
+        elements: Node numbers, lexicographic with r fastest, shape [element_count, 9].
+        top_edges: Nodes of each element edge on the top, inwards to outwards, [edge_count, 3].
+        base_nodes, axis_nodes: Nodes on z = 0 and on r = 0.
+    """
+
+    nodes: FloatArray
+    elements: IntArray
+    top_edges: IntArray
+    base_nodes: IntArray
+    axis_nodes: IntArray
+
+    @property
+    def top_nodes(self) -> IntArray:
+        """Nodes of the free surface from the axis outwards."""
+        return np.append(self.top_edges[:, :2].ravel(), self.top_edges[-1, 2])
+
+
+def mesh_disc(disc: GelDisc, grading: Grading) -> QuadMesh:
+    """Mesh ``disc``; element boundaries fall on both ends of the fine band."""
+    g = grading
+    fine_count = max(1, round((g.fine_to_m - g.fine_from_m) / g.fine_size_m))
+    inner = g.fine_from_m - _growing(g.fine_size_m, g.fine_from_m, g)[::-1]
+    fine = np.linspace(g.fine_from_m, g.fine_to_m, fine_count + 1)
+    outer = g.fine_to_m + _growing(g.fine_size_m, disc.radius_m - g.fine_to_m, g)
+    radii = _with_midpoints(np.concatenate([inner[:-1], fine, outer[1:]]))
+    layers = _with_midpoints(
+        1.0 - _growing(g.top_size_m, disc.thickness_m, g)[::-1] / disc.thickness_m
+    )
+    height = disc.thickness_m - disc.sag(radii)
+    r = np.broadcast_to(radii, (layers.size, radii.size))
+    nodes = np.stack([r.ravel(), np.outer(layers, height).ravel()], axis=-1)
+    number = np.arange(nodes.shape[0]).reshape(layers.size, radii.size)
+    elements = np.stack(
+        [number[j : j - 2 or None : 2, i : i - 2 or None : 2] for j in range(3) for i in range(3)],
+        axis=-1,
+    ).reshape(-1, 9)
+    top = number[-1]
+    return QuadMesh(
+        nodes=nodes,
+        elements=elements,
+        top_edges=np.stack([top[:-2:2], top[1:-1:2], top[2::2]], axis=-1),
+        base_nodes=number[0],
+        axis_nodes=number[:, 0],
+    )
+
+
+def line_shape(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return quadratic shape functions on [-1, 1] and their derivatives, shape [points, 3]."""
+    x = points
+    value = np.stack([0.5 * x * (x - 1.0), 1.0 - x**2, 0.5 * x * (x + 1.0)], axis=-1)
+    slope = np.stack([x - 0.5, -2.0 * x, x + 0.5], axis=-1)
+    return value, slope
+
+
+def _growing(first: float, length: float, grading: Grading) -> FloatArray:
+    """Return points from 0 to ``length`` whose spacing grows from about ``first``."""
+    sizes: list[float] = []
+    size = first
+    while sum(sizes) < length:
+        sizes.append(size)
+        size = min(size * grading.growth, grading.largest_m)
+    points = np.append(0.0, np.cumsum(sizes))
+    scaled: FloatArray = points * (length / points[-1])
+    return scaled
+
+
+def _with_midpoints(corners: FloatArray) -> FloatArray:
+    points = np.empty(2 * corners.size - 1)
+    points[::2] = corners
+    points[1::2] = 0.5 * (corners[1:] + corners[:-1])
+    return points

@@ -1,0 +1,104 @@
+"""Rigid tips of revolution as distance functions, lowest point at the origin, body at z >= 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.emulators.plant.arrays import FloatArray
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipDistance:
+    """Signed distance to a tip in the (r, z) half-plane, positive outside.
+
+    Attributes:
+        value: Distance [m], shape [point_count].
+        gradient: Unit outward normal, shape [point_count, 2].
+        hessian: Second derivative [1/m], shape [point_count, 2, 2].
+    """
+
+    value: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CylinderTip:
+    """Flat punch with a rounded edge."""
+
+    diameter_m: float
+    fillet_m: float = 1e-4
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.fillet_m < 0.5 * self.diameter_m:
+            raise ConfigError(
+                f"emulated cylinder: a fillet of {self.fillet_m * 1e3:g} mm does not fit a "
+                f"diameter of {self.diameter_m * 1e3:g} mm",
+                remedy="give a fillet from 0 mm to below the radius",
+            )
+
+    @property
+    def rim_radius_m(self) -> float:
+        """Radius at which the gel is bent most [m]."""
+        return 0.5 * self.diameter_m
+
+    def height(self, radius: FloatArray) -> FloatArray:
+        """Return the underside's height above the tip [m], inf beside the body."""
+        inside = np.clip(radius - (self.rim_radius_m - self.fillet_m), 0.0, self.fillet_m)
+        height = self.fillet_m - np.sqrt(self.fillet_m**2 - inside**2)
+        return np.where(radius <= self.rim_radius_m, height, np.inf)
+
+    def distance(self, radius: FloatArray, z: FloatArray) -> TipDistance:
+        """Return the signed distance of points (r, z) [m] from the body."""
+        toward_wall = radius - (self.rim_radius_m - self.fillet_m)
+        toward_face = self.fillet_m - z
+        corner = np.stack([np.maximum(toward_wall, 0.0), np.maximum(toward_face, 0.0)], axis=-1)
+        length = np.linalg.norm(corner, axis=-1)
+        core = length == 0.0
+        safe = np.where(core, 1.0, length)
+        normal = corner / safe[:, None] * np.array([1.0, -1.0])
+        face_nearer = toward_face >= toward_wall
+        normal[core] = np.where(face_nearer[core, None], [0.0, -1.0], [1.0, 0.0])
+        value = np.where(core, np.maximum(toward_wall, toward_face), length) - self.fillet_m
+        curved = (toward_wall > 0.0) & (toward_face > 0.0)
+        return TipDistance(
+            value=value, gradient=normal, hessian=_bend(normal, np.where(curved, 1.0 / safe, 0.0))
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SphereTip:
+    """Ball."""
+
+    diameter_m: float
+
+    @property
+    def rim_radius_m(self) -> float:
+        """Radius at which the gel is bent most [m]: a ball has no rim, so its radius."""
+        return 0.5 * self.diameter_m
+
+    def height(self, radius: FloatArray) -> FloatArray:
+        """Return the underside's height above the tip [m], inf beside the body."""
+        squared = self.rim_radius_m**2 - radius**2
+        height = self.rim_radius_m - np.sqrt(np.maximum(squared, 0.0))
+        return np.where(squared >= 0.0, height, np.inf)
+
+    def distance(self, radius: FloatArray, z: FloatArray) -> TipDistance:
+        """Return the signed distance of points (r, z) [m] from the body."""
+        arm = np.stack([radius, z - self.rim_radius_m], axis=-1)
+        length = np.maximum(np.linalg.norm(arm, axis=-1), 1e-12)
+        normal = arm / length[:, None]
+        return TipDistance(
+            value=length - self.rim_radius_m, gradient=normal, hessian=_bend(normal, 1.0 / length)
+        )
+
+
+Tip = CylinderTip | SphereTip
+
+
+def _bend(normal: FloatArray, curvature: FloatArray) -> FloatArray:
+    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=-1)
+    return curvature[:, None, None] * tangent[:, :, None] * tangent[:, None, :]

@@ -1,0 +1,175 @@
+"""What the emulated world is really like, drawn from a seed; only a report may look at it."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.emulators.plant.press_table import POISSON_STEPS
+from tacauchy_rig.errors import ConfigError, RecordError
+
+TRUTH_FILE = "truth.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantTruth:
+    """One gel, one mounting, one set of lights and noises.
+
+    Attributes:
+        young_pa: Relaxed (long-term) Young's modulus of the gel [Pa].
+        poisson: Poisson's ratio, one of the tabulated ones.
+        relaxation_weights: Prony weights over the relaxed modulus.
+        relaxation_times_s: Their times [s].
+        pose_error_m: Where the indenter really is, minus where the robot says, in x and y [m].
+        surface_error_m: Real height of the gel minus the expected one [m].
+        tilt_rad: Real lean of the indenter's axis towards base x and y [rad].
+        light_gain: Gain of the red, green and blue light.
+        light_drift_ratio: Change of all lights when warm, relative [1].
+        light_drift_time_s: Time constant of that [s].
+        image_noise_levels: Standard deviation of the image noise [grey levels].
+        image_scale_error: Relative error of the scale (m per px) in x and y.
+        image_rotation_rad: Rotation of the camera about its axis [rad].
+        image_shift_m: Where the gel's centre is seen, from the image's centre [m].
+        force_noise_n, torque_noise_nm: Standard deviation of a force sample [N], [N m].
+        force_offset_n: Zero offset of the force channels [N].
+        force_drift_n_s: Drift of Fz [N/s].
+        cross_talk: Share of Fz that shows up in Fx and Fy.
+        force_latency_s, camera_latency_s: From the pose to the first byte on the wire [s].
+    """
+
+    seed: int
+    young_pa: float
+    poisson: float
+    relaxation_weights: tuple[float, ...]
+    relaxation_times_s: tuple[float, ...]
+    pose_error_m: tuple[float, float]
+    surface_error_m: float
+    tilt_rad: tuple[float, float]
+    light_gain: tuple[float, float, float]
+    light_drift_ratio: float
+    light_drift_time_s: float
+    image_noise_levels: float
+    image_scale_error: tuple[float, float]
+    image_rotation_rad: float
+    image_shift_m: tuple[float, float]
+    force_noise_n: float
+    torque_noise_nm: float
+    force_offset_n: tuple[float, float, float]
+    force_drift_n_s: float
+    cross_talk: tuple[float, float]
+    force_latency_s: float
+    camera_latency_s: float
+
+
+def draw_truth(seed: int, overrides: Mapping[str, Any] | None = None) -> PlantTruth:
+    """Draw a world; the same seed gives the same world in every process.
+
+    Args:
+        seed: Any non-negative integer.
+        overrides: Field values that replace drawn ones, whatever the seed.
+
+    Raises:
+        ConfigError: An override names no field.
+    """
+    pose_angle = _uniform(seed, "pose direction", -np.pi, np.pi)
+    pose_length = _uniform(seed, "pose error", 1.0e-4, 3.0e-4)
+    drift_sign = 1.0 if _uniform(seed, "drift sign", -1.0, 1.0) > 0.0 else -1.0
+    drawn = PlantTruth(
+        seed=seed,
+        young_pa=0.435e6 * (1.0 + 0.05 * _normal(seed, "young")),
+        poisson=POISSON_STEPS[int(_uniform(seed, "poisson", 0, len(POISSON_STEPS)))],
+        relaxation_weights=(
+            _uniform(seed, "relaxation fast", 0.02, 0.04),
+            _uniform(seed, "relaxation slow", 0.03, 0.04),
+        ),
+        relaxation_times_s=(0.3, 3.0),
+        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
+        surface_error_m=2.0e-4 * _normal(seed, "surface"),
+        tilt_rad=(1.5e-3 * _normal(seed, "tilt x"), 1.5e-3 * _normal(seed, "tilt y")),
+        light_gain=(
+            1.0 + 0.03 * _normal(seed, "red"),
+            1.0 + 0.03 * _normal(seed, "green"),
+            1.0 + 0.03 * _normal(seed, "blue"),
+        ),
+        light_drift_ratio=_uniform(seed, "light drift", -0.015, -0.005),
+        light_drift_time_s=_uniform(seed, "light drift time", 120.0, 300.0),
+        image_noise_levels=_uniform(seed, "image noise", 1.2, 1.8),
+        image_scale_error=(
+            0.005 * _normal(seed, "scale x"),
+            0.005 * _normal(seed, "scale y"),
+        ),
+        image_rotation_rad=0.005 * _normal(seed, "image rotation"),
+        image_shift_m=(1.5e-4 * _normal(seed, "shift x"), 1.5e-4 * _normal(seed, "shift y")),
+        force_noise_n=_uniform(seed, "force noise", 0.005, 0.010),
+        torque_noise_nm=_uniform(seed, "torque noise", 1e-4, 2e-4),
+        force_offset_n=(
+            0.3 * _normal(seed, "offset x"),
+            0.3 * _normal(seed, "offset y"),
+            0.8 * _normal(seed, "offset z"),
+        ),
+        force_drift_n_s=drift_sign * _uniform(seed, "drift", 4e-4, 9e-4),
+        cross_talk=(0.005 * _normal(seed, "talk x"), 0.005 * _normal(seed, "talk y")),
+        force_latency_s=_uniform(seed, "force latency", 0.002, 0.006),
+        camera_latency_s=_uniform(seed, "camera latency", 0.010, 0.035),
+    )
+    # Plain floats, so that a truth read back from its file is equal to the one drawn.
+    drawn = _from_plain(json.loads(json.dumps(_to_plain(drawn))))
+    if not overrides:
+        return drawn
+    unknown = sorted(set(overrides) - {field.name for field in fields(PlantTruth)})
+    if unknown:
+        raise ConfigError(
+            f"emulated world: {', '.join(unknown)} is no property of it",
+            remedy=f"one of: {', '.join(field.name for field in fields(PlantTruth))}",
+        )
+    return replace(drawn, **overrides)
+
+
+def write_truth(folder: Path, truth: PlantTruth) -> Path:
+    """Write ``truth.json`` into ``folder`` and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / TRUTH_FILE
+    path.write_text(json.dumps(_to_plain(truth), indent=2) + "\n")
+    return path
+
+
+def read_truth(path: Path) -> PlantTruth:
+    """Read what ``write_truth`` wrote.
+
+    Raises:
+        RecordError: Absent or not such a file.
+    """
+    try:
+        return _from_plain(json.loads(path.read_text()))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordError(f"truth of the emulated world {path}: {error}") from error
+
+
+def _to_plain(truth: PlantTruth) -> dict[str, Any]:
+    return {field.name: getattr(truth, field.name) for field in fields(truth)}
+
+
+def _from_plain(content: dict[str, Any]) -> PlantTruth:
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
+    }
+    return PlantTruth(**values)
+
+
+def _normal(seed: int, name: str) -> float:
+    """Draw within two deviations, from a stream of its own so that new fields change no others."""
+    return float(np.clip(_stream(seed, name).standard_normal(), -2.0, 2.0))
+
+
+def _uniform(seed: int, name: str, low: float, high: float) -> float:
+    return float(_stream(seed, name).uniform(low, high))
+
+
+def _stream(seed: int, name: str) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
