@@ -11,16 +11,11 @@ from typing import Any, TypeVar
 
 from drivers.interfaces import DeviceIdentity
 from drivers.ur5_caps import MotionCaps
+from drivers.ur5_health import ArmHealth
 from drivers.ur5_link import UrLink
 from drivers.ur5_model import UrModel
 from drivers.ur5_probe import probe_controller, require_ready
-from drivers.ur5_safety import (
-    RobotMode,
-    RuntimeState,
-    robot_mode_name,
-    runtime_state_name,
-    safety_reason,
-)
+from drivers.ur5_safety import safety_reason
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
 
@@ -89,16 +84,14 @@ class Ur5:
         self._tcp_offset = tcp_offset
         self._payload_kg, self._payload_center = payload_kg, payload_center
         self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
+        self._health = self._fresh_health()
         self._simulated = simulated
         self._link: UrLink | None = None
-        self._lost: DeviceError | None = None
         self._motion = _Motion.NONE
         self._watchdog_armed = False
         self._operation_before = -1
         self._move_start_s = 0.0
         self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
-        self._last_time_s = 0.0
-        self._last_change_s = 0.0
 
     def connect(self) -> DeviceIdentity:
         """Probe the controller, then let ur_rtde connect, each with a deadline.
@@ -110,9 +103,8 @@ class Ur5:
         report = probe_controller(self._host, timeout_s=self._timeout_s)
         require_ready(report, model=self._model)
         self._link = UrLink(self._host, timeout_s=self._timeout_s)
-        self._lost = None
+        self._health = self._fresh_health()
         self._motion, self._watchdog_armed = _Motion.NONE, False
-        self._last_change_s = time.monotonic()
         offset, mass = self._tcp_offset, self._payload_kg
         if offset is not None:
             self._command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
@@ -143,23 +135,12 @@ class Ur5:
         """
         link = self._require_link()
         sample = link.sample()
-        now_s = time.monotonic()
-        if sample.controller_time_s != self._last_time_s:
-            self._last_time_s, self._last_change_s = sample.controller_time_s, now_s
+        if self._health.note(sample):
             self._record.append(sample)
         if not link.is_unbroken:
-            raise self._lose(
-                "the connection broke",
-                "check the network and the controller, then start again; nothing reconnects alone",
-            )
-        age_s = now_s - self._last_change_s
-        if age_s > self._model.stale_limit_s:
-            raise self._lose(
-                f"no new data for {age_s * 1e3:.0f} ms "
-                f"(limit {self._model.stale_limit_s * 1e3:.0f} ms)",
-                "check the cable and the controller, then start again",
-            )
-        self._require_running(sample)
+            raise self._health.broken()
+        self._health.require_fresh()
+        self._health.require_running(sample)
         return sample
 
     def drain(self) -> list[ArmSample]:
@@ -212,7 +193,7 @@ class Ur5:
             return True
         if operation == self._operation_before:
             if time.monotonic() - self._move_start_s > _MOVE_BEGINS_S:
-                raise self._lose("the move never began", "read the pendant's message")
+                raise self._health.lose("the move never began", "read the pendant's message")
             return True
         self._motion = _Motion.NONE
         return False
@@ -255,11 +236,11 @@ class Ur5:
                 if not link.call(
                     "stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S
                 ):
-                    self._lose("did not take the stop", "see why its program ended")
+                    self._health.lose("did not take the stop", "see why its program ended")
             else:
                 self._stop_line(link)
         except DeviceError as error:
-            self._lost = self._lost or error
+            self._health.remember(error)
             _logger.error("%s", error)
         self._motion = _Motion.NONE
 
@@ -279,7 +260,9 @@ class Ur5:
         end_s = time.monotonic() + _STOP_S
         while safety_reason(link.sample().safety_bits) is None:
             if time.monotonic() > end_s:
-                raise self._lose("did not take the protective stop", "press the emergency stop")
+                raise self._health.lose(
+                    "did not take the protective stop", "press the emergency stop"
+                )
             time.sleep(_POLL_S)
 
     def close(self) -> None:
@@ -318,43 +301,26 @@ class Ur5:
         deadline_s: float = _COMMAND_S,
     ) -> None:
         if not self._call(activity, lambda c: bool(function(c)), deadline_s):
-            self._require_running(self._require_link().sample())
-            raise self._lose(f"refused {activity}", "read the pendant's message")
+            self._health.require_running(self._require_link().sample())
+            raise self._health.lose(f"refused {activity}", "read the pendant's message")
 
     def _call(self, activity: str, function: Callable[[Any], T], deadline_s: float) -> T:
+        link = self._require_link()
         try:
-            return self._require_link().call(activity, function, deadline_s=deadline_s)
+            return link.call(activity, function, deadline_s=deadline_s)
         except DeviceError as error:
-            self._lost = self._lost or error
-            raise
+            if not link.is_unbroken:
+                raise self._health.broken() from error
+            raise self._health.remember(error) from error
 
     def _require_link(self) -> UrLink:
-        if self._lost is not None:
-            raise self._lost
+        self._health.require_alive()
         if self._link is None:
             raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
         return self._link
 
-    def _require_running(self, sample: ArmSample) -> None:
-        stopped = safety_reason(sample.safety_bits)
-        if stopped is not None:
-            raise self._lose(*stopped)
-        if sample.robot_mode != RobotMode.RUNNING:
-            mode = robot_mode_name(sample.robot_mode)
-            raise self._lose(f"the arm is not running ({mode})", "power it on at the pendant")
-        if sample.runtime_state != RuntimeState.PLAYING:
-            raise self._lose(
-                "the program on the controller ended "
-                f"(runtime state {runtime_state_name(sample.runtime_state)})",
-                f"it ends by itself when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or "
-                "at the pendant; start again",
-            )
-
-    def _lose(self, reason: str, remedy: str) -> DeviceError:
-        """Return the error to raise, and remember it: a lost arm stays lost."""
-        if self._lost is None:
-            self._lost = DeviceError(f"{self._device}: {reason}", remedy=remedy)
-        return self._lost
+    def _fresh_health(self) -> ArmHealth:
+        return ArmHealth(self._device, model=self._model, watchdog_hz=self._watchdog_hz)
 
 
 def _progress(control: Any) -> tuple[bool, int]:

@@ -83,3 +83,5 @@ class Commander:
                 future.set_result(function())
             except BaseException as error:  # noqa: BLE001 - handed to the caller
                 future.set_exception(error)
+            # Otherwise the last call would keep the interface alive until the next one.
+            del job, function, future

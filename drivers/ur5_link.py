@@ -33,6 +33,7 @@ _CONTROLLER_RATE = -1.0
 _TORN_READS = 5
 _FIRST_STATE_S = 1.0
 _CLOSE_S = 5.0
+_STOP_SCRIPT_S = 1.0
 
 
 class UrLink:
@@ -51,6 +52,7 @@ class UrLink:
         self._commander = Commander(self.device)
         self._receive: Any = None
         self._control: Any = None
+        self._sockets = RtdeSockets()
         try:
             with Guardian(f"{self.device}: connecting", timeout_s=timeout_s):
                 self._receive = RTDEReceiveInterface(host, RECORD_RATE_HZ, _FIELDS)
@@ -65,7 +67,7 @@ class UrLink:
                 f"{self.device}: the client library could not connect: {error}",
                 remedy="see that nothing else drives the robot and that it is in remote control",
             ) from error
-        self._sockets = RtdeSockets(host)
+        self._sockets.remember(host)
         self._await_first_state()
 
     @property
@@ -119,26 +121,21 @@ class UrLink:
     def close(self) -> None:
         """End the program on the controller and disconnect; never raises."""
         with Guardian(f"{self.device}: disconnecting", timeout_s=_CLOSE_S):
-            for activity, function in (
-                ("ending the program", self._stop_script),
-                ("disconnecting", self._disconnect),
-            ):
+            control = self._control
+            # Over a broken connection there is nobody to tell, and the library would wait.
+            if control is not None and self.is_unbroken and not self.is_stuck:
                 try:
-                    self._commander.call(activity, function, deadline_s=0.5 * _CLOSE_S - 0.5)
+                    self._commander.call(
+                        "ending the program",
+                        control.stopScript,
+                        deadline_s=_STOP_SCRIPT_S,
+                    )
                 except RigError as error:
                     _logger.warning("%s", error)
+            # The destructors disconnect, each taking half a second.
+            del control
             self._control = self._receive = None
         self._commander.close()
-
-    def _stop_script(self) -> None:
-        # Over a broken connection there is nobody to tell, and the library would wait.
-        if self._control is not None and self._sockets.are_unchanged():
-            self._control.stopScript()
-
-    def _disconnect(self) -> None:
-        for interface in (self._control, self._receive):
-            if interface is not None:
-                interface.disconnect()
 
     def _await_first_state(self) -> None:
         end_s = time.monotonic() + _FIRST_STATE_S

@@ -15,13 +15,13 @@ _DESCRIPTORS = "/proc/self/fd"
 
 
 class RtdeSockets:
-    """This process's connections to the RTDE port of one controller (Linux only).
+    """This process's connections to the RTDE port of one controller (Linux only)."""
 
-    Args:
-        host: Name or address of the controller.
-    """
+    def __init__(self) -> None:
+        self._names: dict[int, str] = {}
 
-    def __init__(self, host: str) -> None:
+    def remember(self, host: str) -> None:
+        """Take the connections to ``host`` that are open now as the ones to watch."""
         address = socket.gethostbyname(host)
         self._names = {
             number: name

@@ -88,8 +88,8 @@ class Fault:
     """One thing that goes wrong with one device.
 
     Attributes:
-        duration_s: How long it lasts [s]; infinite for ever. Stops and unplugging do not heal by
-            themselves whatever is said here.
+        duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
+            unplugging somebody has unlocked the arm or plugged the device in again.
         start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
         parameters: Numbers that some kinds take, such as ``delay_s`` or ``fraction``.
     """
@@ -167,7 +167,7 @@ def post_fault(folder: Path, fault: Fault) -> None:
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         try:
-            with _reachable(folder, fault.device) as address:
+            with _ShortAddress(folder, fault.device) as address:
                 sender.sendto(encode_fault(fault), address)
         except OSError as error:
             raise DeviceError(
@@ -221,7 +221,7 @@ class FaultInbox:
         self.path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        with _reachable(folder, device) as address:
+        with _ShortAddress(folder, device) as address:
             self._socket.bind(address)
 
     def fileno(self) -> int:
@@ -274,7 +274,7 @@ def control_path(folder: Path, device: Device) -> Path:
     return folder / f"{device.value}.control"
 
 
-class _reachable:  # noqa: N801 - reads as a statement
+class _ShortAddress:
     """An address of the socket that fits the 107 bytes that Unix sockets allow."""
 
     def __init__(self, folder: Path, device: Device) -> None:

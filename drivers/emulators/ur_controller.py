@@ -6,7 +6,6 @@ its ports are open, then serves until it is told to end.
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import os
@@ -16,8 +15,6 @@ import signal
 import socket
 import sys
 import time
-from dataclasses import dataclass
-from pathlib import Path
 from types import FrameType
 
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
@@ -26,8 +23,8 @@ from drivers.emulators.ur_arm_trace import ArmTrace
 from drivers.emulators.ur_body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
 from drivers.emulators.ur_program import ControlProgram
 from drivers.emulators.ur_rtde_port import RtdePort
+from drivers.emulators.ur_settings import ControllerSettings, parse_arguments
 from drivers.emulators.ur_text_ports import DashboardPort, ScriptPort
-from drivers.ur5_model import UrModel
 from drivers.ur5_safety import RuntimeState
 from tacauchy_rig.errors import DeviceError, RigError
 from tacauchy_rig.run import Pose, Vector3, Vector6
@@ -37,30 +34,6 @@ _DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
 _PARENT_CHECK_S = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControllerSettings:
-    """How one emulated controller is set up.
-
-    Attributes:
-        host: Loopback address to listen on; one controller for each address.
-        folder: Where its world, trace, events and control socket lie.
-        home: Pose of the tip at the start.
-        repeatability_m: The true tip ends each move within this distance of the reported one.
-        pose_noise_m: Standard deviation of the reported position.
-        parent_pid: Ends with this process; None to serve until told otherwise.
-    """
-
-    host: str
-    model: UrModel
-    folder: Path
-    home: Pose
-    seed: int = 0
-    remote_control: bool = True
-    repeatability_m: float = 0.0
-    pose_noise_m: float = 0.0
-    parent_pid: int | None = None
 
 
 class UrController:
@@ -290,36 +263,6 @@ class StopFlag:
 
     def _set(self, _number: int, _frame: FrameType | None) -> None:
         self.is_set = True
-
-
-def parse_arguments(arguments: list[str]) -> ControllerSettings:
-    """Return the settings that a command line asks for."""
-    parser = argparse.ArgumentParser(prog="ur_controller", description=__doc__)
-    parser.add_argument("--host", default="127.0.0.5", help="loopback address to listen on")
-    parser.add_argument("--model", type=UrModel, choices=list(UrModel), default=UrModel.E_SERIES)
-    parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--home", default="0.3,-0.3,0.2,3.14159265,0,0", help="x,y,z,rx,ry,rz")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--local-control", action="store_true", help="not in remote control")
-    parser.add_argument("--repeatability-m", type=float, default=0.0)
-    parser.add_argument("--pose-noise-m", type=float, default=0.0)
-    parser.add_argument("--parent-pid", type=int, help="end when this parent process ends")
-    given = parser.parse_args(arguments)
-    try:
-        x, y, z, rx, ry, rz = (float(part) for part in given.home.split(","))
-    except ValueError:
-        parser.error(f"--home {given.home!r}: six numbers x,y,z,rx,ry,rz in m and rad are needed")
-    return ControllerSettings(
-        host=given.host,
-        model=given.model,
-        folder=given.folder,
-        home=Pose(position=(x, y, z), rotation_vector=(rx, ry, rz)),
-        seed=given.seed,
-        remote_control=not given.local_control,
-        repeatability_m=given.repeatability_m,
-        pose_noise_m=given.pose_noise_m,
-        parent_pid=given.parent_pid,
-    )
 
 
 def main() -> int:

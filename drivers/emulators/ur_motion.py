@@ -107,6 +107,8 @@ class ToolMotion:
             return
         if self.stalled:
             self.velocity = _STILL
+            if self._target_velocity == _STILL:
+                self._target_velocity = None
         elif self._line is not None:
             self.pose, self.velocity = self._line.advance(duration_s)
             if self._line.arrived:
