@@ -24,14 +24,16 @@ class FrameStream:
 
     Args:
         full_scale_n: What Fz reads when its channel is saturated [N].
+        latency_s: From the moment that a frame belongs to until it leaves [s].
 
     Attributes:
         number: Package number of the newest frame, not wrapped; it advances in every fault.
     """
 
-    def __init__(self, *, seed: int, full_scale_n: float) -> None:
+    def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
         self._random = random.Random(seed)  # noqa: S311 - faults, not secrets
         self._full_scale_n = full_scale_n
+        self._latency_s = latency_s
         self._held: Vector6 | None = None
         self._waiting: deque[tuple[int, bytes]] = deque()
         self.number = -1
@@ -54,11 +56,16 @@ class FrameStream:
         data = encode_frame(self.number, values, checksum=checksum)
         if self._chance(active, FaultKind.GARBLE, _GARBLE_FRACTION):
             data = self._garble(data)
-        delay_s = 0.0
+        delay_s = self._latency_s
         if FaultKind.DELAY in active:
-            delay_s = active[FaultKind.DELAY].get("delay_s", _DELAY_S)
+            delay_s += active[FaultKind.DELAY].get("delay_s", _DELAY_S)
         self._waiting.append((stamp_ns + int(delay_s * 1e9), data))
         return values
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When the next waiting frame leaves; None where none waits."""
+        return self._waiting[0][0] if self._waiting else None
 
     def due(self, now_ns: int) -> bytes:
         """Return the bytes that leave the box by ``now_ns``, in order."""
