@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import logging
+import os
 import random
 import signal
 import socket
@@ -17,7 +17,9 @@ from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, Self
 
-from drivers.emulators.faults import Device
+from drivers.emulators.faults import Device, parse_fault, post_fault
+from drivers.emulators.plant.truth import draw_truth, write_truth
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import (
     CameraDriver,
     ForceSensorDriver,
@@ -102,12 +104,11 @@ class EmulatedProcess:
         self.log = folder / f"{name}.log"
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", *arguments],
+                [sys.executable, "-m", *arguments, "--parent-pid", str(os.getpid())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
             )
         self._lines: Queue[str] = Queue()
         threading.Thread(target=self._read_lines, daemon=True).start()
@@ -156,11 +157,6 @@ class EmulatedProcess:
                 self.process.wait()
 
 
-def _die_with_parent() -> None:
-    """Ask the kernel to end this process with its parent (Linux prctl PR_SET_PDEATHSIG)."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
-
-
 class Emulation:
     """The emulated part of a rig, running.
 
@@ -197,7 +193,7 @@ class Emulation:
     @property
     def world_path(self) -> Path:
         """The memory-mapped file through which the emulators share the arm's state."""
-        return self.folder / "world"
+        return self.folder / WORLD_FILE
 
     def stop(self) -> None:
         """End every emulator."""
@@ -217,3 +213,67 @@ class Emulation:
             self.stop()
             raise
         return self.addresses
+
+    def _start_all(self) -> EmulatedAddresses:
+        truth = write_truth(self.folder, draw_truth(self.config.emulation.seed))
+        SharedWorld.create(self.world_path).close()
+        robot_host = port = url = None
+        if Device.ROBOT in self.devices:
+            robot_host = self._robot_host()
+            self._start("robot", self._robot_arguments(robot_host))
+        elif self.follow_host is not None:
+            arguments = ["drivers.emulators.pose_follower", "--host", self.follow_host]
+            self._start("pose_follower", [*arguments, "--world", str(self.world_path)])
+        if Device.FORCE_SENSOR in self.devices:
+            rate = f"{self.config.force_sensor.rate:.0f}"
+            arguments = ["drivers.emulators.m8128_box", "--rate", rate, *self._plant(truth)]
+            self._start("force_sensor", arguments)
+        if Device.CAMERA in self.devices:
+            self._start("camera", self._camera_arguments(truth))
+        for name, process in self.processes.items():
+            ready = process.wait_ready()
+            logger.info("emulated %s: %s", name, ready)
+            port = ready.get("port", port) if name == "force_sensor" else port
+            url = ready.get("url", url)
+        self._send_planned_faults()
+        return EmulatedAddresses(robot_host=robot_host, force_sensor_port=port, camera_url=url)
+
+    def _start(self, name: str, arguments: list[str]) -> None:
+        self.processes[name] = EmulatedProcess(name, arguments, folder=self.folder)
+
+    def _robot_host(self) -> str:
+        host = self.config.emulation.robot_host
+        return free_loopback_host() if host == "auto" else host
+
+    def _robot_arguments(self, host: str) -> list[str]:
+        robot = self.config.robot
+        home = ",".join(f"{value:.9g}" for value in (*robot.home, *robot.tool_rotation))
+        return [
+            *("drivers.emulators.ur_controller", "--host", host, "--model", robot.model.value),
+            *("--folder", str(self.folder), f"--home={home}"),
+            *("--seed", str(self.config.emulation.seed)),
+        ]
+
+    def _camera_arguments(self, truth: Path) -> list[str]:
+        camera = self.config.camera
+        return [
+            *("drivers.emulators.camera_stream", "--width", str(camera.width)),
+            *("--height", str(camera.height), "--rate", f"{camera.rate:g}"),
+            *self._plant(truth),
+        ]
+
+    def _plant(self, truth: Path) -> list[str]:
+        indenter = self.config.indenter
+        surface = ",".join(f"{value:.9g}" for value in self.config.sensor.surface)
+        return [
+            *("--folder", str(self.folder), "--world", str(self.world_path)),
+            *("--truth", str(truth), f"--surface-m={surface}"),
+            *("--seed", str(self.config.emulation.seed), "--tip", indenter.kind.value),
+            *("--diameter-m", f"{indenter.diameter:.9g}", "--fillet-m", f"{indenter.fillet:.9g}"),
+        ]
+
+    def _send_planned_faults(self) -> None:
+        for text in self.config.emulation.faults:
+            fault = parse_fault(text)
+            if fault.device in self.devices:
+                post_fault(self.folder, fault)

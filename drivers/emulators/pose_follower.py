@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -23,13 +24,15 @@ POLL_S = 0.004
 STALE_S = 0.5
 
 
-def follow(host: str, world_path: Path, *, timeout_s: float = 10.0) -> None:
+def follow(
+    host: str, world_path: Path, *, parent_pid: int | None = None, timeout_s: float = 10.0
+) -> None:
     """Publish the pose that the controller at ``host`` reports until it falls silent.
 
     Raises:
         DeviceError: The controller is unreachable, or its time stamp stopped moving for 0.5 s.
     """
-    probe_controller(host, timeout_s)
+    probe_controller(host, timeout_s=timeout_s)
     receiver = RTDEReceiveInterface(
         host, -1.0, ["timestamp", "actual_TCP_pose", "actual_TCP_speed"]
     )
@@ -37,7 +40,7 @@ def follow(host: str, world_path: Path, *, timeout_s: float = 10.0) -> None:
     world.claim(WorldWriter.REPORTED_POSE)
     print(json.dumps({"device": "pose_follower", "host": host}), flush=True)
     newest, moved = receiver.getTimestamp(), time.monotonic()
-    while True:
+    while parent_pid is None or os.getppid() == parent_pid:
         stamp, now = receiver.getTimestamp(), time.monotonic()
         if stamp != newest:
             newest, moved = stamp, now
@@ -63,9 +66,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--host", required=True)
     parser.add_argument("--world", type=Path, required=True)
+    parser.add_argument("--parent-pid", type=int, help="end when this parent process ends")
     arguments = parser.parse_args()
     try:
-        follow(arguments.host, arguments.world)
+        follow(arguments.host, arguments.world, parent_pid=arguments.parent_pid)
     except RigError as error:
         sys.exit(f"pose follower: {error}")
 
