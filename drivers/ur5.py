@@ -5,13 +5,11 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any
 
 from drivers.interfaces import DeviceIdentity
 from drivers.ur5_caps import MotionCaps
-from drivers.ur5_health import ArmHealth
 from drivers.ur5_link import UrLink
 from drivers.ur5_model import UrModel
 from drivers.ur5_probe import probe_controller, require_ready
@@ -20,9 +18,7 @@ from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
 
 _logger = logging.getLogger(__name__)
-T = TypeVar("T")
 
-_COMMAND_S = 1.0
 _FEED_S = 0.25
 _STOP_S = 0.15
 _POLL_S = 0.002
@@ -84,7 +80,6 @@ class Ur5:
         self._tcp_offset = tcp_offset
         self._payload_kg, self._payload_center = payload_kg, payload_center
         self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
-        self._health = self._fresh_health()
         self._simulated = simulated
         self._link: UrLink | None = None
         self._motion = _Motion.NONE
@@ -102,16 +97,19 @@ class Ur5:
         """
         report = probe_controller(self._host, timeout_s=self._timeout_s)
         require_ready(report, model=self._model)
-        self._link = UrLink(self._host, timeout_s=self._timeout_s)
-        self._health = self._fresh_health()
+        self._link = UrLink(
+            self._host,
+            model=self._model,
+            watchdog_hz=self._watchdog_hz,
+            timeout_s=self._timeout_s,
+        )
         self._motion, self._watchdog_armed = _Motion.NONE, False
-        offset, mass = self._tcp_offset, self._payload_kg
-        if offset is not None:
-            self._command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
-        if mass is not None:
-            center = list(self._payload_center)
-            self._command("setting the payload", lambda c: c.setPayload(mass, center))
-        self.state()
+        try:
+            self._set_tool(self._link)
+            self.state()
+        except DeviceError:
+            self.close()
+            raise
         return DeviceIdentity(
             driver="ur5",
             address=self._host,
@@ -120,8 +118,8 @@ class Ur5:
             simulated=self._simulated,
             settings={
                 "controller_version": report.version_text,
-                "tcp_offset": str(offset),
-                "payload_kg": str(mass),
+                "tcp_offset": str(self._tcp_offset),
+                "payload_kg": str(self._payload_kg),
                 "watchdog_hz": str(self._watchdog_hz),
             },
         )
@@ -133,14 +131,9 @@ class Ur5:
             DeviceError: The controller's time stamp stands still, the connection broke, or the
                 program ended (with the reason, as far as the controller tells it).
         """
-        link = self._require_link()
-        sample = link.sample()
-        if self._health.note(sample):
+        sample, is_new = self._require_link().state()
+        if is_new:
             self._record.append(sample)
-        if not link.is_unbroken:
-            raise self._health.broken()
-        self._health.require_fresh()
-        self._health.require_running(sample)
         return sample
 
     def drain(self) -> list[ArmSample]:
@@ -156,8 +149,8 @@ class Ur5:
             DeviceError: The controller did not answer.
         """
         vector = list(pose.as_vector())
-        allowed = self._call(
-            "checking a pose", lambda c: bool(c.isPoseWithinSafetyLimits(vector)), _COMMAND_S
+        allowed = self._require_link().call(
+            "checking a pose", lambda c: bool(c.isPoseWithinSafetyLimits(vector))
         )
         if not allowed:
             self.state()  # A controller that stopped also says no.
@@ -172,11 +165,11 @@ class Ur5:
         """
         self._caps.require_line(self._device, target.as_vector(), speed, acceleration)
         vector = list(target.as_vector())
-        self._prepare_motion(_Motion.LINE)
-        _, self._operation_before = self._call("reading progress", _progress, _COMMAND_S)
+        link = self._prepare_motion(_Motion.LINE)
+        _, self._operation_before = link.call("reading progress", _progress)
         self._motion = _Motion.LINE
         self._move_start_s = time.monotonic()
-        self._command("starting a move", lambda c: c.moveL(vector, speed, acceleration, True))
+        link.command("starting a move", lambda c: c.moveL(vector, speed, acceleration, True))
 
     def is_moving(self) -> bool:
         """Return True until the move started last has ended.
@@ -188,12 +181,13 @@ class Ur5:
             return True
         if self._motion is _Motion.NONE:
             return False
-        running, operation = self._call("reading progress", _progress, _COMMAND_S)
+        link = self._require_link()
+        running, operation = link.call("reading progress", _progress)
         if running:
             return True
         if operation == self._operation_before:
             if time.monotonic() - self._move_start_s > _MOVE_BEGINS_S:
-                raise self._health.lose("the move never began", "read the pendant's message")
+                raise link.health.lose("the move never began", "read the pendant's message")
             return True
         self._motion = _Motion.NONE
         return False
@@ -206,9 +200,9 @@ class Ur5:
             DeviceError: The controller refused.
         """
         self._caps.require_velocity(self._device, velocity, acceleration)
-        self._prepare_motion(_Motion.VELOCITY)
+        link = self._prepare_motion(_Motion.VELOCITY)
         self._motion = _Motion.VELOCITY
-        self._command(
+        link.command(
             "setting the velocity",
             lambda c: c.speedL(list(velocity), acceleration, 0.0),
             deadline_s=_FEED_S,
@@ -220,7 +214,9 @@ class Ur5:
         Raises:
             DeviceError: The arm is lost, so feeding it would only keep it moving.
         """
-        self._command("feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S)
+        self._require_link().command(
+            "feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S
+        )
 
     def stop(self) -> None:
         """End any motion. Never raises; returns within 0.2 s.
@@ -236,11 +232,10 @@ class Ur5:
                 if not link.call(
                     "stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S
                 ):
-                    self._health.lose("did not take the stop", "see why its program ended")
+                    link.health.lose("did not take the stop", "see why its program ended")
             else:
                 self._stop_line(link)
         except DeviceError as error:
-            self._health.remember(error)
             _logger.error("%s", error)
         self._motion = _Motion.NONE
 
@@ -256,11 +251,11 @@ class Ur5:
         self._motion = _Motion.NONE
         # The program dies of it, so whether it answers says nothing: the safety bits do.
         activity = "triggering a protective stop"
-        link.call(activity, lambda c: c.triggerProtectiveStop(), deadline_s=_COMMAND_S)
+        link.call(activity, lambda c: c.triggerProtectiveStop())
         end_s = time.monotonic() + _STOP_S
         while safety_reason(link.sample().safety_bits) is None:
             if time.monotonic() > end_s:
-                raise self._health.lose(
+                raise link.health.lose(
                     "did not take the protective stop", "press the emergency stop"
                 )
             time.sleep(_POLL_S)
@@ -282,45 +277,28 @@ class Ur5:
                 return
             time.sleep(_POLL_S)
 
-    def _prepare_motion(self, wanted: _Motion) -> None:
+    def _prepare_motion(self, wanted: _Motion) -> UrLink:
+        link = self._require_link()
         # Two of the controller's threads that drive the arm at once would end its program.
-        if self._motion is not _Motion.NONE and (wanted, self._motion) != (
-            _Motion.VELOCITY,
-            _Motion.VELOCITY,
-        ):
+        if self._motion is _Motion.LINE or self._motion not in (_Motion.NONE, wanted):
             self.stop()
         if not self._watchdog_armed:
-            self._command("setting the watchdog", lambda c: c.setWatchdog(self._watchdog_hz))
+            link.command("setting the watchdog", lambda c: c.setWatchdog(self._watchdog_hz))
             self._watchdog_armed = True
+        return link
 
-    def _command(
-        self,
-        activity: str,
-        function: Callable[[Any], object],
-        *,
-        deadline_s: float = _COMMAND_S,
-    ) -> None:
-        if not self._call(activity, lambda c: bool(function(c)), deadline_s):
-            self._health.require_running(self._require_link().sample())
-            raise self._health.lose(f"refused {activity}", "read the pendant's message")
-
-    def _call(self, activity: str, function: Callable[[Any], T], deadline_s: float) -> T:
-        link = self._require_link()
-        try:
-            return link.call(activity, function, deadline_s=deadline_s)
-        except DeviceError as error:
-            if not link.is_unbroken:
-                raise self._health.broken() from error
-            raise self._health.remember(error) from error
+    def _set_tool(self, link: UrLink) -> None:
+        offset, mass, center = self._tcp_offset, self._payload_kg, self._payload_center
+        if offset is not None:
+            link.command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
+        if mass is not None:
+            link.command("setting the payload", lambda c: c.setPayload(mass, list(center)))
 
     def _require_link(self) -> UrLink:
-        self._health.require_alive()
         if self._link is None:
             raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
+        self._link.health.require_alive()
         return self._link
-
-    def _fresh_health(self) -> ArmHealth:
-        return ArmHealth(self._device, model=self._model, watchdog_hz=self._watchdog_hz)
 
 
 def _progress(control: Any) -> tuple[bool, int]:

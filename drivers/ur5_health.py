@@ -31,7 +31,7 @@ class ArmHealth:
         self._watchdog_hz = watchdog_hz
         self._lost: DeviceError | None = None
         self._controller_time_s = -1.0
-        self._changed_s = time.monotonic()
+        self._changed_s = self._looked_s = time.monotonic()
 
     @property
     def is_lost(self) -> bool:
@@ -63,12 +63,17 @@ class ArmHealth:
             "check the network and the controller, then start again; nothing reconnects by itself",
         )
 
+    def looked_away(self) -> bool:
+        """Return whether the last look is so old that old data prove nothing."""
+        return time.monotonic() - self._looked_s > 0.5 * self._limit_s
+
     def note(self, sample: ArmSample) -> bool:
         """Take in a state; return True when it is newer than the last one."""
+        self._looked_s = time.monotonic()
         if sample.controller_time_s == self._controller_time_s:
             return False
         self._controller_time_s = sample.controller_time_s
-        self._changed_s = time.monotonic()
+        self._changed_s = self._looked_s
         return True
 
     def require_fresh(self) -> None:

@@ -1,7 +1,12 @@
-"""The two ur_rtde interfaces of one arm: opened, read, called and closed within deadlines."""
+"""The two ur_rtde interfaces of one arm: opened, read, called and closed within deadlines.
+
+The first loss (old data, a broken connection, an ended program, a missed deadline) is final:
+every later call raises it again.
+"""
 
 from __future__ import annotations
 
+import functools
 import logging
 import time
 from collections.abc import Callable
@@ -12,6 +17,8 @@ from rtde_receive import RTDEReceiveInterface
 
 from drivers.ur5_commander import Commander
 from drivers.ur5_guardian import Guardian
+from drivers.ur5_health import ArmHealth
+from drivers.ur5_model import UrModel
 from drivers.ur5_safety import RuntimeState
 from drivers.ur5_sockets import RtdeSockets
 from tacauchy_rig.errors import DeviceError, RigError
@@ -21,6 +28,7 @@ _logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 RECORD_RATE_HZ = 125.0
+COMMAND_S = 1.0
 _FIELDS = [
     "timestamp",
     "actual_TCP_pose",
@@ -31,6 +39,7 @@ _FIELDS = [
 ]
 _CONTROLLER_RATE = -1.0
 _TORN_READS = 5
+_SECOND_LOOK_S = 0.02
 _FIRST_STATE_S = 1.0
 _CLOSE_S = 5.0
 _STOP_SCRIPT_S = 1.0
@@ -41,13 +50,15 @@ class UrLink:
 
     Args:
         host: Name or address of the controller.
+        model: Says how old data may become.
+        watchdog_hz: Feeding that the controller will ask for, for messages [Hz].
         timeout_s: How long ur_rtde's constructors may take before this process is ended [s].
 
     Raises:
         DeviceError: ur_rtde refused to connect, or no data came.
     """
 
-    def __init__(self, host: str, *, timeout_s: float) -> None:
+    def __init__(self, host: str, *, model: UrModel, watchdog_hz: float, timeout_s: float) -> None:
         self.device = f"robot {host}"
         self._commander = Commander(self.device)
         self._receive: Any = None
@@ -69,16 +80,27 @@ class UrLink:
             ) from error
         self._sockets.remember(host)
         self._await_first_state()
+        self.health = ArmHealth(self.device, model=model, watchdog_hz=watchdog_hz)
 
-    @property
-    def is_unbroken(self) -> bool:
-        """False once a connection was closed, or replaced behind our back."""
-        return self._receive is not None and self._sockets.are_unchanged()
+    def state(self) -> tuple[ArmSample, bool]:
+        """Return (newest state, whether it is newer than the last one).
 
-    @property
-    def is_stuck(self) -> bool:
-        """True once a control call missed its deadline."""
-        return self._commander.is_stuck
+        Raises:
+            DeviceError: The arm is lost.
+        """
+        self.health.require_alive()
+        sample = self.sample()
+        is_new = self.health.note(sample)
+        if not is_new and self.health.looked_away():
+            # This process was held up, and with it the thread that receives: look again.
+            time.sleep(_SECOND_LOOK_S)
+            sample = self.sample()
+            is_new = self.health.note(sample)
+        if not self._sockets.are_unchanged():
+            raise self.health.broken()
+        self.health.require_fresh()
+        self.health.require_running(sample)
+        return sample, is_new
 
     def sample(self) -> ArmSample:
         """Return the newest state, all of it from one data packet."""
@@ -102,28 +124,55 @@ class UrLink:
             robot_mode=robot_mode,
         )
 
-    def call(self, activity: str, function: Callable[[Any], T], *, deadline_s: float) -> T:
-        """Return ``function(control interface)``.
+    def command(
+        self, activity: str, function: Callable[[Any], object], *, deadline_s: float = COMMAND_S
+    ) -> None:
+        """Make a control call that answers whether it was accepted.
 
         Args:
             activity: What it does, for messages.
-            function: Makes one call.
+            function: Makes one call on the control interface.
             deadline_s: How long to wait [s].
 
         Raises:
-            DeviceError: No answer in time, the connection is closed, or the library complained.
+            DeviceError: Refused, no answer in time, or the arm is lost.
+        """
+        self.health.require_alive()
+        if not self.call(activity, function, deadline_s=deadline_s):
+            self.health.require_running(self.sample())
+            raise self.health.lose(f"refused {activity}", "read the pendant's message")
+
+    def call(
+        self, activity: str, function: Callable[[Any], T], *, deadline_s: float = COMMAND_S
+    ) -> T:
+        """Return what ``function`` returns; works on a lost arm too, as far as it can.
+
+        Args:
+            activity: What it does, for messages.
+            function: Makes one call on the control interface.
+            deadline_s: How long to wait [s].
+
+        Raises:
+            DeviceError: No answer in time, or the library complained; the arm is then lost.
         """
         control = self._control
-        if control is None:
-            raise DeviceError(f"{self.device}: {activity} is not possible, it is not connected")
-        return self._commander.call(activity, lambda: function(control), deadline_s=deadline_s)
+        try:
+            return self._commander.call(
+                activity, functools.partial(function, control), deadline_s=deadline_s
+            )
+        except DeviceError as error:
+            if not self._sockets.are_unchanged():
+                raise self.health.broken() from error
+            self.health.remember(error)
+            raise
 
     def close(self) -> None:
         """End the program on the controller and disconnect; never raises."""
         with Guardian(f"{self.device}: disconnecting", timeout_s=_CLOSE_S):
             control = self._control
             # Over a broken connection there is nobody to tell, and the library would wait.
-            if control is not None and self.is_unbroken and not self.is_stuck:
+            reachable = self._sockets.are_unchanged() and not self._commander.is_stuck
+            if control is not None and reachable:
                 try:
                     self._commander.call(
                         "ending the program",

@@ -43,6 +43,18 @@ class FaultKind(StrEnum):
     STALL = "stall"
 
 
+_STREAM_FAULTS = frozenset(
+    {
+        FaultKind.FREEZE,
+        FaultKind.DROP,
+        FaultKind.GARBLE,
+        FaultKind.DELAY,
+        FaultKind.UNPLUG,
+        FaultKind.SATURATE,
+        FaultKind.STALL,
+    }
+)
+
 FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
     Device.ROBOT: frozenset(
         {
@@ -54,28 +66,8 @@ FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
             FaultKind.STALL,
         }
     ),
-    Device.FORCE_SENSOR: frozenset(
-        {
-            FaultKind.FREEZE,
-            FaultKind.DROP,
-            FaultKind.GARBLE,
-            FaultKind.DELAY,
-            FaultKind.UNPLUG,
-            FaultKind.SATURATE,
-            FaultKind.STALL,
-        }
-    ),
-    Device.CAMERA: frozenset(
-        {
-            FaultKind.FREEZE,
-            FaultKind.DROP,
-            FaultKind.GARBLE,
-            FaultKind.DELAY,
-            FaultKind.UNPLUG,
-            FaultKind.SATURATE,
-            FaultKind.STALL,
-        }
-    ),
+    Device.FORCE_SENSOR: _STREAM_FAULTS,
+    Device.CAMERA: _STREAM_FAULTS,
 }
 
 _PLAN = re.compile(r"^\s*([^:@+\s]+):([^:@+\s]+)(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
