@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
+
+SAME_WISH_S = 0.7
 
 
 class Abort:
     """Counts requests to stop; safe to call from a signal handler or a thread.
 
-    The first request stops the arm and takes it slowly off the gel; a second one holds it where
-    it is.
+    The first request stops the arm and takes it slowly off the gel; a second one, at least
+    ``same_wish_s`` later, holds it where it is. One Ctrl-C reaches several processes and comes
+    here several times at once.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, same_wish_s: float = SAME_WISH_S) -> None:
+        self._same_wish_s = same_wish_s
+        self._asked_s = -math.inf
         self._reasons: list[str] = []
         self._listeners: list[Callable[[str], None]] = []
 
     def request(self, reason: str) -> None:
         """Ask to stop, because of ``reason``."""
+        now_s = time.monotonic()
+        if now_s - self._asked_s < self._same_wish_s:
+            return
+        self._asked_s = now_s
         self._reasons.append(reason)
         for listener in self._listeners:
             listener(reason)

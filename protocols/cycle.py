@@ -62,7 +62,7 @@ class Cycle:
         workspace: Limits on where the arm is and goes.
         rates: What arrived since the attempt began.
         last_force_n: Newest pressing force [N].
-        observers: Called with each reading, to show progress; they must not block.
+        observers: Called at each turn, whatever it finds; they must not block.
     """
 
     def __init__(self, rig: Rig, config: RigConfig, *, sink: Sink, abort: Abort) -> None:
@@ -75,7 +75,7 @@ class Cycle:
         self.rates = RateMeter()
         self.last_force_n = 0.0
         self.last_state: ArmSample | None = None
-        self.observers: list[Callable[[Reading], None]] = []
+        self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
         self._aborts_heeded = 0
         self._turned_ns: int | None = None
@@ -89,6 +89,8 @@ class Cycle:
             AbortedError: A person asked to stop.
         """
         turn_s = self._pace()
+        for observer in self.observers:
+            observer()
         if self.abort.count > self._aborts_heeded:
             self._aborts_heeded = self.abort.count
             raise AbortedError(f"aborted: {self.abort.reason}")
@@ -110,12 +112,7 @@ class Cycle:
             raise max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
         if self.last_state is None:
             raise _robot_breach(DeviceError("robot: it has reported no state"))
-        reading = Reading(
-            presses=tuple(presses), arm=self.last_state, now_ns=self.rig.clock.now_ns()
-        )
-        for observer in self.observers:
-            observer(reading)
-        return reading
+        return Reading(presses=tuple(presses), arm=self.last_state, now_ns=self.rig.clock.now_ns())
 
     def set_velocity(self, velocity: Vector6) -> None:
         """Set the tool's velocity [m/s, rad/s].
@@ -219,6 +216,7 @@ class Cycle:
         self.workspace.check_state(state)
 
     def _watch_record(self) -> None:
+        self.rates.record_lag(self.sink.lag_s())
         problem = self.sink.problem()
         if problem:
             raise _recorder_breach(problem)

@@ -40,6 +40,10 @@ class DirectSink:
         """Return nothing: problems are raised where they happen."""
         return ""
 
+    def lag_s(self) -> float:
+        """Return zero: each call returns with its data on disk."""
+        return 0.0
+
 
 class DirectCamera:
     """A camera in this process, watched and recorded at once; see ``CameraMonitor``."""

@@ -20,6 +20,7 @@ class RateMeter:
         self._turns_s: list[float] = []
         self._arm_count = 0
         self._frames_lost: list[int] = []
+        self._record_lag_s = 0.0
 
     def force(self, samples: Sequence[ForceSample]) -> None:
         """Count force samples."""
@@ -38,6 +39,10 @@ class RateMeter:
     def arm(self, count: int) -> None:
         """Count arm states."""
         self._arm_count += count
+
+    def record_lag(self, lag_s: float) -> None:
+        """Note how far the disk is behind [s]."""
+        self._record_lag_s = max(self._record_lag_s, lag_s)
 
     def turn(self, duration_s: float) -> None:
         """Note how long a turn of the control loop took [s]."""
@@ -61,6 +66,7 @@ class RateMeter:
             **image,
             "image_lost_count": float(frames_lost),
             "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
+            "record_lag_max_ms": self._record_lag_s * 1e3,
             "control_loop_ms_p50": float(np.percentile(turns_ms, 50)),
             "control_loop_ms_p99": float(np.percentile(turns_ms, 99)),
             "control_loop_ms_max": float(np.max(turns_ms)),

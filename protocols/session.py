@@ -10,8 +10,10 @@ from protocols.abort import Abort
 from protocols.cycle import Cycle
 from protocols.direct_sink import DirectCamera, DirectSink
 from protocols.journal import Journal
+from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.programme import PlannedTrial, ProgrammeResult, fresh_plan, run_programme
 from protocols.record_keeper import RecordKeeper
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
@@ -26,6 +28,33 @@ def plan_session(store: RunStore) -> tuple[PlannedTrial, ...]:
         )
         for planned in fresh_plan(store.config)
     )
+
+
+def run_session(
+    store: RunStore,
+    config: RigConfig,
+    *,
+    on_event: Callable[[JournalEvent], None],
+    abort: Abort,
+) -> SessionResult:
+    """Run every trial without a passed attempt, with a process each for control, camera, record.
+
+    Args:
+        store: The run's folder; new, or one to resume.
+        config: Its configuration, with the addresses of emulated devices filled in.
+        on_event: Told of every journal event, and of ``progress`` five times a second, in this
+            thread.
+        abort: Asked at every turn of the control loop; see ``protocols.abort_watch``.
+
+    Raises:
+        RecordError: Another program works on the run.
+        DeviceError: Devices did not connect; all of them are named.
+    """
+    with (
+        store.lock(),
+        Supervisor(store, config, plan_session(store), on_event=on_event, abort=abort) as parent,
+    ):
+        return parent.run()
 
 
 def run_session_in_process(

@@ -34,3 +34,7 @@ class Sink(Protocol):
     def problem(self) -> str:
         """Return why nothing more can be kept, or an empty text."""
         ...
+
+    def lag_s(self) -> float:
+        """Return for how long the oldest entry has been on its way to the disk [s]."""
+        ...

@@ -1,0 +1,95 @@
+"""The camera process: frames go straight to the recorder, small marks of them to control."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import sys
+import time
+
+from drivers.interfaces import Camera
+from drivers.rig import FrameMark, build_camera
+from protocols.processes.channel import Channel
+from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.entry import Frame
+from protocols.processes.link import RecorderLink
+from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Ready, Stop
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 0.005
+TELL_S = 0.1
+ORPHAN_S = 20.0
+CLOSE_S = 4.0
+
+
+def film(job: Job, supervisor: Channel) -> None:
+    """Do the camera's job.
+
+    Raises:
+        DeviceError: The camera did not connect.
+    """
+    ignore_signals()
+    control = Channel.inherited(job.descriptors["control-status"])
+    camera = build_camera(job.config)
+    identity = camera.connect()
+    link = RecorderLink(
+        socket.socket(fileno=job.descriptors["recorder-data"]),
+        Channel.inherited(job.descriptors["recorder-acks"]),
+        store=RunStore.open(job.root),
+        source="camera",
+    )
+    supervisor.send(Ready(devices={"camera": identity}))
+    try:
+        _film_until_told(camera, link, supervisor=supervisor, control=control)
+    finally:
+        camera.close()
+        link.close(timeout_s=CLOSE_S)
+        supervisor.send(Kept(source="camera", count=link.kept_count))
+
+
+def _film_until_told(
+    camera: Camera, link: RecorderLink, *, supervisor: Channel, control: Channel
+) -> None:
+    alive = True
+    told_s = 0.0
+    orphaned_s: float | None = None
+    while True:
+        if any(isinstance(message, Stop) for message in supervisor.receive()):
+            return
+        now_s = time.monotonic()
+        if supervisor.closed:
+            # Control still needs the frames of its way to a safe stop.
+            orphaned_s = orphaned_s or now_s
+            if control.closed or now_s - orphaned_s > ORPHAN_S:
+                return
+        supervisor.wait(LOOK_S) if not supervisor.closed else time.sleep(LOOK_S)
+        control.receive()
+        link.poll()
+        if now_s - told_s > TELL_S:
+            told_s = now_s
+            supervisor.send(Kept(source="camera", count=link.kept_count))
+        if alive:
+            alive = _pass_on(camera, link, control)
+
+
+def _pass_on(camera: Camera, link: RecorderLink, control: Channel) -> bool:
+    """Pass new frames on; return False once the camera is gone."""
+    try:
+        frames = camera.drain()
+    except DeviceError as error:
+        logger.error("%s", error)
+        control.send(Failed.because(error))
+        return False
+    for frame in frames:
+        link.put(Frame(frame))
+    if frames:
+        marks = tuple(FrameMark(frame.stamp_ns, frame.counter) for frame in frames)
+        control.send(CameraStatus(marks=marks, health=camera.health()))
+    return True
+
+
+if __name__ == "__main__":
+    sys.exit(run_child("camera", film))

@@ -1,0 +1,62 @@
+"""What every child process does first and last."""
+
+from __future__ import annotations
+
+import faulthandler
+import logging
+import signal
+import sys
+import time
+from collections.abc import Callable
+
+from protocols.processes.channel import Channel
+from protocols.processes.messages import Failed, Job
+from tacauchy_rig.errors import DeviceError, RigError
+
+logger = logging.getLogger(__name__)
+
+JOB_TIMEOUT_S = 10.0
+
+
+def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
+    """Take the job from the supervisor and do it; return the exit status.
+
+    Errors go to the supervisor as plain words, and with their traceback to the log (stderr).
+    """
+    faulthandler.enable()
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
+    )
+    supervisor = Channel.inherited(int(sys.argv[1]))
+    try:
+        work(_receive_job(name, supervisor), supervisor)
+    except RigError as error:
+        logger.error("%s", error)
+        supervisor.send(Failed.because(error))
+        return error.exit_code
+    except Exception as error:
+        logger.critical("unforeseen", exc_info=error)
+        supervisor.send(
+            Failed(
+                message=f"{name}: unforeseen {type(error).__name__}: {error}",
+                remedy=f"read logs/{name}.log in the run folder",
+            )
+        )
+        return 2
+    return 0
+
+
+def ignore_signals() -> None:
+    """Leave signals meant for the run to the processes that can act on them."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _receive_job(name: str, supervisor: Channel) -> Job:
+    deadline = time.monotonic() + JOB_TIMEOUT_S
+    while time.monotonic() < deadline and not supervisor.closed:
+        supervisor.wait(0.1)
+        for message in supervisor.receive():
+            if isinstance(message, Job):
+                return message
+    raise DeviceError(f"{name}: no job from the supervisor within {JOB_TIMEOUT_S:g} s")

@@ -1,0 +1,204 @@
+"""The control process: owns the arm, the force sensor, the guard and the protocol."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import signal
+import socket
+import sys
+import threading
+import time
+from types import FrameType
+
+from drivers.clock import HostClock
+from drivers.interfaces import Arm, DeviceIdentity, ForceTorqueSensor
+from drivers.rig import Rig, build_arm_and_force_sensor
+from protocols.abort import Abort
+from protocols.cycle import Cycle
+from protocols.journal import Journal
+from protocols.processes.channel import Channel
+from protocols.processes.child import run_child
+from protocols.processes.link import RecorderLink
+from protocols.processes.link_sink import LinkSink, RemoteCamera
+from protocols.processes.messages import (
+    AbortRequest,
+    Finished,
+    Go,
+    Job,
+    Kept,
+    Ready,
+)
+from protocols.programme import ProgrammeResult, run_programme
+from tacauchy_rig.errors import AbortedError, DeviceError, RigError
+from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+SHOW_S = 0.2
+SILENT_S = 2.0
+GO_TIMEOUT_S = 120.0
+CLOSE_S = 4.0
+_PR_SET_PDEATHSIG = 1
+
+
+class Orders:
+    """Listens to the supervisor in a thread of its own, so that no step can hold an abort up."""
+
+    def __init__(self, supervisor: Channel, abort: Abort) -> None:
+        self.go = threading.Event()
+        self._supervisor = supervisor
+        self._abort = abort
+        threading.Thread(target=self._listen, name="orders", daemon=True).start()
+
+    def _listen(self) -> None:
+        heard_s = time.monotonic()
+        while True:
+            self._supervisor.wait(0.1)
+            messages = self._supervisor.receive()
+            for message in messages:
+                if isinstance(message, AbortRequest):
+                    self._abort.request(message.reason)
+                elif isinstance(message, Go):
+                    self.go.set()
+            if self._supervisor.closed:
+                self._abort.request("the program that watches the run is gone")
+                return
+            now_s = time.monotonic()
+            heard_s = now_s if messages else heard_s
+            if self.go.is_set() and now_s - heard_s > SILENT_S:
+                self._abort.request(f"the supervisor has been silent for {SILENT_S:g} s")
+                return
+
+
+def control(job: Job, supervisor: Channel) -> None:
+    """Do the job of control.
+
+    Raises:
+        RigError: A device did not connect.
+    """
+    _die_with_parent(signal.SIGKILL)
+    arm, force_sensor = build_arm_and_force_sensor(job.config)
+    link = RecorderLink(
+        socket.socket(fileno=job.descriptors["recorder-data"]),
+        Channel.inherited(job.descriptors["recorder-acks"]),
+        store=RunStore.open(job.root),
+        source="control",
+    )
+    camera = Channel.inherited(job.descriptors["camera-status"])
+    try:
+        devices = _connect(arm, force_sensor)
+        _die_with_parent(0)
+        abort = Abort()
+        _heed_signals(abort)
+        orders = Orders(supervisor, abort)
+        supervisor.send(Ready(devices=devices))
+        _wait_for_go(orders, arm, force_sensor, abort)
+        rig = Rig(
+            arm=arm, force_sensor=force_sensor, camera=RemoteCamera(camera), clock=HostClock()
+        )
+        result = _run(rig, job, link, supervisor, abort)
+    finally:
+        arm.close()
+        force_sensor.close()
+        link.close(timeout_s=CLOSE_S)
+        supervisor.send(Kept(source="control", count=link.kept_count))
+    _tell(supervisor, Finished(result=result))
+
+
+def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdentity]:
+    """Connect both, and name every device that does not answer at once.
+
+    Raises:
+        DeviceError: One or both did not connect.
+    """
+    devices: dict[str, DeviceIdentity] = {}
+    errors: list[RigError] = []
+    for name, device in (("force_sensor", force_sensor), ("robot", arm)):
+        try:
+            devices[name] = device.connect()
+        except RigError as error:
+            errors.append(error)
+    if errors:
+        raise DeviceError(
+            "\n".join(error.message for error in errors),
+            remedy="; ".join(error.remedy for error in errors if error.remedy),
+        )
+    return devices
+
+
+def _wait_for_go(orders: Orders, arm: Arm, force_sensor: ForceTorqueSensor, abort: Abort) -> None:
+    deadline = time.monotonic() + GO_TIMEOUT_S
+    while not orders.go.wait(0.02):
+        if abort.count:
+            raise AbortedError(f"aborted before anything moved: {abort.reason}")
+        if time.monotonic() > deadline:
+            raise AbortedError(f"no order to begin within {GO_TIMEOUT_S:g} s")
+        arm.kick_watchdog()
+        arm.state()
+        arm.drain()
+        force_sensor.drain()
+
+
+def _run(
+    rig: Rig, job: Job, link: RecorderLink, supervisor: Channel, abort: Abort
+) -> ProgrammeResult:
+    sink = LinkSink(link)
+    cycle = Cycle(rig, job.config, sink=sink, abort=abort)
+    journal = Journal(sink, rig.clock, listener=lambda event: _show(supervisor, event))
+    shown_s = 0.0
+
+    def show() -> None:
+        nonlocal shown_s
+        now_s = time.monotonic()
+        if now_s - shown_s >= SHOW_S:
+            shown_s = now_s
+            state = cycle.last_state
+            journal.show(
+                force_n=cycle.last_force_n,
+                height_m=state.pose.position[2] if state else None,
+            )
+            supervisor.send(Kept(source="control", count=link.kept_count))
+
+    cycle.observers.append(show)
+    return run_programme(cycle, journal, job.plan)
+
+
+def _show(supervisor: Channel, event: JournalEvent) -> None:
+    supervisor.send(event)
+
+
+def _tell(supervisor: Channel, message: Finished) -> None:
+    deadline = time.monotonic() + 2.0
+    while not supervisor.send(message) and not supervisor.closed and time.monotonic() < deadline:
+        time.sleep(0.02)
+    logger.info("ended: %s", message.result.outcome)
+
+
+def _heed_signals(abort: Abort) -> None:
+    names = {
+        signal.SIGINT: "Ctrl-C",
+        signal.SIGTERM: "SIGTERM",
+        signal.SIGHUP: "the terminal was lost",
+        signal.SIGTSTP: "Ctrl-Z",
+    }
+
+    def heed(number: int, _frame: FrameType | None) -> None:
+        abort.request(names[signal.Signals(number)])
+
+    for number in names:
+        signal.signal(number, heed)
+
+
+def _die_with_parent(number: int) -> None:
+    """Ask the kernel for a signal when the parent dies; 0 takes it back.
+
+    Only while connecting, when a native call may hang with the interpreter's lock held. Once
+    connected, the loss of the parent is heard as an end of file and the arm is made safe first.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+
+
+if __name__ == "__main__":
+    sys.exit(run_child("control", control))

@@ -1,0 +1,101 @@
+"""A child process as the supervisor sees it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import protocols
+from protocols.processes.channel import Channel
+from protocols.processes.messages import Job
+
+LOG_FOLDER = "logs"
+
+
+class Launched:
+    """A child that runs ``protocols.processes.NAME``.
+
+    Its descriptors are closed here once it has them, so that its end shows as an end of file.
+
+    Args:
+        name: Module of the child.
+        job: What it is to do.
+
+    Attributes:
+        heard_s: When it said something last, by ``time.monotonic``.
+        killed: Whether this supervisor had to kill it.
+    """
+
+    def __init__(self, name: str, job: Job) -> None:
+        self.name = name
+        self.killed = False
+        self.heard_s = time.monotonic()
+        self.log = job.root / LOG_FOLDER / f"{name}.log"
+        self.log.parent.mkdir(exist_ok=True)
+        self.channel, theirs = Channel.pair()
+        handed = (theirs.fileno(), *job.descriptors.values())
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [
+                    *(sys.executable, "-P", "-m", f"protocols.processes.{name}"),
+                    str(theirs.fileno()),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=handed,
+                env=_environment(),
+            )
+        theirs.close()
+        self.channel.send(job)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self.process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process is gone."""
+        return self.process.poll() is not None
+
+    def wait(self, *, timeout_s: float) -> None:
+        """Wait for its end; kill it after ``timeout_s`` [s]."""
+        try:
+            self.process.wait(timeout=max(timeout_s, 0.0))
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+    def kill(self) -> None:
+        """End it at once. An arm in motion is then stopped by its own watchdog."""
+        if not self.has_ended:
+            self.killed = True
+            self.process.kill()
+            self.process.wait()
+
+    def describe_end(self) -> str:
+        """Return how it ended, in words, with the last line of its log."""
+        code = self.process.poll()
+        if code is None:
+            return f"the {self.name} process still runs"
+        how = f"exit status {code}"
+        if code < 0:
+            how = f"killed by {signal.Signals(-code).name}"
+        if self.killed:
+            how = "it had stopped answering and was ended"
+        return f"the {self.name} process died ({how}){self._last_words()}"
+
+    def _last_words(self) -> str:
+        lines = self.log.read_text(errors="replace").strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
+
+
+def _environment() -> dict[str, str]:
+    """Return our environment; the child finds the same packages as this process."""
+    root = str(Path(protocols.__file__).parents[1])
+    known = os.environ.get("PYTHONPATH", "")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, known)))}

@@ -1,0 +1,180 @@
+"""A producer's way to the recorder: what is not acknowledged is not forgotten.
+
+Entries wait here until the recorder says that they are on disk. When the recorder dies or hangs,
+a thread writes all that wait, and all that follow, to ``unacknowledged-<source>.mcap``.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+
+from protocols.processes.channel import Channel
+from protocols.processes.entry import Begin, End, Entry, Frame, encode, keep
+from protocols.processes.messages import Ack, Failed
+from protocols.record_keeper import RecordKeeper
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+STALLED_S = 3.0
+WAITING_BYTES_MAX = 256 << 20
+SMALL_ENTRY_BYTES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    number: int
+    entry: Entry
+    size: int
+    since_s: float
+
+
+class RecorderLink:
+    """One producer's end; ``put`` never blocks.
+
+    Args:
+        data: Stream to the recorder.
+        acks: Channel on which it answers.
+        store: Where to spill.
+        source: Name of this producer.
+
+    Attributes:
+        kept_count: Samples, frames and events that the recorder has acknowledged.
+    """
+
+    def __init__(self, data: socket.socket, acks: Channel, *, store: RunStore, source: str) -> None:
+        self.kept_count = 0
+        self._data = data
+        self._acks = acks
+        self._store = store
+        self._source = source
+        self._attempt = (0, 0)
+        self._number = 0
+        self._waiting: deque[_Waiting] = deque()
+        self._unsent: deque[_Waiting] = deque()
+        self._waiting_bytes = 0
+        self._changed = threading.Condition()
+        self._problem = ""
+        self._spilling = False
+        self._closing = False
+        self._thread = threading.Thread(target=self._deliver, name="recorder-link", daemon=True)
+        self._thread.start()
+
+    def put(self, entry: Entry) -> None:
+        """Queue an entry."""
+        size = len(entry.frame.jpeg) if isinstance(entry, Frame) else SMALL_ENTRY_BYTES
+        with self._changed:
+            self._number += 1
+            waiting = _Waiting(self._number, entry, size, time.monotonic())
+            self._waiting.append(waiting)
+            self._unsent.append(waiting)
+            self._waiting_bytes += size
+            self._changed.notify_all()
+
+    def poll(self) -> None:
+        """Take the recorder's answers; call it often."""
+        for message in self._acks.receive():
+            if isinstance(message, Ack):
+                self._take_ack(message)
+            elif isinstance(message, Failed):
+                self._note(f"recorder: {message.message}")
+        if self._acks.closed and not self._closing:
+            self._note("recorder: its process is gone")
+
+    def problem(self) -> str:
+        """Return why nothing more can be recorded properly, or an empty text."""
+        self.poll()
+        lag_s = self.lag_s()
+        if lag_s > STALLED_S and not self._spilling:
+            self._note(f"recorder: it has acknowledged nothing for {lag_s:.1f} s")
+        if self._waiting_bytes > WAITING_BYTES_MAX:
+            self._note(f"recorder: {self._waiting_bytes >> 20} MB wait for the disk")
+        return self._problem
+
+    def lag_s(self) -> float:
+        """Return how long the oldest entry has been waiting [s]."""
+        with self._changed:
+            return time.monotonic() - self._waiting[0].since_s if self._waiting else 0.0
+
+    def close(self, *, timeout_s: float) -> None:
+        """Wait for the last acknowledgement, or spill; return within about ``timeout_s`` [s]."""
+        deadline = time.monotonic() + timeout_s
+        while self._waiting and time.monotonic() < deadline - timeout_s / 2:
+            self.poll()
+            if self._problem:
+                break
+            self._acks.wait(0.02)
+        with self._changed:
+            self._closing = True
+            complete = not self._waiting
+            self._changed.notify_all()
+        try:
+            self._data.shutdown(socket.SHUT_WR if complete else socket.SHUT_RDWR)
+        except OSError:
+            logger.debug("%s: the recorder's end is closed already", self._source)
+        self._thread.join(max(deadline - time.monotonic(), 0.1))
+        self._data.close()
+
+    def _note(self, problem: str) -> None:
+        if not self._problem:
+            self._problem = problem
+            logger.error("%s: %s", self._source, problem)
+            with self._changed:
+                self._changed.notify_all()
+
+    def _take_ack(self, ack: Ack) -> None:
+        with self._changed:
+            self.kept_count = ack.kept_count
+            self._attempt = (ack.trial, ack.attempt)
+            while self._waiting and self._waiting[0].number <= ack.through:
+                self._waiting_bytes -= self._waiting.popleft().size
+
+    def _deliver(self) -> None:
+        while (waiting := self._next_unsent()) is not None:
+            try:
+                self._data.sendall(encode(waiting.number, waiting.entry))
+            except OSError as error:
+                self._note(f"recorder: its process is gone ({error.strerror or error})")
+                break
+        if self._waiting:
+            self._spill()
+
+    def _next_unsent(self) -> _Waiting | None:
+        """Return the next entry to send; None when the link is broken or all is sent."""
+        with self._changed:
+            while not self._unsent and not self._closing and not self._problem:
+                self._changed.wait(0.1)
+            if self._problem or not self._unsent:
+                return None
+            return self._unsent.popleft()
+
+    def _spill(self) -> None:
+        self._spilling = True
+        keeper = RecordKeeper(self._store, spill_source=self._source)
+        try:
+            if self._attempt[0] and not isinstance(self._waiting[0].entry, Begin):
+                keeper.begin_attempt(*self._attempt)
+            while (entry := self._next_waiting()) is not None:
+                keep(keeper, entry)
+                if isinstance(entry, End):
+                    logger.info("%s: spilled the end of an attempt", self._source)
+            keeper.close()
+        except RecordError as error:
+            logger.error("%s: %d entries are lost: %s", self._source, len(self._waiting), error)
+            self._problem = f"{self._problem}; {error.message}"
+
+    def _next_waiting(self) -> Entry | None:
+        with self._changed:
+            while not self._waiting and not self._closing:
+                self._changed.wait(0.1)
+            if not self._waiting:
+                return None
+            waiting = self._waiting.popleft()
+            self._waiting_bytes -= waiting.size
+            return waiting.entry

@@ -1,0 +1,106 @@
+"""What the processes of a run say to one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.rig import FrameMark
+from protocols.programme import PlannedTrial, ProgrammeResult
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import RigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What a child is to do: its first message from the supervisor.
+
+    Attributes:
+        descriptors: Sockets that the child inherited, by what they lead to.
+    """
+
+    root: Path
+    config: RigConfig
+    plan: tuple[PlannedTrial, ...]
+    descriptors: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ready:
+    """A child has connected its devices."""
+
+    devices: dict[str, DeviceIdentity]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failed:
+    """A child cannot go on."""
+
+    message: str
+    remedy: str
+
+    @classmethod
+    def because(cls, error: RigError) -> Failed:
+        """Return what to tell of ``error``."""
+        return cls(message=error.message, remedy=error.remedy)
+
+
+@dataclass(frozen=True, slots=True)
+class Go:
+    """Every child is ready: begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Finish what is begun and end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alive:
+    """The supervisor lives."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AbortRequest:
+    """A person wants the arm to stop."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """The programme ended, one way or another."""
+
+    result: ProgrammeResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """How many samples, frames and events of a producer the recorder has acknowledged."""
+
+    source: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraStatus:
+    """What the camera process tells control: marks of new frames, and how the stream does."""
+
+    marks: tuple[FrameMark, ...]
+    health: StreamHealth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ack:
+    """The recorder has everything up to entry ``through`` on disk.
+
+    Attributes:
+        kept_count: Samples, frames and events of this producer that are in recordings.
+        trial: Attempt that is being recorded; 0 between attempts.
+    """
+
+    through: int
+    kept_count: int
+    trial: int
+    attempt: int

@@ -1,0 +1,160 @@
+"""The recorder process: takes entries from its producers, writes them, and says so."""
+
+from __future__ import annotations
+
+import logging
+import selectors
+import socket
+import sys
+import time
+from collections import deque
+
+from protocols.processes.channel import Channel
+from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.entry import Begin, End, Entry, EntryReader, Frame, keep
+from protocols.processes.messages import Ack, Failed, Job, Ready
+from protocols.record_keeper import RecordKeeper
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+PIECE_BYTES = 1 << 20
+LATE_FRAMES_S = 1.0
+
+
+class Producer:
+    """One process that sends entries."""
+
+    def __init__(self, name: str, data: socket.socket, acks: Channel) -> None:
+        data.setblocking(False)
+        self.name = name
+        self.data = data
+        self.acks = acks
+        self.reader = EntryReader()
+        self.entries: deque[tuple[int, Entry]] = deque()
+        self.through = 0
+        self.kept_count = 0
+        self.newest_frame_ns = 0
+        self.ended = False
+        self.acknowledged: tuple[int, int] = (-1, -1)
+
+    def read(self) -> None:
+        """Take what waits on the stream."""
+        try:
+            data = self.data.recv(PIECE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self.ended = True
+        self.entries.extend(self.reader.feed(data))
+
+
+class Recorder:
+    """Writes entries in each producer's order; an attempt ends when its last frames are in."""
+
+    def __init__(self, keeper: RecordKeeper, producers: list[Producer]) -> None:
+        self._keeper = keeper
+        self._producers = producers
+        self._attempt = (0, 0)
+        self._held_until_s = 0.0
+
+    def run(self) -> None:
+        """Record until every producer has ended.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        with selectors.DefaultSelector() as selector:
+            for producer in self._producers:
+                selector.register(producer.data, selectors.EVENT_READ, producer)
+            while selector.get_map() or any(p.entries for p in self._producers):
+                for key, _ in selector.select(timeout=0.05):
+                    producer = key.data
+                    producer.read()
+                    if producer.ended:
+                        selector.unregister(producer.data)
+                self.step()
+        self._keeper.close()
+
+    def step(self) -> None:
+        """Write what has arrived and acknowledge it."""
+        for producer in self._producers:
+            while producer.entries and not self._must_wait(producer.entries[0][1]):
+                number, entry = producer.entries.popleft()
+                self._keep(producer, entry)
+                producer.through = number
+        for producer in self._producers:
+            self._acknowledge(producer)
+
+    def _keep(self, producer: Producer, entry: Entry) -> None:
+        before = self._keeper.kept_count
+        keep(self._keeper, entry)
+        producer.kept_count += self._keeper.kept_count - before
+        if isinstance(entry, Frame):
+            producer.newest_frame_ns = entry.frame.stamp_ns
+        elif isinstance(entry, Begin):
+            self._attempt = (entry.trial, entry.attempt)
+        elif isinstance(entry, End):
+            self._attempt = (0, 0)
+
+    def _must_wait(self, entry: Entry) -> bool:
+        """Hold the end of an attempt back until the frames before it have come, for a while."""
+        if not isinstance(entry, End):
+            return False
+        now_s = time.monotonic()
+        cameras = [p for p in self._producers if p.newest_frame_ns and not p.ended]
+        late = any(p.newest_frame_ns < entry.stamp_ns for p in cameras)
+        if not late:
+            self._held_until_s = 0.0
+            return False
+        if self._held_until_s == 0.0:
+            self._held_until_s = now_s + LATE_FRAMES_S
+        if now_s < self._held_until_s:
+            return True
+        self._held_until_s = 0.0
+        return False
+
+    def _acknowledge(self, producer: Producer) -> None:
+        state = (producer.through, self._attempt[0])
+        if state == producer.acknowledged or producer.ended:
+            return
+        ack = Ack(
+            through=producer.through,
+            kept_count=producer.kept_count,
+            trial=self._attempt[0],
+            attempt=self._attempt[1],
+        )
+        if producer.acks.send(ack):
+            producer.acknowledged = state
+
+
+def record(job: Job, supervisor: Channel) -> None:
+    """Do the recorder's job.
+
+    Raises:
+        RecordError: The disk is full or gone; producers and supervisor are told.
+    """
+    ignore_signals()
+    store = RunStore.open(job.root)
+    producers = [
+        Producer(
+            name,
+            socket.socket(fileno=job.descriptors[f"{name}-data"]),
+            Channel.inherited(job.descriptors[f"{name}-acks"]),
+        )
+        for name in ("control", "camera")
+    ]
+    supervisor.send(Ready(devices={}))
+    try:
+        Recorder(RecordKeeper(store), producers).run()
+    except RecordError as error:
+        for producer in producers:
+            producer.acks.send(Failed.because(error))
+        raise
+
+
+if __name__ == "__main__":
+    sys.exit(run_child("recorder", record))

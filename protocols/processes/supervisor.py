@@ -1,0 +1,364 @@
+"""The parent of a run's processes: starts them, watches them, and says plainly what became of it.
+
+Nothing here can hold up a stop: an abort goes to control from the signal handler itself, control
+listens in a thread of its own, and a child that stops answering is killed, upon which the arm's
+own watchdog stops it.
+"""
+
+from __future__ import annotations
+
+import logging
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.interfaces import DeviceIdentity
+from protocols.abort import Abort
+from protocols.processes.channel import Channel
+from protocols.processes.launched import Launched
+from protocols.processes.messages import (
+    AbortRequest,
+    Alive,
+    Failed,
+    Finished,
+    Go,
+    Job,
+    Kept,
+    Ready,
+    Stop,
+)
+from protocols.programme import PlannedTrial, ProgrammeResult, describe_safe
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import DeviceError, RecordError
+from tacauchy_rig.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.store.journal import append_event
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 0.05
+HEARTBEAT_S = 0.1
+SILENT_S = 3.0
+START_MARGIN_S = 30.0
+ABORT_TIMEOUT_S = 30.0
+END_TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionResult:
+    """How a session ended.
+
+    Attributes:
+        records: Last attempt of each trial that was tried.
+        reason: What went wrong and where the arm is, for a person; empty after a pass.
+        remedy: What to do about it.
+        died: Processes that ended before they were told to, and how.
+        acknowledged: Samples, frames and events that the recorder acknowledged, by producer, as
+            far as the producer lived to tell.
+    """
+
+    outcome: Outcome
+    records: tuple[TrialRecord, ...]
+    reason: str
+    remedy: str
+    died: dict[str, str]
+    acknowledged: dict[str, int]
+
+    @property
+    def exit_code(self) -> int:
+        """0 pass, 1 criteria missed, 2 error, 3 aborted."""
+        codes = {Outcome.PASSED: 0, Outcome.FAILED: 1, Outcome.FAULT: 2, Outcome.ABORTED: 3}
+        return codes[self.outcome]
+
+
+class Supervisor:
+    """One session's processes; a context that leaves none of them behind.
+
+    Args:
+        store: The run's folder, locked by the caller.
+        config: Configuration with the addresses of emulated devices filled in.
+        plan: What is left to do.
+        on_event: Told of every event, and of progress five times a second.
+        abort: A person's wish to stop.
+    """
+
+    def __init__(
+        self,
+        store: RunStore,
+        config: RigConfig,
+        plan: tuple[PlannedTrial, ...],
+        *,
+        on_event: Callable[[JournalEvent], None],
+        abort: Abort,
+    ) -> None:
+        self._store = store
+        self._config = config
+        self._plan = plan
+        self._on_event = on_event
+        self._abort = abort
+        self._children: dict[str, Launched] = {}
+        self._devices: dict[str, DeviceIdentity] = {}
+        self._ready: set[str] = set()
+        self._failures: dict[str, Failed] = {}
+        self._acknowledged: dict[str, int] = {}
+        self._died: dict[str, str] = {}
+        self._begun: list[JournalEvent] = []
+        self._finished: ProgrammeResult | None = None
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Self:
+        self._launch()
+        self._abort.on_request(self._pass_abort_on)
+        threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ended.set()
+        for child in self._children.values():
+            child.kill()
+
+    def run(self) -> SessionResult:
+        """Connect, run the programme, end every process, and say how it went.
+
+        Raises:
+            DeviceError: Devices did not connect; all of them are named.
+        """
+        self._await_ready()
+        if self._abort.count:
+            self._end_children()
+            return self._result(
+                Outcome.ABORTED, f"aborted before anything moved: {self._abort.reason}."
+            )
+        self._note("run-start", pids={name: child.pid for name, child in self._children.items()})
+        self._children["control"].channel.send(Go())
+        self._watch()
+        self._end_children()
+        self._complete_results()
+        result = self._conclude()
+        self._note("run-end", outcome=result.outcome.value, reason=result.reason)
+        return result
+
+    def _launch(self) -> None:
+        control_data, recorder_control = socket.socketpair()
+        camera_data, recorder_camera = socket.socketpair()
+        control_acks, recorder_control_acks = Channel.pair()
+        camera_acks, recorder_camera_acks = Channel.pair()
+        control_status, camera_status = Channel.pair()
+        ends: dict[str, dict[str, socket.socket | Channel]] = {
+            "recorder": {
+                "control-data": recorder_control,
+                "control-acks": recorder_control_acks,
+                "camera-data": recorder_camera,
+                "camera-acks": recorder_camera_acks,
+            },
+            "camera": {
+                "recorder-data": camera_data,
+                "recorder-acks": camera_acks,
+                "control-status": camera_status,
+            },
+            "control": {
+                "recorder-data": control_data,
+                "recorder-acks": control_acks,
+                "camera-status": control_status,
+            },
+        }
+        for name, sockets in ends.items():
+            job = Job(
+                root=self._store.paths.root.resolve(),
+                config=self._config,
+                plan=self._plan,
+                descriptors={what: end.fileno() for what, end in sockets.items()},
+            )
+            self._children[name] = Launched(name, job)
+        for sockets in ends.values():
+            for end in sockets.values():
+                end.close()
+
+    def _pass_abort_on(self, reason: str) -> None:
+        control = self._children.get("control")
+        if control is not None:
+            control.channel.send(AbortRequest(reason=reason))
+
+    def _beat(self) -> None:
+        while not self._ended.wait(HEARTBEAT_S):
+            self._children["control"].channel.send(Alive())
+
+    def _await_ready(self) -> None:
+        deadline = time.monotonic() + START_MARGIN_S + self._connect_timeout_s()
+        while len(self._ready) < len(self._children) and not self._abort.count:
+            self._listen()
+            for name, child in self._children.items():
+                if child.has_ended and name not in self._ready and name not in self._failures:
+                    self._listen()
+                    self._failures.setdefault(
+                        name, Failed(message=child.describe_end(), remedy=f"read {child.log}")
+                    )
+            if len(self._ready) + len(self._failures) == len(self._children):
+                break
+            if time.monotonic() > deadline:
+                self._note_late()
+                break
+        if self._failures and not self._abort.count:
+            self._end_children()
+            raise DeviceError(
+                "\n".join(failure.message for failure in self._failures.values()),
+                remedy="; ".join(f.remedy for f in self._failures.values() if f.remedy),
+            )
+        if self._devices:
+            self._store.set_devices(self._devices)
+
+    def _connect_timeout_s(self) -> float:
+        config = self._config
+        arm_side_s = config.robot.connect_timeout * 2 + config.force_sensor.connect_timeout
+        return max(arm_side_s, config.camera.connect_timeout)
+
+    def _note_late(self) -> None:
+        for name, child in self._children.items():
+            if name not in self._ready and name not in self._failures:
+                self._failures[name] = Failed(
+                    message=f"{name}: not ready before its deadline", remedy=f"read {child.log}"
+                )
+
+    def _watch(self) -> None:
+        """Listen until control has finished or is gone."""
+        control = self._children["control"]
+        control.heard_s = time.monotonic()
+        aborted_s: float | None = None
+        while self._finished is None:
+            self._listen()
+            if control.has_ended:
+                self._listen()
+                return
+            self._note_deaths()
+            now_s = time.monotonic()
+            if self._abort.count and aborted_s is None:
+                aborted_s = now_s
+            overdue = aborted_s is not None and now_s - aborted_s > ABORT_TIMEOUT_S
+            if now_s - control.heard_s > SILENT_S or overdue:
+                logger.error("control does not answer; ending it")
+                control.kill()
+
+    def _note_deaths(self) -> None:
+        for name in ("recorder", "camera"):
+            child = self._children[name]
+            if child.has_ended and name not in self._died:
+                self._note_death(name, child)
+
+    def _note_death(self, name: str, child: Launched) -> None:
+        self._died[name] = child.describe_end()
+        self._note("process-died", process=name, how=self._died[name])
+
+    def _listen(self) -> None:
+        """Wait for messages, at most ``LOOK_S``, and take them."""
+        channels = {c.channel.fileno(): c for c in self._children.values() if not c.channel.closed}
+        if not channels:
+            time.sleep(LOOK_S)
+            return
+        for descriptor in select.select(list(channels), [], [], LOOK_S)[0]:
+            child = channels[descriptor]
+            for message in child.channel.receive():
+                child.heard_s = time.monotonic()
+                self._take(child.name, message)
+
+    def _take(self, name: str, message: Any) -> None:
+        match message:
+            case JournalEvent():
+                if message.name == "attempt-start":
+                    self._begun.append(message)
+                self._on_event(message)
+            case Kept(source=source, count=count):
+                self._acknowledged[source] = count
+            case Ready(devices=devices):
+                self._ready.add(name)
+                self._devices.update(devices)
+            case Failed():
+                self._failures[name] = message
+            case Finished(result=result):
+                self._finished = result
+
+    def _end_children(self) -> None:
+        """Let each finish in the order in which they depend on one another."""
+        control, camera = self._children["control"], self._children["camera"]
+        for child in (control, camera):
+            child.channel.send(Stop())
+            if self._finished is None and child is control:
+                control.channel.send(AbortRequest(reason="the session ends"))
+        deadline = time.monotonic() + END_TIMEOUT_S
+        for name in ("control", "camera", "recorder"):
+            child = self._children[name]
+            while not child.has_ended and time.monotonic() < deadline:
+                self._listen()
+            child.wait(timeout_s=0.0)
+            died = child.process.returncode < 0 or (name == "control" and not self._finished)
+            if died and name not in self._died and len(self._ready) == len(self._children):
+                self._note_death(name, child)
+        self._listen()
+
+    def _complete_results(self) -> None:
+        """Write what a dead control could not: the result of the attempt it was in."""
+        for event in self._begun:
+            if self._store.load_result(event.trial, event.attempt) is not None:
+                continue
+            reason = "; ".join(self._died.values()) or "the attempt was cut off"
+            record = TrialRecord(
+                index=event.trial,
+                attempt=event.attempt,
+                outcome=Outcome.FAULT,
+                force_target_n=float(event.detail["force_target_n"]),
+                reason=reason,
+            )
+            try:
+                self._store.save_result(record)
+            except RecordError as error:
+                logger.error("%s", error)
+
+    def _conclude(self) -> SessionResult:
+        finished = self._finished
+        deaths = "; ".join(self._died.values())
+        if finished is None:
+            failure = self._failures.get("control")
+            reason = failure.message if failure else deaths
+            return self._result(
+                Outcome.FAULT,
+                f"{reason}. The arm's own watchdog stops it when control is gone; look at it. "
+                f"{self._safe()}",
+                remedy=failure.remedy if failure else "",
+            )
+        result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
+        result = replace(result, records=finished.records)
+        if deaths and finished.outcome is not Outcome.PASSED:
+            result = replace(result, reason=f"{deaths}. {finished.reason}")
+        return result
+
+    def _safe(self) -> str:
+        trials = [planned.spec.index for planned in self._plan]
+        return describe_safe([t for t in trials if self._store.accepted(t) is not None])
+
+    def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:
+        resume = f"`tacauchy-rig resume {self._store.paths.root}` continues"
+        return SessionResult(
+            outcome=outcome,
+            records=(),
+            reason=reason,
+            remedy="" if outcome is Outcome.PASSED else remedy or resume,
+            died=dict(self._died),
+            acknowledged=dict(self._acknowledged),
+        )
+
+    def _note(self, name: str, **detail: Any) -> None:
+        event = JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
+        try:
+            append_event(self._store.paths.journal, event)
+        except RecordError as error:
+            logger.error("%s", error)
+        self._on_event(event)
