@@ -129,6 +129,12 @@ class Recording:
                 f"{path}: not an MCAP recording: {scan.size} bytes, and no whole message in them",
                 remedy="check the path; the file was replaced, or its disk is failing",
             )
+        foreign = {channel.topic for channel in scan.channels.values()} - set(Topic)
+        if foreign:
+            raise RecordError(
+                f"{path}: holds {', '.join(sorted(foreign))}, which this program never records",
+                remedy="check the path: this MCAP file comes from another program",
+            )
         return cls(path, scan)
 
     @property
@@ -155,7 +161,7 @@ class Recording:
         """Return one line: what state the file is in and how much of it is readable."""
         state = "finished" if self.finished else "unfinished (its writer was killed or is at work)"
         if self.torn_bytes:
-            state += f", ends in {self.torn_bytes} bytes of a message that was never acknowledged"
+            state += f", its last {self.torn_bytes} bytes are torn"
         if self.damage:
             state += f", damaged: {self.damage}"
         return f"{state}; {self.readable()}"

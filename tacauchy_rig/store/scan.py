@@ -16,7 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
-from mcap.records import Channel, Footer, Metadata, Statistics
+from mcap.records import Channel, Footer, Header, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from tacauchy_rig.store.mcap_chunk import RECORD_HEADER, Entry, find_chunk, read_chunk
@@ -107,30 +107,37 @@ def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | 
         body = os.pread(descriptor, _MESSAGE_INDEX.size, start)
         is_whole = length >= len(body) and _MESSAGE_INDEX.unpack(body)[1] + len(body) == length
         return end if is_whole else None
-    if opcode == Opcode.METADATA:
-        return _read_metadata(os.pread(descriptor, length, start), scan, end)
+    if opcode in (Opcode.METADATA, Opcode.HEADER):
+        return end if _read_description(os.pread(descriptor, length, start), scan, opcode) else None
     if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - RECORD_HEADER.size:
         scan.problems.append("the index at its end is damaged")
         return limit
-    return end if opcode == Opcode.HEADER and offset == len(MCAP0_MAGIC) else None
+    return None
 
 
-def _read_metadata(body: bytes, scan: Scan, end: int) -> int | None:
+def _read_description(body: bytes, scan: Scan, opcode: int) -> bool:
+    """Take in a header or metadata record, which has no checksum; True if its sizes agree."""
+    stream = ReadDataStream(BytesIO(body))
     try:
-        scan.metadata.update(Metadata.read(ReadDataStream(BytesIO(body))).metadata)
+        if opcode == Opcode.HEADER:
+            Header.read(stream)
+        else:
+            scan.metadata.update(Metadata.read(stream).metadata)
     except (McapError, struct.error, UnicodeDecodeError):
-        return None
-    return end
+        return False
+    return stream.count == len(body)
 
 
 def _read_summary(descriptor: int, size: int) -> _Summary | None:
-    tail = os.pread(descriptor, FOOTER_SIZE + len(MCAP0_MAGIC), size - FOOTER_SIZE - 8)
-    if size < len(tail) or len(tail) < FOOTER_SIZE + 8 or tail[FOOTER_SIZE:] != MCAP0_MAGIC:
+    end = size - len(MCAP0_MAGIC) - FOOTER_SIZE
+    if end < 0:
+        return None
+    tail = os.pread(descriptor, size - end, end)
+    if tail[FOOTER_SIZE:] != MCAP0_MAGIC:
         return None
     if RECORD_HEADER.unpack_from(tail) != (Opcode.FOOTER, FOOTER_SIZE - RECORD_HEADER.size):
         return None
     footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEADER.size :])))
-    end = size - 8 - FOOTER_SIZE
     if not 0 < footer.summary_start <= end:
         return None
     body = os.pread(descriptor, end - footer.summary_start, footer.summary_start)
