@@ -1,0 +1,125 @@
+"""Contact scores, arrival of the streams, and the truth of a dry run recovered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from reports.arrays import FloatArray
+from reports.contact import ContactScores
+from reports.figures.style import (
+    BLUE,
+    COLUMN_IN,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE_IN,
+    label_forces,
+    letter,
+    new_figure,
+)
+from reports.results import TrialResult, ValidationReport
+
+STREAMS = {"force": ("Force", BLUE), "image": ("Images", ORANGE), "arm": ("Arm", GREEN)}
+
+
+def draw_contact(report: ValidationReport) -> Figure:
+    """Draw the contact's correlation and residual, raw and with pose and light taken out."""
+    figure = new_figure(PAGE_IN, 1.9, simulated=report.evidence.simulated)
+    left, right = figure.subplots(1, 2)
+    _draw_contact_score(left, report.trials, lambda c: c.zncc)
+    _draw_contact_score(right, report.trials, lambda c: c.relative_residual)
+    floors = [_number(t.contact_no_contact_residual) for t in report.trials]
+    right.plot(range(len(floors)), floors, color=INK, marker="_", ls="none", label="No contact")
+    left.set_ylabel("ZNCC in the contact")
+    right.set_ylabel("Residual / real change")
+    right.set_ylim(bottom=0.0)
+    for axes, name in ((left, "(a)"), (right, "(b)")):
+        axes.grid(axis="y")
+        label_forces(axes, report.trials)
+        letter(axes, name)
+    right.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, borderpad=0.1)
+    left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderpad=0.1)
+    return figure
+
+
+def _draw_contact_score(
+    axes: Axes, trials: Sequence[TrialResult], value: Callable[[ContactScores], float]
+) -> None:
+    raw = [math.nan if t.contact is None else value(t.contact) for t in trials]
+    corrected = [
+        math.nan
+        if t.corrections is None or t.corrections.contact_pose_light_corrected is None
+        else value(t.corrections.contact_pose_light_corrected)
+        for t in trials
+    ]
+    axes.plot(raw, color=BLUE, marker="o", markersize=3, label="Raw")
+    axes.plot(
+        corrected,
+        color=GREEN,
+        marker="s",
+        markersize=3,
+        markerfacecolor="white",
+        linestyle=":",
+        label="Pose and light taken out",
+    )
+
+
+def draw_arrival(report: ValidationReport) -> Figure:
+    """Draw, per stream, which part of the samples arrived later than a given interval."""
+    figure = new_figure(PAGE_IN, 1.9, simulated=report.evidence.simulated)
+    panels = figure.subplots(1, len(STREAMS), sharey=True)
+    for axes, (name, (title, color)) in zip(panels, STREAMS.items(), strict=True):
+        streams = [s for t in report.evidence.trials for s in t.streams if s.name == name]
+        intervals = [s.intervals_s for s in streams if len(s.intervals_s)]
+        axes.set_xlabel("Interval between arrivals (ms)")
+        axes.grid(visible=True)
+        if not intervals:
+            axes.set_title(f"{title}: not recorded")
+            continue
+        pooled = np.concatenate(intervals)
+        _draw_survival(axes, pooled * 1e3, color)
+        lost = sum(s.lost_count for s in streams)
+        axes.set_title(f"{title}: {len(pooled) / pooled.sum():.2f} Hz, {lost} lost", fontsize=7.5)
+        nominal = next((s.nominal_rate_hz for s in streams if s.nominal_rate_hz), None)
+        if nominal:
+            axes.axvline(1e3 / nominal, color=GREY, linestyle="--", linewidth=0.7)
+    panels[0].set_ylabel("Part that came later")
+    panels[0].set_yscale("log")
+    return figure
+
+
+def _draw_survival(axes: Axes, intervals_ms: FloatArray, color: str) -> None:
+    ordered = np.sort(intervals_ms)
+    later = 1.0 - np.arange(len(ordered)) / len(ordered)
+    axes.step(ordered, later, where="post", color=color)
+    axes.set_xlim(left=0.0, right=float(ordered[-1]) * 1.08)
+
+
+def draw_truth(report: ValidationReport) -> Figure:
+    """Draw recovered minus true values of the emulated world, relative to the true value."""
+    rows = [c for c in report.truth if c.true != 0.0 and math.isfinite(c.recovered)]
+    names = list(dict.fromkeys(c.name for c in rows))
+    height = 0.75 + 0.2 * max(len(names), 1)
+    figure = new_figure(COLUMN_IN, height, simulated=report.evidence.simulated)
+    axes = figure.subplots()
+    axes.axvline(0.0, color=GREY, linewidth=0.6)
+    for row, name in enumerate(names):
+        errors = [100.0 * (c.recovered - c.true) / abs(c.true) for c in rows if c.name == name]
+        axes.plot(
+            errors, [row] * len(errors), color=BLUE, marker="o", markersize=3, ls="none", alpha=0.7
+        )
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.set_xlabel("Recovered − true (% of true)")
+    axes.grid(axis="x")
+    return figure
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

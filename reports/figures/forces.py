@@ -1,0 +1,136 @@
+"""Force and depth over time, and against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from reports.arrays import FloatArray
+from reports.evidence import Curve, TrialEvidence
+from reports.figures.style import (
+    BLUE,
+    COLUMN_IN,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PAGE_IN,
+    force_label,
+    new_figure,
+    shown,
+)
+from reports.results import TrialResult, ValidationReport
+
+MAX_POINTS = 600
+
+
+def draw_time_curves(report: ValidationReport) -> Figure:
+    """Draw force above depth over time, one column a trial; the dwell that counts is shaded."""
+    trials = shown(report.evidence.trials)
+    figure = new_figure(PAGE_IN, 2.5, simulated=report.evidence.simulated)
+    grid = figure.subplots(2, len(trials), sharex="col", sharey="row", squeeze=False)
+    for column, trial in enumerate(trials):
+        force, depth = grid[0, column], grid[1, column]
+        _draw_curve(force, trial.force_curve, BLUE, 1.0)
+        _draw_curve(depth, trial.depth_curve, GREEN, 1e3)
+        force.axhline(trial.force_target_n, color=ORANGE, linestyle="--", linewidth=0.7)
+        force.set_title(f"{force_label(trial)} N")
+        depth.axhline(0.0, color=GREY, linewidth=0.4)
+        if trial.dwell_s is not None:
+            for axes in (force, depth):
+                axes.axvspan(*trial.dwell_s, color=LIGHT, linewidth=0, zorder=0)
+    grid[0, 0].set_ylabel("$F_z$ (N)")
+    grid[1, 0].set_ylabel("Depth (mm)")
+    grid[1, 0].set_ylim(*_depth_limits(trials))
+    figure.supxlabel("Time from the start of the dwell (s)", fontsize=8)
+    return figure
+
+
+def _draw_curve(axes: Axes, curve: Curve | None, color: str, factor: float) -> None:
+    if curve is not None and len(curve.time_s):
+        axes.plot(*_thin(curve, factor), color=color, linewidth=0.8)
+    axes.grid(axis="y")
+
+
+def _thin(curve: Curve, factor: float) -> tuple[FloatArray, FloatArray]:
+    step = max(1, len(curve.time_s) // MAX_POINTS)
+    return curve.time_s[::step], curve.value[::step] * factor
+
+
+def _depth_limits(trials: Sequence[TrialEvidence]) -> tuple[float, float]:
+    curves = [t.depth_curve for t in trials if t.depth_curve is not None]
+    top = max([0.1, *(float(c.value.max()) * 1e3 for c in curves if len(c.value))])
+    return -0.5 * top, 1.15 * top
+
+
+def draw_force_depth(report: ValidationReport) -> Figure:
+    """Draw measured force over measured depth and the simulator's curve."""
+    figure = new_figure(COLUMN_IN, 2.6, simulated=report.evidence.simulated)
+    axes = figure.subplots()
+    label: str | None = "Measured, loading"
+    for trial in report.evidence.trials:
+        points = loading_branch(trial)
+        if points is not None:
+            axes.plot(points[:, 0] * 1e3, points[:, 1], color=BLUE, alpha=0.3, label=label)
+            label = None
+    _draw_simulated(axes, report)
+    _draw_dwell_points(axes, report.trials)
+    axes.set_xlabel("Depth below first contact (mm)")
+    axes.set_ylabel("$F_z$ (N)")
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.grid(visible=True)
+    axes.legend(loc="upper left")
+    return figure
+
+
+def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
+    curves = [t.force_depth_simulated for t in report.evidence.trials]
+    drawn: list[FloatArray] = []
+    for curve in curves:
+        if curve is None or any(np.array_equal(curve, other) for other in drawn):
+            continue
+        axes.plot(
+            curve[:, 0] * 1e3,
+            curve[:, 1],
+            color=ORANGE,
+            marker="." if len(curve) < 60 else None,
+            markersize=3,
+            label=None if drawn else "Simulated",
+        )
+        drawn.append(curve)
+
+
+def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:
+    points = [
+        (t.depth_measured_m * 1e3, t.force_measured_n, t.force_deviation_n or 0.0)
+        for t in trials
+        if t.depth_measured_m is not None and t.force_measured_n is not None
+    ]
+    if points:
+        depth, force, deviation = zip(*points, strict=True)
+        axes.errorbar(
+            depth,
+            force,
+            yerr=deviation,
+            color=BLUE,
+            linestyle="none",
+            marker="o",
+            markersize=3.5,
+            label="Measured, dwell mean",
+            zorder=3,
+        )
+
+
+def loading_branch(trial: TrialEvidence) -> FloatArray | None:
+    """Return (depth [m], force [N]) from first contact to the end of the dwell, shape [n, 2]."""
+    force, depth = trial.force_curve, trial.depth_curve
+    if force is None or depth is None or len(force.time_s) < 2 or len(depth.time_s) < 2:
+        return None
+    travel = np.interp(force.time_s, depth.time_s, depth.value)
+    end = trial.dwell_s[1] if trial.dwell_s is not None else float(force.time_s[-1])
+    kept = (travel > 0.0) & (force.time_s <= end)
+    return np.stack([travel[kept], force.value[kept]], axis=1) if kept.any() else None

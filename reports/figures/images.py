@@ -1,0 +1,98 @@
+"""Real, simulated and difference images over the target forces (the paper's trial figure)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from reports.arrays import FloatArray
+from reports.evidence import ImageGeometry, RunEvidence, TrialEvidence
+from reports.figures.style import GREY, PAGE_IN, new_figure, shown
+from reports.metrics import to_grey
+
+ROWS = ("Real", "Simulated", "Difference")
+SCALE_BAR_M = 5e-3
+MARGINS_IN = 0.9
+LIMIT_PERCENTILE = 99.8
+DIFFERENCE_COLORS = "PuOr_r"
+
+
+def draw_images(evidence: RunEvidence) -> Figure:
+    """Draw three rows of images, one column a trial; differences share one scale."""
+    trials = shown(evidence.trials)
+    geometry = evidence.geometry
+    panel = (PAGE_IN - MARGINS_IN) / max(len(trials), 3)
+    height = 3 * (panel * geometry.height_px / geometry.width_px + 0.03) + 0.2
+    figure = new_figure(PAGE_IN, height, simulated=evidence.simulated, pad_in=0.012)
+    grid = figure.subplots(3, len(trials), squeeze=False)
+    limit = difference_limit(evidence)
+    mapped: AxesImage | None = None
+    for column, trial in enumerate(trials):
+        mapped = _draw_column(grid[:, column], trial, limit) or mapped
+        grid[0, column].set_title(f"$F_z$ = {trial.force_target_n:.2f} N", fontsize=7.5, pad=3)
+    for row, name in enumerate(ROWS):
+        grid[row, 0].set_ylabel(name)
+    _draw_scale_bar(grid[0, 0], geometry)
+    if mapped is not None:
+        bar = figure.colorbar(mapped, cax=grid[2, -1].inset_axes((1.06, 0.0, 0.06, 1.0)))
+        bar.set_label("Sim. − real\n(grey levels)", fontsize=6.5, linespacing=1.0)
+        bar.ax.tick_params(labelsize=6)
+        bar.outline.set_linewidth(0.4)
+    return figure
+
+
+def luminance_difference(trial: TrialEvidence) -> FloatArray | None:
+    """Return simulated minus real luminance, shape [height, width] [grey level]."""
+    if trial.images is None or trial.simulated_image is None:
+        return None
+    real = to_grey(trial.images.real).astype(np.float64)
+    return to_grey(trial.simulated_image).astype(np.float64) - real
+
+
+def difference_limit(evidence: RunEvidence) -> float:
+    """Return the symmetric colour limit that all trials share [grey level]."""
+    found = [d for d in map(luminance_difference, evidence.trials) if d is not None]
+    if not found:
+        return 1.0
+    return max(5.0, float(np.ceil(np.percentile(np.abs(np.stack(found)), LIMIT_PERCENTILE))))
+
+
+def _draw_column(column: np.ndarray, trial: TrialEvidence, limit: float) -> AxesImage | None:
+    real = None if trial.images is None else trial.images.real
+    for axes, image in zip(column, (real, trial.simulated_image), strict=False):
+        _bare(axes)
+        if image is None:
+            _say_missing(axes)
+        else:
+            axes.imshow(image, interpolation="nearest")
+    difference = luminance_difference(trial)
+    _bare(column[2])
+    if difference is None:
+        _say_missing(column[2])
+        return None
+    mapped: AxesImage = column[2].imshow(
+        difference, cmap=DIFFERENCE_COLORS, vmin=-limit, vmax=limit, interpolation="nearest"
+    )
+    return mapped
+
+
+def _bare(axes: Axes) -> None:
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(True)
+    axes.spines[:].set_linewidth(0.3)
+
+
+def _say_missing(axes: Axes) -> None:
+    axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+def _draw_scale_bar(axes: Axes, geometry: ImageGeometry) -> None:
+    if geometry.scale_x_m_px is None or not axes.images:
+        return
+    length = SCALE_BAR_M / geometry.scale_x_m_px
+    x, y = 0.06 * geometry.width_px, 0.90 * geometry.height_px
+    axes.plot([x, x + length], [y, y], color="white", linewidth=1.6, solid_capstyle="butt")
+    axes.text(x + length / 2, y - 8, "5 mm", color="white", ha="center", va="bottom", fontsize=5.5)

@@ -1,0 +1,88 @@
+"""Wrong-force matrices: does a score know which force it looks at?"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from reports.figures.style import GREY, INK, ORANGE, PAGE_IN, new_figure
+from reports.floors import CONTACT_RESIDUAL, WrongForceMatrix
+from reports.metrics import Metric
+from reports.results import ValidationReport
+
+TITLES = {
+    Metric.SSIM.value: "SSIM",
+    Metric.NCC.value: "NCC",
+    Metric.HISTOGRAM_CORRELATION.value: "Histogram correlation",
+    Metric.PSNR_DB.value: "PSNR (dB)",
+    Metric.MSE.value: "MSE (grey level$^2$)",
+    CONTACT_RESIDUAL: "Contact residual",
+}
+MAX_NUMBERED = 8
+
+
+def draw_matrices(report: ValidationReport) -> Figure:
+    """Draw every score of real press (row) against simulated press (column)."""
+    figure = new_figure(PAGE_IN, 4.6, simulated=report.evidence.simulated)
+    panels = figure.subplots(2, 3).ravel()
+    forces = {t.index: t.force_target_n for t in report.trials}
+    for axes, matrix in zip(panels, report.matrices, strict=False):
+        _draw_matrix(axes, matrix, [f"{forces[i]:.2f}" for i in matrix.trials])
+    for axes in panels[len(report.matrices) :]:
+        axes.set_axis_off()
+    figure.supxlabel("Simulated with the force of this press (N)", fontsize=8)
+    figure.supylabel("Real press (N)", fontsize=8)
+    return figure
+
+
+def _draw_matrix(axes: Axes, matrix: WrongForceMatrix, labels: list[str]) -> None:
+    values = np.array(matrix.values, dtype=np.float64)
+    count = len(labels)
+    quality = values if matrix.larger_is_better else -values
+    axes.imshow(_row_scaled(quality), cmap="cividis", vmin=0.0, vmax=1.0)
+    axes.set_xticks(range(count), labels, rotation=45 if count > 4 else 0)
+    axes.set_yticks(range(count), labels)
+    axes.tick_params(length=0, labelsize=6)
+    axes.spines[:].set_visible(False)
+    won = sum(matrix.diagonal_wins)
+    axes.set_title(f"{TITLES[matrix.metric]}: right force wins {won}/{count}", fontsize=7.5)
+    best = np.nanargmax(np.where(np.isnan(quality), -np.inf, quality), axis=1)
+    for i in range(count):
+        axes.add_patch(_frame(int(best[i]), i, ORANGE if best[i] != i else INK))
+        for j in range(count):
+            if count <= MAX_NUMBERED:
+                _write_value(axes, i, j, values, _row_scaled(quality))
+
+
+def _row_scaled(quality: np.ndarray) -> np.ndarray:
+    low = np.nanmin(quality, axis=1, keepdims=True)
+    span = np.nanmax(quality, axis=1, keepdims=True) - low
+    return np.asarray((quality - low) / np.where(span > 0, span, 1.0))
+
+
+def _frame(column: int, row: int, color: str) -> Rectangle:
+    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, fill=False, edgecolor=color, lw=1.1)
+
+
+def _write_value(axes: Axes, i: int, j: int, values: np.ndarray, shade: np.ndarray) -> None:
+    value = values[i, j]
+    text = "–" if np.isnan(value) else _format(float(value))
+    color = GREY if np.isnan(value) else INK if shade[i, j] > 0.55 else "white"
+    axes.text(
+        j,
+        i,
+        text,
+        ha="center",
+        va="center",
+        fontsize=5.5,
+        color=color,
+    )
+
+
+def _format(value: float) -> str:
+    """Write four significant digits without the leading zero, so that close scores differ."""
+    digits = 1 if abs(value) >= 100 else 2 if abs(value) >= 10 else 3 if abs(value) >= 1 else 4
+    text = f"{value:.{digits}f}"
+    return text.replace("0.", ".", 1) if abs(value) < 1 else text

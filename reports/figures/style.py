@@ -1,0 +1,121 @@
+"""How every figure looks, and the mark of a dry run.
+
+IEEE column widths, Times-like type, and colours that survive colour-blind eyes and grey print.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from reports.evidence import TrialEvidence
+from reports.results import TrialResult
+
+COLUMN_IN = 3.5
+PAGE_IN = 7.16
+MARK_STRIP_IN = 0.17
+PNG_DPI = 300
+MAX_COLUMNS = 6
+
+# Okabe and Ito, 2008: distinguishable with the common colour-vision deficiencies.
+BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
+INK, GREY, LIGHT = "#222222", "#777777", "#D9D9D9"
+
+STYLE: Any = {
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "axes.linewidth": 0.5,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "lines.linewidth": 0.9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": LIGHT,
+    "grid.linewidth": 0.4,
+    "axes.unicode_minus": True,
+    # Type 42 embeds the fonts, as IEEE PDF eXpress demands.
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "savefig.dpi": PNG_DPI,
+}
+
+Trial = TypeVar("Trial", TrialResult, TrialEvidence)
+
+
+def new_figure(
+    width_in: float, height_in: float, *, simulated: bool, pad_in: float = 0.04
+) -> Figure:
+    """Create a figure [inch] and, for a dry run, mark it in a strip of its own at the top."""
+    height = height_in + (MARK_STRIP_IN if simulated else 0.0)
+    layout = ConstrainedLayoutEngine(
+        rect=(0, 0, 1, height_in / height), w_pad=pad_in, h_pad=pad_in, wspace=0.02, hspace=0.02
+    )
+    figure = Figure(figsize=(width_in, height), layout=layout)
+    if simulated:
+        figure.text(
+            1.0 - 0.03 / width_in,
+            1.0 - 0.03 / height,
+            "SIMULATED: emulated devices",
+            ha="right",
+            va="top",
+            fontsize=6.5,
+            fontweight="bold",
+            color=ORANGE,
+        )
+    return figure
+
+
+def save(figure: Figure, folder: Path, name: str) -> None:
+    """Write ``name.pdf`` and ``name.png``; equal figures give equal files."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None, "Producer": None})
+    figure.savefig(folder / f"{name}.png", metadata={"Software": None})
+
+
+def shown(trials: Sequence[Trial]) -> list[Trial]:
+    """Pick at most six trials, evenly spread over the target forces, first and last included."""
+    ordered = sorted(trials, key=lambda t: (t.force_target_n, t.index))
+    if len(ordered) <= MAX_COLUMNS:
+        return ordered
+    step = (len(ordered) - 1) / (MAX_COLUMNS - 1)
+    return [ordered[round(k * step)] for k in range(MAX_COLUMNS)]
+
+
+def force_label(trial: TrialResult | TrialEvidence) -> str:
+    """Return the target force with two decimals, as the paper shows it."""
+    return f"{trial.force_target_n:.2f}"
+
+
+def label_forces(axes: Axes, trials: Sequence[TrialResult]) -> None:
+    """Put the trials' forces under the x axis."""
+    axes.set_xticks(range(len(trials)), [force_label(t) for t in trials])
+    if len(trials) > 2 * MAX_COLUMNS:
+        axes.tick_params(axis="x", labelrotation=90, labelsize=5)
+    axes.set_xlabel("Target force $F_z$ (N)")
+
+
+def letter(axes: Axes, text: str) -> None:
+    """Name a panel, such as (a), above its left end."""
+    axes.set_title(text, loc="left", fontsize=8)
