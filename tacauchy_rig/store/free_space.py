@@ -13,7 +13,7 @@ from tacauchy_rig.store.durable import read_error
 FORCE_MESSAGE_BYTES = 280
 """Of one force sample in a recording, its share of the index included; a test measures it."""
 
-ARM_MESSAGE_BYTES = 400
+ARM_MESSAGE_BYTES = 350
 """Of one state of the arm, likewise."""
 
 JPEG_BYTES_PER_PIXEL = 0.25
