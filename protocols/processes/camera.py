@@ -15,6 +15,7 @@ from protocols.processes.entry import Frame
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Ready, Stop
 from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ImageFrame
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -22,6 +23,7 @@ logger = logging.getLogger(__name__)
 LOOK_S = 0.005
 TELL_S = 0.1
 ORPHAN_S = 20.0
+MARKS_MAX = 1000
 CLOSE_S = 4.0
 
 
@@ -53,6 +55,7 @@ def film(job: Job, supervisor: Channel) -> None:
 def _film_until_told(
     camera: Camera, link: RecorderLink, *, supervisor: Channel, control: Channel
 ) -> None:
+    marks = MarkPost(control)
     alive = True
     told_s = 0.0
     orphaned_s: float | None = None
@@ -72,22 +75,41 @@ def _film_until_told(
             told_s = now_s
             supervisor.send(Kept(source="camera", count=link.kept_count))
         if alive:
-            alive = _pass_on(camera, link, control)
+            alive = _pass_on(camera, link, marks)
 
 
-def _pass_on(camera: Camera, link: RecorderLink, control: Channel) -> bool:
+class MarkPost:
+    """Sends marks of frames to control; what control is too busy to take goes with the next."""
+
+    def __init__(self, control: Channel) -> None:
+        self._control = control
+        self._marks: list[FrameMark] = []
+
+    def post(self, frames: list[ImageFrame], camera: Camera) -> None:
+        """Tell control of new frames."""
+        self._marks += [FrameMark(frame.stamp_ns, frame.counter) for frame in frames]
+        self._marks = self._marks[-MARKS_MAX:]
+        if self._marks and self._control.send(
+            CameraStatus(marks=tuple(self._marks), health=camera.health())
+        ):
+            self._marks.clear()
+
+    def fail(self, error: DeviceError) -> None:
+        """Tell control that the camera is gone."""
+        self._control.send(Failed.because(error))
+
+
+def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost) -> bool:
     """Pass new frames on; return False once the camera is gone."""
     try:
         frames = camera.drain()
     except DeviceError as error:
         logger.error("%s", error)
-        control.send(Failed.because(error))
+        marks.fail(error)
         return False
     for frame in frames:
         link.put(Frame(frame))
-    if frames:
-        marks = tuple(FrameMark(frame.stamp_ns, frame.counter) for frame in frames)
-        control.send(CameraStatus(marks=marks, health=camera.health()))
+    marks.post(frames, camera)
     return True
 
 

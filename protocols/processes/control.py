@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import math
 import signal
 import socket
 import sys
@@ -39,6 +40,7 @@ logger = logging.getLogger(__name__)
 SHOW_S = 0.2
 SILENT_S = 2.0
 GO_TIMEOUT_S = 120.0
+FIRST_IMAGE_S = 2.0
 CLOSE_S = 4.0
 _PR_SET_PDEATHSIG = 1
 
@@ -86,7 +88,7 @@ def control(job: Job, supervisor: Channel) -> None:
         store=RunStore.open(job.root),
         source="control",
     )
-    camera = Channel.inherited(job.descriptors["camera-status"])
+    camera = RemoteCamera(Channel.inherited(job.descriptors["camera-status"]))
     try:
         devices = _connect(arm, force_sensor)
         _die_with_parent(0)
@@ -94,10 +96,8 @@ def control(job: Job, supervisor: Channel) -> None:
         _heed_signals(abort)
         orders = Orders(supervisor, abort)
         supervisor.send(Ready(devices=devices))
-        _wait_for_go(orders, arm, force_sensor, abort)
-        rig = Rig(
-            arm=arm, force_sensor=force_sensor, camera=RemoteCamera(camera), clock=HostClock()
-        )
+        rig = Rig(arm=arm, force_sensor=force_sensor, camera=camera, clock=HostClock())
+        _wait_for_go(orders, rig, abort)
         result = _run(rig, job, link, supervisor, abort)
     finally:
         arm.close()
@@ -128,17 +128,21 @@ def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdent
     return devices
 
 
-def _wait_for_go(orders: Orders, arm: Arm, force_sensor: ForceTorqueSensor, abort: Abort) -> None:
+def _wait_for_go(orders: Orders, rig: Rig, abort: Abort) -> None:
+    """Keep the devices' buffers empty until the supervisor says go and images arrive."""
     deadline = time.monotonic() + GO_TIMEOUT_S
-    while not orders.go.wait(0.02):
+    while not orders.go.wait(0.02) or math.isinf(rig.camera.health().age_s):
         if abort.count:
             raise AbortedError(f"aborted before anything moved: {abort.reason}")
         if time.monotonic() > deadline:
-            raise AbortedError(f"no order to begin within {GO_TIMEOUT_S:g} s")
-        arm.kick_watchdog()
-        arm.state()
-        arm.drain()
-        force_sensor.drain()
+            raise DeviceError(f"control: nothing to begin with within {GO_TIMEOUT_S:g} s")
+        if orders.go.is_set():
+            deadline = min(deadline, time.monotonic() + FIRST_IMAGE_S)
+        rig.arm.kick_watchdog()
+        rig.arm.state()
+        rig.arm.drain()
+        rig.force_sensor.drain()
+        rig.camera.poll()
 
 
 def _run(

@@ -39,11 +39,12 @@ class Failed:
 
     message: str
     remedy: str
+    exit_code: int = 2
 
     @classmethod
     def because(cls, error: RigError) -> Failed:
         """Return what to tell of ``error``."""
-        return cls(message=error.message, remedy=error.remedy)
+        return cls(message=error.message, remedy=error.remedy, exit_code=error.exit_code)
 
 
 @dataclass(frozen=True, slots=True)

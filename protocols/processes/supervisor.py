@@ -34,7 +34,7 @@ from protocols.processes.messages import (
 )
 from protocols.programme import PlannedTrial, ProgrammeResult, describe_safe
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError, RecordError
+from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
 from tacauchy_rig.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
@@ -46,7 +46,7 @@ HEARTBEAT_S = 0.1
 SILENT_S = 3.0
 START_MARGIN_S = 30.0
 ABORT_TIMEOUT_S = 30.0
-END_TIMEOUT_S = 10.0
+END_TIMEOUT_S = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,9 +293,9 @@ class Supervisor:
             child.channel.send(Stop())
             if self._finished is None and child is control:
                 control.channel.send(AbortRequest(reason="the session ends"))
-        deadline = time.monotonic() + END_TIMEOUT_S
         for name in ("control", "camera", "recorder"):
             child = self._children[name]
+            deadline = time.monotonic() + END_TIMEOUT_S
             while not child.has_ended and time.monotonic() < deadline:
                 self._listen()
             child.wait(timeout_s=0.0)
@@ -326,19 +326,23 @@ class Supervisor:
         finished = self._finished
         deaths = "; ".join(self._died.values())
         if finished is None:
-            failure = self._failures.get("control")
-            reason = failure.message if failure else deaths
-            return self._result(
-                Outcome.FAULT,
-                f"{reason}. The arm's own watchdog stops it when control is gone; look at it. "
-                f"{self._safe()}",
-                remedy=failure.remedy if failure else "",
-            )
+            return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
         result = replace(result, records=finished.records)
         if deaths and finished.outcome is not Outcome.PASSED:
             result = replace(result, reason=f"{deaths}. {finished.reason}")
         return result
+
+    def _without_control(self, failure: Failed | None, deaths: str) -> SessionResult:
+        """Conclude where control left no result: it said why, or it was killed."""
+        if failure is not None:
+            aborted = failure.exit_code == AbortedError.exit_code
+            outcome = Outcome.ABORTED if aborted else Outcome.FAULT
+            return self._result(
+                outcome, f"{failure.message}. {self._safe()}", remedy=failure.remedy
+            )
+        watchdog = "Without control the robot's own watchdog stops the arm: go and look at it."
+        return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe()}")
 
     def _safe(self) -> str:
         trials = [planned.spec.index for planned in self._plan]

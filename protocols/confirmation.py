@@ -1,0 +1,66 @@
+"""What an operator reads and types before anything real moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from tacauchy_rig.config.model import RigConfig
+
+LAST_WORDS = """\
+Any key, Ctrl-C or a lost terminal stops the arm and takes it slowly off the gel;
+a second one holds it where it is.
+This program is not a safety system. The pendant's emergency stop, safety planes and
+reduced mode are. Keep a hand on the stop."""
+
+
+def confirmation_screen(config: RigConfig) -> str:
+    """Return what will move, how fast, how hard and where, on one screen."""
+    robot = config.robot
+    rows = [f"  {name:<10}{text}" for name, text in _rows(config)]
+    return "\n".join(
+        [
+            f"A REAL ARM WILL MOVE: UR5 {robot.model.value} at {robot.host}",
+            "",
+            *rows,
+            "",
+            LAST_WORDS,
+            "",
+            f"Type the sensor's name to go: {expected_answer(config)}",
+        ]
+    )
+
+
+def expected_answer(config: RigConfig) -> str:
+    """Return what has to be typed: the sensor's name."""
+    return Path(config.sensor.name).stem
+
+
+def _rows(config: RigConfig) -> Iterator[tuple[str, str]]:
+    robot, limits, protocol, box = config.robot, config.limits, config.protocol, config.workspace
+    count = len(protocol.force_targets)
+    air = _millimetres(protocol.air_press_height)
+    yield "presses", f"{count} into {config.sensor.name}; before them one in the air, {air} above"
+    targets = ", ".join(f"{target:.4f}" for target in protocol.force_targets)
+    yield "targets", f"{targets} N, each held for {protocol.dwell_duration:g} s"
+    soft, hard = f"{limits.soft_force:g} N", f"{limits.hard_force:g} N"
+    yield "forces", f"{soft} stops and retracts, {hard} triggers a protective stop"
+    yield "sideways", f"{limits.lateral_force:g} N and {limits.moment:g} N m stop and retract"
+    yield "depth", f"{_millimetres(limits.max_depth)} below contact stops and retracts"
+    speeds = (robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
+    names = ("approach", "search", "press", "retract")
+    pairs = zip(names, speeds, strict=True)
+    yield "speeds", ", ".join(f"{name} {_millimetres(speed)}/s" for name, speed in pairs)
+    yield "box", f"x {_range(box.x_min, box.x_max)}, y {_range(box.y_min, box.y_max)}"
+    yield "", f"z {_range(box.z_min, box.z_max)}; tilt up to {math.degrees(box.max_tilt):.3g} deg"
+    home = ", ".join(f"{value * 1e3:g}" for value in robot.home)
+    yield "home", f"({home}) mm; it starts only within {_millimetres(box.home_radius)} of there"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low * 1e3:g} to {high * 1e3:g} mm"
+
+
+def _millimetres(length_m: float) -> str:
+    return f"{length_m * 1e3:g} mm"
