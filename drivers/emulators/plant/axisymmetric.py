@@ -174,8 +174,7 @@ class GelSolver:
         stress = self.law.stress(self._deformation(u)) * self._weights[..., None]
         stress = stress.reshape(stress.shape[0], -1, 1)
         local = np.matmul(np.swapaxes(self._gradients, 1, 2), stress)[..., 0]
-        total: FloatArray = np.bincount(self._dofs.ravel(), local.ravel(), minlength=u.size)
-        return total
+        return _assemble(self._dofs, local, u.size)
 
     def _linearise(
         self, u: FloatArray, tip: Tip | None, tip_z: float, *, curvature: float = 1.0
@@ -209,8 +208,7 @@ class GelSolver:
         stiffness = np.einsum(
             "qi,qj,eqab->eiajb", shape, shape, block.reshape(edge_count, point_count, 2, 2)
         )
-        total: FloatArray = np.bincount(self._edge_dofs.ravel(), force.ravel(), minlength=u.size)
-        return total, stiffness.reshape(edge_count, 6, 6)
+        return _assemble(self._edge_dofs, force, u.size), stiffness.reshape(edge_count, 6, 6)
 
     def _contact_force(self, u: FloatArray, tip: Tip, tip_z: float) -> tuple[float, float]:
         r, z = self._surface_points(u, tip_z)
@@ -248,6 +246,11 @@ def _factor(stiffness: csc_matrix, free: IntArray) -> SuperLU:
         )
     except RuntimeError as error:
         raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
+
+
+def _assemble(dofs: IntArray, local: FloatArray, size: int) -> FloatArray:
+    total = np.bincount(dofs.ravel(), local.ravel(), minlength=size)
+    return total.astype(np.float64)
 
 
 def _pairs(dofs: IntArray, axis: int) -> IntArray:

@@ -135,6 +135,11 @@ class Plant:
         slope = float(self._stiffness(inside)) * (1.0 + beyond / _STIFFENING_M)
         return slope * self.truth.young_pa
 
+    def light_gain(self, elapsed_s: float) -> float:
+        """Return the gain of the lights when they have been on for ``elapsed_s`` [s]."""
+        warmth = -math.expm1(-elapsed_s / self.truth.light_drift_time_s)
+        return 1.0 + self.truth.light_drift_ratio * warmth
+
     def surface(self, pose: Pose) -> SurfaceProfile:
         """Return the surface around the indenter's axis."""
         return self.surface_at(self.depth(pose), self.centre(pose), self.lean(pose))

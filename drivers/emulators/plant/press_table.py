@@ -12,6 +12,7 @@ import os
 import zipfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,8 @@ class PressCase:
 
     def file_name(self) -> str:
         """Return a name made from the content."""
-        content = f"{_SOLVER_VERSION} {type(self.tip).__name__} {sorted(asdict(self).items())}"
+        numbers = _rounded(asdict(self))
+        content = f"{_SOLVER_VERSION} {type(self.tip).__name__} {numbers}"
         digest = hashlib.sha256(content.encode()).hexdigest()[:16]
         return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
 
@@ -181,6 +183,14 @@ def _advance(
         else:
             return found.force, found.contact_radius_m, found.displacement
     raise last
+
+
+def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return the items in order, with digits that survive a round trip through text."""
+    return [
+        (name, _rounded(value) if isinstance(value, dict) else f"{value:.9g}")
+        for name, value in sorted(values.items())
+    ]
 
 
 def _grading(case: PressCase) -> Grading:

@@ -112,6 +112,8 @@ def line_shape(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _growing(first: float, length: float, grading: Grading) -> FloatArray:
     """Return points from 0 to ``length`` whose spacing grows from about ``first``."""
+    if length <= 0.0:
+        return np.zeros(1)
     sizes: list[float] = []
     size = first
     while sum(sizes) < length:

@@ -1,0 +1,240 @@
+"""The emulated camera's own optics: three coloured lights shade the gel's painted underside.
+
+Every pixel is lit by lights beside the gel (Lambert, inverse power of the distance, a soft
+terminator because the real lights are bars), by a broad highlight (Blinn 1977), and by light that
+the gel scatters everywhere. Colours mix in the sensor's filters, and a gamma with a soft shoulder
+turns light into grey levels. Nothing here is fitted to images, and nothing is a polynomial of
+slopes: a calibration has to find out for itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from drivers.emulators.plant.arrays import ImageArray, SingleArray
+from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.markers import MarkerGrid, marker_reflectance
+from drivers.emulators.plant.relief import STEP_M, Relief, relief_of
+from drivers.emulators.plant.texture import gel_texture
+from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.view import View
+
+_LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
+_LIGHT_DISTANCE_M = 15.5e-3
+_LIGHT_HEIGHT_M = 3.4e-3
+_FALLOFF = 1.25
+_DIRECT = (0.70, 0.68, 0.77)
+_SCATTERED = (0.235, 0.240, 0.290)
+_HIGHLIGHT = (0.10, 0.10, 0.11)  # times the sixteenth power of the half angle's cosine
+_TERMINATOR = 0.06
+_CREASE_M = 3.5e-5  # scattered light changes by this times the surface's curvature
+_CREASE_LIMIT = 0.35
+_MIXING = np.array([[0.91, 0.06, 0.03], [0.05, 0.89, 0.06], [0.02, 0.07, 0.91]])
+_GAMMA = 2.2
+_SHOULDER = 0.82  # light above this share of full scale is compressed
+_BLUR_M = 4.5e-5
+_STEPS_PER_UNIT = 1024
+_STEP_COUNT = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """A rectangle of pixels, ends exclusive."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+class GelCamera:
+    """Renders noise-free frames of one view of the gel."""
+
+    def __init__(
+        self,
+        truth: PlantTruth,
+        view: View,
+        *,
+        dome_radius_m: float,
+        markers: MarkerGrid | None = None,
+    ) -> None:
+        self.view = view
+        self._markers = markers
+        self._dome_radius_m = dome_radius_m
+        self._x, self._y = view.gel_points()
+        self._lights = [
+            _Light(i, truth.light_gain[i], self._x, self._y) for i in range(len(_LIGHT_AZIMUTH))
+        ]
+        self._shade = _vignette(self._x, self._y) * gel_texture(view, seed=truth.seed)
+        self._blur_px = _BLUR_M / view.m_per_px[0]
+        self._response = _response_curve()
+
+    @property
+    def whole(self) -> Region:
+        """The whole frame."""
+        return Region(left=0, top=0, right=self.view.width, bottom=self.view.height)
+
+    def relief(self, profile: SurfaceProfile | None) -> Relief | None:
+        """Return the press as this camera needs it; None without contact."""
+        if profile is None:
+            return None
+        return relief_of(profile, dome_radius_m=self._dome_radius_m)
+
+    def region(self, relief: Relief | None) -> Region | None:
+        """Return the pixels that a press changes; None where it changes none."""
+        if relief is None:
+            return None
+        if self._markers is not None:
+            return self.whole
+        reach = relief.reach_m + 4.0 * _BLUR_M
+        column, row = self.view.pixel(*relief.centre)
+        half_width, half_height = (reach / scale for scale in self.view.m_per_px)
+        left, right = max(0, int(column - half_width)), int(column + half_width) + 2
+        top, bottom = max(0, int(row - half_height)), int(row + half_height) + 2
+        right, bottom = min(right, self.view.width), min(bottom, self.view.height)
+        if right <= left or bottom <= top:
+            return None
+        return Region(left=left, top=top, right=right, bottom=bottom)
+
+    def render(
+        self,
+        profile: SurfaceProfile | None,
+        *,
+        region: Region | None = None,
+        light: float = 1.0,
+    ) -> ImageArray:
+        """Return a frame, BGR, shape [rows, columns, 3].
+
+        Args:
+            profile: The pressed surface, or None for the unloaded gel.
+            region: Which pixels; all by default.
+            light: Gain of all lights, for their drift.
+        """
+        wanted = region or self.whole
+        margin = int(np.ceil(3.0 * self._blur_px)) + 1
+        padded = Region(
+            left=max(0, wanted.left - margin),
+            top=max(0, wanted.top - margin),
+            right=min(self.view.width, wanted.right + margin),
+            bottom=min(self.view.height, wanted.bottom + margin),
+        )
+        shade = self._shade[padded.slices] * np.float32(light)
+        if self._markers is not None:
+            dots = marker_reflectance(self._markers, profile, self.view)
+            shade = shade * dots[padded.slices]
+        blurred = cv2.GaussianBlur(
+            self._linear_light(self.relief(profile), padded, shade), (0, 0), self._blur_px
+        )
+        top, left = wanted.top - padded.top, wanted.left - padded.left
+        rows, columns = wanted.bottom - wanted.top, wanted.right - wanted.left
+        inner = blurred[top : top + rows, left : left + columns]
+        steps = np.minimum(inner * _STEPS_PER_UNIT, _STEP_COUNT - 1).astype(np.uint16)
+        image: ImageArray = self._response[steps]
+        return image
+
+    def _linear_light(
+        self, relief: Relief | None, region: Region, shade: SingleArray
+    ) -> SingleArray:
+        x, y = self._x[region.slices], self._y[region.slices]
+        slope_x, slope_y, crease = self._slopes(relief, x, y)
+        steepness = slope_x * slope_x + slope_y * slope_y
+        inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
+        normal = (-slope_x * inverse, -slope_y * inverse, inverse)
+        colours = [light.shaded(region, normal, crease) * shade for light in self._lights]
+        mixed = cv2.transform(np.dstack(colours[::-1]), _MIXING[::-1, ::-1].astype(np.float32))
+        return np.asarray(mixed, dtype=np.float32)
+
+    def _slopes(
+        self, relief: Relief | None, x: SingleArray, y: SingleArray
+    ) -> tuple[SingleArray, SingleArray, SingleArray]:
+        """Return d(height towards the camera)/dx, /dy and the share of extra scattered light."""
+        dome = np.float32(1.0 / self._dome_radius_m)
+        if relief is None:
+            return dome * x, dome * y, np.zeros_like(x)
+        dx, dy = x - np.float32(relief.centre[0]), y - np.float32(relief.centre[1])
+        radius = np.sqrt(dx * dx + dy * dy)
+        last = relief.slope.size - 1
+        index = np.minimum(radius * np.float32(1.0 / STEP_M), last).astype(np.int32)
+        radial = relief.slope[index] / np.maximum(radius, np.float32(1e-9))
+        inside = relief.inside[index]
+        outside = dome * (np.float32(1.0) - inside)
+        return (
+            outside * x + radial * dx + np.float32(relief.tilt[0]) * inside,
+            outside * y + radial * dy + np.float32(relief.tilt[1]) * inside,
+            np.clip(
+                relief.curvature[index] * np.float32(-_CREASE_M), -_CREASE_LIMIT, _CREASE_LIMIT
+            ),
+        )
+
+
+class _Light:
+    """One coloured bar of lights, as each pixel sees it."""
+
+    def __init__(self, index: int, gain: float, x: SingleArray, y: SingleArray) -> None:
+        azimuth = float(_LIGHT_AZIMUTH[index])
+        to_x = np.float32(_LIGHT_DISTANCE_M * np.cos(azimuth)) - x
+        to_y = np.float32(_LIGHT_DISTANCE_M * np.sin(azimuth)) - y
+        distance = _length(to_x, to_y, np.full_like(to_x, _LIGHT_HEIGHT_M))
+        near = (_LIGHT_DISTANCE_M / distance) ** np.float32(_FALLOFF)
+        self._toward: tuple[SingleArray, ...] = (
+            to_x / distance,
+            to_y / distance,
+            np.float32(_LIGHT_HEIGHT_M) / distance,
+        )
+        x_half, y_half, z_half = *self._toward[:2], self._toward[2] + np.float32(1.0)
+        length = _length(x_half, y_half, z_half)
+        self._half: tuple[SingleArray, ...] = (x_half / length, y_half / length, z_half / length)
+        self._direct = (near * np.float32(gain * _DIRECT[index])).astype(np.float32)
+        self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
+        self._scattered = (np.sqrt(near) * np.float32(gain * _SCATTERED[index])).astype(np.float32)
+
+    def shaded(
+        self, region: Region, normal: tuple[SingleArray, ...], crease: SingleArray
+    ) -> SingleArray:
+        """Return the light that reaches the camera from each pixel of ``region``."""
+        cosine = _dot(self._toward, normal, region)
+        lit = 0.5 * (cosine + np.sqrt(cosine * cosine + np.float32(_TERMINATOR**2)))
+        shine = np.maximum(_dot(self._half, normal, region), 0.0)
+        for _ in range(4):
+            shine = shine * shine
+        window = region.slices
+        light: SingleArray = (
+            self._direct[window] * lit
+            + self._shine[window] * shine
+            + self._scattered[window] * (1.0 + crease)
+        )
+        return light
+
+
+def _length(x: SingleArray, y: SingleArray, z: SingleArray) -> SingleArray:
+    length: SingleArray = np.sqrt(x * x + y * y + z * z)
+    return length
+
+
+def _dot(
+    vectors: tuple[SingleArray, ...], normal: tuple[SingleArray, ...], region: Region
+) -> SingleArray:
+    x, y, z = (part[region.slices] for part in vectors)
+    dot: SingleArray = x * normal[0] + y * normal[1] + z * normal[2]
+    return dot
+
+
+def _vignette(x: SingleArray, y: SingleArray) -> SingleArray:
+    shade = 1.0 - 0.12 * (x * x + y * y) / 12.5e-3**2
+    return np.maximum(shade, 0.1).astype(np.float32)
+
+
+def _response_curve() -> ImageArray:
+    light = np.arange(_STEP_COUNT) / _STEPS_PER_UNIT
+    room = 1.0 - _SHOULDER
+    bent = _SHOULDER + room * (1.0 - np.exp(-(light - _SHOULDER) / room))
+    exposed = np.where(light > _SHOULDER, bent, light)
+    return np.round(255.0 * exposed ** (1.0 / _GAMMA)).astype(np.uint8)

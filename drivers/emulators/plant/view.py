@@ -1,0 +1,85 @@
+"""Which point of the gel each pixel of the emulated camera sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.emulators.plant.arrays import SingleArray
+from drivers.emulators.plant.truth import PlantTruth
+from tacauchy_rig.errors import ConfigError
+
+CROP_PER_SIDE = 0.15
+NOMINAL_M_PER_PX = 0.0634e-3  # of the 320x240 image that is left after the crop
+_NOMINAL_SIZE = (320, 240)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """The raw frame's geometry: image right is base +x, image down is base +y.
+
+    Attributes:
+        width, height: Of the raw frame [px].
+        m_per_px: Real scale in x and y [m].
+        rotation_rad: Of the camera about its axis.
+        shift_m: Where the gel's centre is seen, from the image's centre [m].
+    """
+
+    width: int
+    height: int
+    m_per_px: tuple[float, float]
+    rotation_rad: float
+    shift_m: tuple[float, float]
+
+    def scaled(self, factor: int) -> View:
+        """Return the same view with pixels ``factor`` times as large."""
+        return View(
+            width=-(-self.width // factor),
+            height=-(-self.height // factor),
+            m_per_px=(self.m_per_px[0] * factor, self.m_per_px[1] * factor),
+            rotation_rad=self.rotation_rad,
+            shift_m=self.shift_m,
+        )
+
+    def gel_points(self) -> tuple[SingleArray, SingleArray]:
+        """Return x and y from the gel's centre for each pixel [m], shape [height, width]."""
+        u = ((np.arange(self.width) + 0.5) - 0.5 * self.width) * self.m_per_px[0]
+        v = ((np.arange(self.height) + 0.5) - 0.5 * self.height) * self.m_per_px[1]
+        u, v = np.meshgrid(u - self.shift_m[0], v - self.shift_m[1])
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return (c * u + s * v).astype(np.float32), (-s * u + c * v).astype(np.float32)
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Return the pixel (column, row) that sees the point (x, y) [m] from the gel's centre."""
+        c, s = float(np.cos(self.rotation_rad)), float(np.sin(self.rotation_rad))
+        u, v = c * x - s * y + self.shift_m[0], s * x + c * y + self.shift_m[1]
+        return (
+            u / self.m_per_px[0] + 0.5 * self.width - 0.5,
+            v / self.m_per_px[1] + 0.5 * self.height - 0.5,
+        )
+
+
+def view_of(truth: PlantTruth, width: int, height: int) -> View:
+    """Return how the emulated camera sees the gel.
+
+    Raises:
+        ConfigError: The size is not one that such a camera has.
+    """
+    if not (320 <= width <= 3280 and 240 <= height <= 2464):
+        raise ConfigError(
+            f"emulated camera: {width}x{height} px is not between 320x240 and 3280x2464",
+            remedy="give a 4:3 size in that range, for example 640x480",
+        )
+    kept = 1.0 - 2.0 * CROP_PER_SIDE
+    scale = (
+        NOMINAL_M_PER_PX * _NOMINAL_SIZE[0] / (kept * width) * (1.0 + truth.image_scale_error[0]),
+        NOMINAL_M_PER_PX * _NOMINAL_SIZE[1] / (kept * height) * (1.0 + truth.image_scale_error[1]),
+    )
+    return View(
+        width=width,
+        height=height,
+        m_per_px=scale,
+        rotation_rad=truth.image_rotation_rad,
+        shift_m=truth.image_shift_m,
+    )
