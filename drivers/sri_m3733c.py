@@ -8,6 +8,7 @@ identity's settings instead of being an error. What counts is that valid frames 
 from __future__ import annotations
 
 import logging
+import termios
 import threading
 import time
 
@@ -24,6 +25,7 @@ from tacauchy_rig.run import ForceSample, Wrench
 
 _logger = logging.getLogger(__name__)
 
+PORT_ERRORS = (OSError, termios.error)
 BITS_PER_BYTE = 10  # 8N1: start, eight, stop
 FORMAT = "(A01,A02,A03,A04,A05,A06);E;1;(WMA:1)"
 _REPLY_TIMEOUT_S = 0.3
@@ -86,7 +88,7 @@ class SriM3733c:
             left_s = max(deadline - time.monotonic(), _FIRST_FRAME_S)
             if not self._buffer.wait_for_first(timeout_s=left_s):
                 raise self._no_frame()
-        except (OSError, serial.SerialException) as error:
+        except PORT_ERRORS as error:
             self.close()
             raise _gone(self._path, error) from error
         except DeviceError:
@@ -124,9 +126,9 @@ class SriM3733c:
         if port is None:
             return
         try:
+            # Not flushed: waiting for a box that no longer reads could last for ever.
             port.write(encode_command(Command(name="GSD", value="STOP")))
-            port.flush()
-        except (OSError, serial.SerialException) as error:
+        except PORT_ERRORS as error:
             _logger.debug("%s: could not stop the stream: %s", self._path, error)
         port.close()
 
@@ -209,7 +211,7 @@ class SriM3733c:
                 data = self._read_waiting(port)
                 if data:
                     self._accept(data, time.monotonic_ns())
-        except (OSError, serial.SerialException) as error:
+        except PORT_ERRORS as error:
             self._buffer.fail(_gone(self._path, error))
 
     def _read_waiting(self, port: serial.Serial) -> bytes:

@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.sri_frame import FrameParser, encode_frame, frame_length
@@ -42,6 +42,7 @@ def test_length_field_of_each_checksum(checksum: str, length: int, field: int) -
     assert int.from_bytes(data[2:4], "big") == field
 
 
+@settings(deadline=None)
 @given(st.lists(values6, min_size=1, max_size=20), checksums, st.data())
 def test_any_chunking_gives_the_same_frames(
     values: list[Vector6], checksum: Checksum, data: st.DataObject
@@ -61,6 +62,7 @@ def test_any_chunking_gives_the_same_frames(
 garbage = st.binary(max_size=70).filter(lambda data: b"\xaa" not in data)
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(garbage, values6), min_size=2, max_size=12), checksums)
 def test_garbage_between_frames_loses_none(
     pieces: list[tuple[bytes, Vector6]], checksum: Checksum
@@ -76,6 +78,7 @@ def test_garbage_between_frames_loses_none(
     assert parser.corrupt_byte_count == sum(len(junk) for junk, _ in pieces[1:])
 
 
+@settings(deadline=None)
 @given(st.integers(1, 40), st.integers(0, 30), st.integers(1, 255))
 def test_one_flipped_byte_costs_one_frame(index: int, offset: int, flip: int) -> None:
     """Damage inside one frame loses that frame only; a damaged number may shift the count."""
@@ -104,6 +107,7 @@ def test_header_inside_a_float_is_not_a_frame() -> None:
     assert all(frame.values == values for frame in frames)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 65535), st.integers(1, 32766))
 def test_gap_is_counted_across_the_wrap(first: int, gap: int) -> None:
     """Missing package numbers are lost frames, also where the number wraps."""

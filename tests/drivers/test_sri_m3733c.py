@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import pty
+import signal
 import subprocess
-import sys
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,31 +23,14 @@ from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample
 
-LOAD = "0.5,-0.25,3,0,0,0"
-
-
-@contextmanager
-def running_box(folder: Path, *extra: str) -> Iterator[str]:
-    """Start an emulated box with a constant load and yield its port."""
-    command = [sys.executable, "-m", "drivers.emulators.m8128_box"]
-    command += ["--folder", str(folder), "--load", LOAD, *extra]
-    with (folder / "box.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
-        try:
-            assert process.stdout is not None
-            yield json.loads(process.stdout.readline())["port"]
-        finally:
-            process.terminate()
-            process.wait(5)
-            if process.stdout is not None:
-                process.stdout.close()
+RunBox = Callable[..., AbstractContextManager[str]]
 
 
 @pytest.fixture(scope="module")
-def box(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+def box(run_box: RunBox, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
     """One emulated box for the tests that leave it as it was: its folder and its port."""
     folder = tmp_path_factory.mktemp("box")
-    with running_box(folder) as port:
+    with run_box(folder) as port:
         yield folder, port
 
 
@@ -108,9 +91,9 @@ def test_crc32_frames(box: tuple[Path, str]) -> None:
         assert collect(sensor, lambda found: len(found) >= 10)
 
 
-def test_older_box_and_plain_replies(tmp_path: Path) -> None:
+def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
     """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
-    with running_box(tmp_path, "--rate-command", "SMPR", "--replies", "bare-ok") as port:
+    with run_box(tmp_path, "--rate-command", "SMPR", "--replies", "bare-ok") as port:
         sensor = SriM3733c(port)
         identity = sensor.connect()
         sensor.close()
@@ -118,9 +101,9 @@ def test_older_box_and_plain_replies(tmp_path: Path) -> None:
     assert "SMPF" not in identity.settings
 
 
-def test_box_that_acknowledges_nothing(tmp_path: Path) -> None:
+def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
     """Missing acknowledgements are recorded and not fatal where frames arrive."""
-    with running_box(tmp_path, "--replies", "silent") as port:
+    with run_box(tmp_path, "--replies", "silent") as port:
         sensor = SriM3733c(port, connect_timeout_s=10.0)
         identity = sensor.connect()
         sensor.close()
@@ -173,9 +156,9 @@ def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -
     assert len(wrong) <= 1  # one in 256 damaged frames has a right sum by chance
 
 
-def test_saturation_reads_full_scale(tmp_path: Path) -> None:
+def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
     """A saturated channel reads the full scale, and comes back."""
-    with running_box(tmp_path, "--full-scale-n", "40") as port, connected(port) as sensor:
+    with run_box(tmp_path, "--full-scale-n", "40") as port, connected(port) as sensor:
         send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.SATURATE, 0.2)
         samples = collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] == 40)
         samples += collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] < 4)
@@ -192,9 +175,9 @@ def test_silence_shows_as_age(box: tuple[Path, str], kind: FaultKind) -> None:
         assert collect(sensor, lambda found: len(found) >= 5)
 
 
-def test_unplug_raises_after_the_last_sample(tmp_path: Path) -> None:
+def test_unplug_raises_after_the_last_sample(run_box: RunBox, tmp_path: Path) -> None:
     """Samples that came before the plug was pulled are returned first, then the error."""
-    with running_box(tmp_path) as port, connected(port) as sensor:
+    with run_box(tmp_path) as port, connected(port) as sensor:
         time.sleep(0.1)
         send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.UNPLUG)
         time.sleep(0.3)
@@ -202,6 +185,20 @@ def test_unplug_raises_after_the_last_sample(tmp_path: Path) -> None:
         for _ in range(2):
             with pytest.raises(DeviceError, match="is gone"):
                 sensor.drain()
+
+
+def test_box_that_hangs_holds_up_neither_drain_nor_close(run_box: RunBox, tmp_path: Path) -> None:
+    """With the box's process stopped, draining, closing and a new connect return."""
+    with run_box(tmp_path) as port, connected(port) as sensor:
+        ready = json.loads((tmp_path / "ready.json").read_text())
+        os.kill(ready["pid"], signal.SIGSTOP)
+        collect(sensor, lambda _: sensor.health().age_s > 0.1)
+        assert sensor.drain() == []
+        sensor.close()
+        second = SriM3733c(port, connect_timeout_s=0.1)
+        with pytest.raises(DeviceError, match="silent"):
+            second.connect()
+        os.kill(ready["pid"], signal.SIGKILL)
 
 
 def test_second_owner_is_refused(box: tuple[Path, str]) -> None:
@@ -232,9 +229,9 @@ def test_absent_port() -> None:
     assert "/dev/serial/by-id" in caught.value.remedy
 
 
-def test_no_permission(tmp_path: Path) -> None:
+def test_no_permission(run_box: RunBox, tmp_path: Path) -> None:
     """A port that this user may not open names the group to join."""
-    with running_box(tmp_path) as port:
+    with run_box(tmp_path) as port:
         Path(port).chmod(0)
         user = os.geteuid()
         try:

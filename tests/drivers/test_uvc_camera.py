@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import http.server
 import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 import cv2
 import numpy as np
@@ -20,7 +19,8 @@ from tacauchy_rig.run import ImageFrame
 
 WIDTH, HEIGHT, RATE_HZ = 320, 240, 50.0
 Frames = Callable[[threading.Event], Iterator[bytes]]
-"""Makes the frames of one connection; the event is set when the test ends."""
+ServeMjpeg = Callable[[Frames], AbstractContextManager[str]]
+Connected = Callable[[Frames], AbstractContextManager[UvcCamera]]
 
 
 def jpeg(number: int, *, width: int = WIDTH, height: int = HEIGHT) -> bytes:
@@ -40,54 +40,27 @@ def steady(ended: threading.Event) -> Iterator[bytes]:
             return
 
 
-@contextmanager
-def stream(frames: Frames) -> Iterator[str]:
-    """Serve ``frames`` as multipart MJPEG and yield the address."""
-    ended = threading.Event()
-
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            """Say nothing."""
-
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-            self.end_headers()
-            try:
-                for data in frames(ended):
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}"
-                    self.wfile.write(head.encode() + b"\r\n\r\n" + data + b"\r\n")
-            except OSError:
-                return
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, args=(0.05,))
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
-    finally:
-        ended.set()
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-
 def make_camera(url: str, *, timeout_s: float = 5.0) -> UvcCamera:
     """Return a camera in the tests' mode."""
     mode = CameraMode(width=WIDTH, height=HEIGHT, rate_hz=RATE_HZ)
     return UvcCamera(url, mode=mode, connect_timeout_s=timeout_s, simulated=True)
 
 
-@contextmanager
-def connected(frames: Frames) -> Iterator[UvcCamera]:
-    """Yield a camera connected to a stream of ``frames``."""
-    with stream(frames) as url:
-        camera = make_camera(url)
-        try:
-            camera.connect()
-            yield camera
-        finally:
-            camera.close()
+@pytest.fixture
+def connected(serve_mjpeg: ServeMjpeg) -> Connected:
+    """Return what connects a camera to a stream of given frames."""
+
+    @contextmanager
+    def connect(frames: Frames) -> Iterator[UvcCamera]:
+        with serve_mjpeg(frames) as url:
+            camera = make_camera(url)
+            try:
+                camera.connect()
+                yield camera
+            finally:
+                camera.close()
+
+    return connect
 
 
 def collect(
@@ -103,7 +76,7 @@ def collect(
     return frames
 
 
-def test_delivers_the_bytes_that_were_sent() -> None:
+def test_delivers_the_bytes_that_were_sent(connected: Connected) -> None:
     """Frames arrive untouched, numbered and stamped in order."""
     with connected(steady) as camera:
         frames = collect(camera, lambda found: len(found) >= 20)
@@ -116,9 +89,9 @@ def test_delivers_the_bytes_that_were_sent() -> None:
     assert (health.corrupt_count, health.lost_count) == (0, 0)
 
 
-def test_identity_names_the_stream() -> None:
+def test_identity_names_the_stream(serve_mjpeg: ServeMjpeg) -> None:
     """The identity says which backend reads which address."""
-    with stream(steady) as url:
+    with serve_mjpeg(steady) as url:
         camera = make_camera(url)
         identity = camera.connect()
         camera.close()
@@ -128,7 +101,7 @@ def test_identity_names_the_stream() -> None:
     assert identity.settings["backend"] == "FFMPEG"
 
 
-def test_late_reader_gets_arrival_stamps_not_drain_stamps() -> None:
+def test_late_reader_gets_arrival_stamps_not_drain_stamps(connected: Connected) -> None:
     """Frames drained late keep the moments at which they came, so none looks fresh."""
     with connected(steady) as camera:
         time.sleep(0.6)
@@ -140,7 +113,7 @@ def test_late_reader_gets_arrival_stamps_not_drain_stamps() -> None:
     assert np.median(gaps) == pytest.approx(1.0 / RATE_HZ, rel=0.5)
 
 
-def test_nobody_draining_bounds_the_backlog_and_counts_it() -> None:
+def test_nobody_draining_bounds_the_backlog_and_counts_it(connected: Connected) -> None:
     """The queue keeps the newest frames and counts the dropped ones as lost."""
 
     def burst(ended: threading.Event) -> Iterator[bytes]:
@@ -158,7 +131,7 @@ def test_nobody_draining_bounds_the_backlog_and_counts_it() -> None:
     assert frames[-1].counter == health.received_count
 
 
-def test_garbled_frames_are_counted_and_withheld() -> None:
+def test_garbled_frames_are_counted_and_withheld(connected: Connected) -> None:
     """Truncated and overwritten frames never reach the record; their numbers stay free."""
 
     def damaged(ended: threading.Event) -> Iterator[bytes]:
@@ -174,7 +147,7 @@ def test_garbled_frames_are_counted_and_withheld() -> None:
     assert all(frame.jpeg == jpeg(frame.counter - 1) for frame in frames)
 
 
-def test_frozen_camera_is_seen_as_repeats() -> None:
+def test_frozen_camera_is_seen_as_repeats(connected: Connected) -> None:
     """Equal frames in a row raise the repeat count."""
 
     def frozen(ended: threading.Event) -> Iterator[bytes]:
@@ -186,7 +159,7 @@ def test_frozen_camera_is_seen_as_repeats() -> None:
         collect(camera, lambda _: camera.health().repeat_count >= 10)
 
 
-def test_stall_blocks_neither_drain_nor_close() -> None:
+def test_stall_blocks_neither_drain_nor_close(connected: Connected) -> None:
     """While OpenCV waits for a frame, the age grows and every call returns."""
 
     def stalling(ended: threading.Event) -> Iterator[bytes]:
@@ -200,7 +173,7 @@ def test_stall_blocks_neither_drain_nor_close() -> None:
         camera.close()
 
 
-def test_unplug_raises_after_the_last_frame() -> None:
+def test_unplug_raises_after_the_last_frame(connected: Connected) -> None:
     """When the stream ends, what came is returned first and then the error."""
 
     def ending(ended: threading.Event) -> Iterator[bytes]:
@@ -214,14 +187,17 @@ def test_unplug_raises_after_the_last_frame() -> None:
                 camera.drain()
 
 
-def test_other_size_is_refused() -> None:
+def test_other_size_is_refused(serve_mjpeg: ServeMjpeg) -> None:
     """A stream in another mode than asked is an error that names both."""
 
     def larger(ended: threading.Event) -> Iterator[bytes]:
         while not ended.wait(0.02):
             yield jpeg(1, width=640, height=480)
 
-    with stream(larger) as url, pytest.raises(DeviceError, match="640x480 px instead of 320x240"):
+    with (
+        serve_mjpeg(larger) as url,
+        pytest.raises(DeviceError, match="640x480 px instead of 320x240"),
+    ):
         make_camera(url).connect()
 
 
@@ -231,23 +207,23 @@ def test_nothing_listening() -> None:
         make_camera("http://127.0.0.1:1/").connect()
 
 
-def test_silent_server_fails_at_the_deadline() -> None:
+def test_silent_server_fails_at_the_deadline(serve_mjpeg: ServeMjpeg) -> None:
     """A server that accepts and sends nothing does not hold up the connect."""
 
     def silent(ended: threading.Event) -> Iterator[bytes]:
         ended.wait()
         yield from ()
 
-    with stream(silent) as url, pytest.raises(DeviceError, match=r"silent|no MJPEG"):
+    with serve_mjpeg(silent) as url, pytest.raises(DeviceError, match=r"silent|no MJPEG"):
         make_camera(url, timeout_s=1.0).connect()
 
 
-def test_page_that_is_no_stream() -> None:
+def test_page_that_is_no_stream(serve_mjpeg: ServeMjpeg) -> None:
     """A server that sends something else is named."""
 
     def words(_: threading.Event) -> Iterator[bytes]:
         yield b"hello"
 
-    with stream(words) as url, pytest.raises(DeviceError, match="camera: ") as caught:
+    with serve_mjpeg(words) as url, pytest.raises(DeviceError, match="camera: ") as caught:
         make_camera(url, timeout_s=3.0).connect()
     assert caught.value.remedy

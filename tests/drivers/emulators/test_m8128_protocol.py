@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.m8128_protocol import BoxCommands, ReplyStyle
@@ -57,6 +57,7 @@ def test_reply_styles(style: ReplyStyle, reply: bytes) -> None:
     assert box.rate_hz == 50
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(1, 12), max_size=12))
 def test_any_chunking_of_commands(cuts: list[int]) -> None:
     """Commands may arrive in any pieces."""

@@ -1,0 +1,43 @@
+"""Checks of the devices that a configuration names, one after the other; nothing moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drivers.checks_camera import camera_checks
+from drivers.checks_robot import robot_checks
+from drivers.checks_serial import force_sensor_checks
+from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
+from tacauchy_rig.doctor.result import CheckResult, skipped
+
+
+def device_checks(
+    config: RigConfig, *, measure_s: float = 2.0, sys_folder: Path = Path("/sys")
+) -> list[CheckResult]:
+    """Look at every real device; never raises, because what is wrong is the result.
+
+    Args:
+        config: Where the devices are and what is asked of them.
+        measure_s: How long each stream is measured [s].
+        sys_folder: Where the kernel tells about adapters and cameras.
+    """
+    results = []
+    if config.robot.driver is RobotDriver.UR5:
+        results += robot_checks(config)
+    else:
+        results.append(_not_real("robot", config.robot.driver.value))
+    if config.force_sensor.driver is ForceSensorDriver.M3733C:
+        results += force_sensor_checks(config, measure_s=measure_s, sys_folder=sys_folder)
+    else:
+        results.append(_not_real("force_sensor", config.force_sensor.driver.value))
+    if config.camera.driver is CameraDriver.UVC:
+        results += camera_checks(config, measure_s=measure_s)
+    else:
+        results.append(_not_real("camera", config.camera.driver.value))
+    return results
+
+
+def _not_real(device: str, driver: str) -> CheckResult:
+    return skipped(
+        device, f'driver = "{driver}": it starts with the run, there is nothing to check'
+    )

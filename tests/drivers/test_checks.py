@@ -1,0 +1,192 @@
+"""Doctor's look at the devices: what it says of good ones, bad ones and absent ones."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.checks import device_checks
+from drivers.checks_camera import exposure_check
+from drivers.checks_serial import latency_timer_check
+from drivers.emulators.launch import free_loopback_host
+from tacauchy_rig.config.load import load_config
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.doctor.result import CheckResult, CheckStatus
+
+RunBox = Callable[..., AbstractContextManager[str]]
+ServeMjpeg = Callable[..., AbstractContextManager[str]]
+
+
+def configured(**values: str) -> RigConfig:
+    """Return the defaults with fields such as ``force_sensor__port`` replaced."""
+    overrides = [f"{name.replace('__', '.')}={value}" for name, value in values.items()]
+    return load_config(overrides=overrides).config
+
+
+def checked(config: RigConfig, *, measure_s: float = 0.5) -> Mapping[str, CheckResult]:
+    """Return the results by name."""
+    return {result.name: result for result in device_checks(config, measure_s=measure_s)}
+
+
+def test_dry_run_has_nothing_to_check() -> None:
+    """Devices that start with the run are skipped, in words."""
+    results = checked(configured())
+    assert set(results) == {"robot", "force_sensor", "camera"}
+    assert {result.status for result in results.values()} == {CheckStatus.SKIP}
+
+
+def force_sensor(port: str) -> RigConfig:
+    """Return a configuration with the force sensor alone real."""
+    return configured(
+        force_sensor__driver="m3733c",
+        force_sensor__port=port,
+        force_sensor__calibration_sheet="test",
+    )
+
+
+def test_live_force_sensor_is_measured(run_box: RunBox, tmp_path: Path) -> None:
+    """Rate and noise of a live sensor are told with their units."""
+    with run_box(tmp_path, "--noise-n", "0.004") as port:
+        results = checked(force_sensor(port))
+    rate, noise = results["force_sensor.rate"], results["force_sensor.noise"]
+    assert rate.value == pytest.approx(100.0, rel=0.05)
+    assert (noise.status, noise.unit) == (CheckStatus.OK, "N")
+    assert noise.value == pytest.approx(0.004, rel=0.5)
+    assert results["force_sensor.latency_timer"].status is CheckStatus.SKIP
+
+
+def test_loaded_and_noisy_force_sensors_are_warned_of(run_box: RunBox, tmp_path: Path) -> None:
+    """A zero or a noise that the tare would refuse is seen before a run."""
+    with run_box(tmp_path, load="0,0,9,0,0,0") as port:
+        loaded = checked(force_sensor(port))["force_sensor.noise"]
+    with run_box(tmp_path, "--noise-n", "0.2") as port:
+        noisy = checked(force_sensor(port))["force_sensor.noise"]
+    assert loaded.status is noisy.status is CheckStatus.WARN
+    assert "tare_mean" in loaded.remedy
+    assert "tare_deviation" in noisy.remedy
+
+
+def test_absent_devices_fail_with_a_remedy() -> None:
+    """Nothing plugged in: every check fails or is skipped, none raises."""
+    config = configured(
+        robot__driver="ur5",
+        robot__host="127.0.0.99",
+        force_sensor__driver="m3733c",
+        force_sensor__port="/dev/ttyUSB77",
+        force_sensor__calibration_sheet="test",
+        camera__driver="uvc",
+        camera__device="No Such Camera",
+    )
+    results = checked(config)
+    for name in ("robot.controller", "force_sensor.stream", "camera.stream"):
+        assert results[name].status is CheckStatus.FAIL, name
+        assert results[name].remedy, name
+    assert results["robot.ready"].status is CheckStatus.SKIP
+
+
+@pytest.mark.parametrize(
+    ("timer", "status"), [("16", CheckStatus.WARN), ("1", CheckStatus.OK), (None, CheckStatus.SKIP)]
+)
+def test_latency_timer(tmp_path: Path, timer: str | None, status: CheckStatus) -> None:
+    """An FTDI adapter at its default of 16 ms gets the command that cures it."""
+    device = tmp_path / "dev" / "ttyUSB3"
+    device.parent.mkdir()
+    device.touch()
+    link = tmp_path / "by-id"
+    link.symlink_to(device)
+    folder = tmp_path / "sys/bus/usb-serial/devices/ttyUSB3"
+    folder.mkdir(parents=True)
+    if timer is not None:
+        (folder / "latency_timer").write_text(f"{timer}\n")
+    result = latency_timer_check(str(link), sys_folder=tmp_path / "sys")
+    assert result.status is status
+    if status is CheckStatus.WARN:
+        assert result.remedy == f"echo 1 | sudo tee {folder / 'latency_timer'}"
+
+
+def noise_frames(ended: threading.Event) -> Iterator[bytes]:
+    """Yield 320x240 images at about 30 fps."""
+    source = np.random.default_rng(5)
+    while not ended.wait(1 / 30):
+        image = source.integers(0, 255, (240, 320, 3), dtype=np.uint8)
+        yield cv2.imencode(".jpg", image)[1].tobytes()
+
+
+def camera(url: str, rate: str) -> RigConfig:
+    """Return a configuration with the camera alone real."""
+    return configured(
+        camera__driver="uvc",
+        camera__device=url,
+        camera__width="320",
+        camera__height="240",
+        camera__rate=rate,
+        protocol__min_image_rate="5 fps",
+    )
+
+
+def test_live_camera_is_measured(serve_mjpeg: ServeMjpeg) -> None:
+    """The rate that is reached is told, not the one advertised."""
+    with serve_mjpeg(noise_frames) as url:
+        results = checked(camera(url, "60 fps"))
+    rate = results["camera.rate"]
+    assert rate.status is CheckStatus.WARN
+    assert rate.value is not None
+    assert 5 < rate.value < 40
+    assert "for 60 fps asked" in rate.finding
+    assert results["camera.stream"].status is CheckStatus.OK
+    assert results["camera.exposure"].status is CheckStatus.SKIP
+
+
+def test_camera_below_the_protocols_least_rate_fails(serve_mjpeg: ServeMjpeg) -> None:
+    """A camera too slow for the protocol is a failure with what to change."""
+    with serve_mjpeg(noise_frames) as url:
+        config = camera(url, "60 fps")
+        protocol = config.protocol.model_copy(update={"min_image_rate": 55.0})
+        result = checked(config.model_copy(update={"protocol": protocol}))["camera.rate"]
+    assert result.status is CheckStatus.FAIL
+    assert "min_image_rate" in result.remedy
+
+
+def test_automatic_exposure_is_warned_of() -> None:
+    """V4L2's automatic exposure is told; a locked one is fine."""
+    settings = {"auto_exposure": "3", "exposure": "156", "gain": "0"}
+    assert exposure_check(settings).status is CheckStatus.WARN
+    assert exposure_check({**settings, "auto_exposure": "1"}).status is CheckStatus.OK
+
+
+@pytest.fixture
+def controller(tmp_path: Path) -> Iterator[str]:
+    """An emulated e-Series controller at home; its address."""
+    host = free_loopback_host(seed=os.getpid())
+    command = [sys.executable, "-m", "drivers.emulators.ur_controller", "--host", host]
+    command += ["--folder", str(tmp_path), "--home", "0,-0.4,0.23,0,3.14159265,0"]
+    with (tmp_path / "robot.log").open("wb") as log:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
+    assert process.stdout is not None
+    json.loads(process.stdout.readline())
+    yield host
+    process.terminate()
+    process.wait(5)
+    process.stdout.close()
+
+
+def test_controller_is_asked_who_it_is(controller: str) -> None:
+    """A controller that is ready and at home passes; another generation is refused."""
+    config = configured(robot__driver="ur5", robot__host=controller)
+    results = checked(config)
+    assert results["robot.controller"].status is CheckStatus.OK
+    assert "e-series, software 5." in results["robot.controller"].finding
+    assert results["robot.ready"].status is CheckStatus.OK
+    assert results["robot.home"].status is CheckStatus.OK
+    other = checked(configured(robot__driver="ur5", robot__host=controller, robot__model="cb3"))
+    assert other["robot.ready"].status is CheckStatus.FAIL
