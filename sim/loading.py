@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,13 +12,14 @@ from sim.arrays import FloatArray
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, linear_solver
 from sim.model import Model, State
-from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.newton import OVERLAP_MAX_M, Equilibrium, NewtonOptions, equilibrate, overlap_fraction
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 
-_FIRST_GAP = 0.5
 _STEP_MIN_M = 1e-9
+_DEPTH_EXACT_M = 1e-14
+_PASSING = 1e-3
 
 
 @dataclass(slots=True, kw_only=True)
@@ -95,10 +96,10 @@ class LoadingPath:
         if start is not None and start is not self._point:
             point = self._refresh(start)
         step = self.step_max_m
-        while abs(depth_m - point.depth_m) > 1e-15:
+        while abs(depth_m - point.depth_m) > _DEPTH_EXACT_M:
             advance = float(np.clip(depth_m - point.depth_m, -step, step))
             try:
-                reached = self._increment(point, advance)
+                reached = self._increment(point, advance, depth_m)
             except ConvergenceError as error:
                 step = abs(advance) / 4.0
                 logger.debug("increment of %.3g um failed: %s", advance * 1e6, error.message)
@@ -129,10 +130,9 @@ class LoadingPath:
         return float(state.tip[2])
 
     def _first(self, depth_m: float) -> PathPoint:
-        distance = self.model.contact_options.distance_m
-        depth = min(depth_m, -_FIRST_GAP * distance)
+        depth = min(depth_m, OVERLAP_MAX_M)
         state = self._state_at(depth)
-        return self._settle(state, depth)
+        return self._settle(state, depth, passing=depth < depth_m)
 
     def _state_at(self, depth_m: float) -> State:
         tip = np.array([*self.centre_m, self.touch_m - depth_m])
@@ -148,9 +148,10 @@ class LoadingPath:
         data = self.model.hessian_data(point.state.positions, stiffness, projected=False)
         self.solver.factorise(data)
 
-    def _settle(self, state: State, depth_m: float) -> PathPoint:
+    def _settle(self, state: State, depth_m: float, *, passing: bool) -> PathPoint:
         self.model.update_anchors(self.indenter, state)
-        found = equilibrate(self.model, self.solver, self.indenter, state, options=self.options)
+        options = replace(self.options, residual_relative=_PASSING) if passing else self.options
+        found = equilibrate(self.model, self.solver, self.indenter, state, options=options)
         if found.iterations == 0:
             data = self.model.hessian_data(
                 state.positions, found.contact.stiffness, projected=False
@@ -178,23 +179,14 @@ class LoadingPath:
         stiffness = float(-pulled[..., 2].sum() - np.sum(nodal * motion))
         return motion, stiffness
 
-    def _increment(self, point: PathPoint, advance_m: float) -> PathPoint:
+    def _increment(self, point: PathPoint, advance_m: float, target_m: float) -> PathPoint:
         motion, _ = self._response(point.equilibrium)
-        model, fraction = self.model, 1.0
-        before = point.equilibrium
-        gaps = model.gaps(point.state.positions, self.indenter, point.state)
-        for _ in range(60):
-            state = point.state.copy()
-            state.tip[2] -= fraction * advance_m
-            state.positions = point.state.positions + fraction * advance_m * motion
-            after = model.gaps(state.positions, self.indenter, state)
-            hit = after <= 0.05 * gaps
-            if not hit.any():
-                break
-            reach = gaps[hit] / np.maximum(gaps[hit] - after[hit], 1e-300)
-            fraction *= min(0.95, 0.9 * float(reach.min()))
+        state = point.state.copy()
+        tip = state.tip - np.array([0.0, 0.0, advance_m])
+        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance_m * motion)
+        state.positions = state.positions + fraction * advance_m * motion
+        state.tip = state.tip + fraction * (tip - state.tip)
         if fraction * abs(advance_m) < _STEP_MIN_M:
-            raise ConvergenceError(
-                f"the next {advance_m * 1e6:.3g} um leave no gap (force {before.residual_n:.3g} N)"
-            )
-        return self._settle(state, point.depth_m + fraction * advance_m)
+            raise ConvergenceError(f"the next {advance_m * 1e6:.3g} um would overlap the indenter")
+        reached = point.depth_m + fraction * advance_m
+        return self._settle(state, reached, passing=abs(target_m - reached) > _DEPTH_EXACT_M)

@@ -46,7 +46,7 @@ def find_force(
         ConvergenceError: The force was not reached.
     """
     before = path.counts.newton_iterations
-    point = path.last or path.advance(0.0)
+    point = path.last or path.advance(step_max_m)
     history = [(point.depth_m, float(point.force_n[2]))]
     low: PathPoint | None = None
     high: PathPoint | None = None

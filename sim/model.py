@@ -36,7 +36,7 @@ class ContactOptions:
     """
 
     distance_m: float = 1.0e-5
-    stiffness_factor: float = 1.0
+    stiffness_factor: float = 8.0
     bonded: bool = False
 
 
@@ -50,6 +50,7 @@ class State:
         rotation: Indenter frame to pad frame, shape [3, 3].
         anchored: Which contact points are bonded, shape [face_count, point_count].
         anchors: Where on the indenter, in its frame [m], shape [face_count, point_count, 3].
+        extension: Share of d_hat below which the barrier is a parabola.
     """
 
     positions: FloatArray
@@ -57,6 +58,7 @@ class State:
     rotation: FloatArray
     anchored: IntArray
     anchors: FloatArray
+    extension: float = 0.3
 
     def copy(self) -> State:
         """Return an independent copy."""
@@ -66,6 +68,7 @@ class State:
             rotation=self.rotation.copy(),
             anchored=self.anchored.copy(),
             anchors=self.anchors.copy(),
+            extension=self.extension,
         )
 
 
@@ -199,7 +202,7 @@ class Model:
         return np.asarray(out.numpy())
 
     def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
-        """Return the contact energy [J], infinite in penetration."""
+        """Return the contact energy [J]."""
         out = self._face_points(wp.float64)
         inputs = self._contact_inputs(positions, indenter, state)
         self._launch(contact.energy, self._face_shape, inputs, [out])
@@ -229,7 +232,12 @@ class Model:
         anchored = self._array(state.anchored, wp.int32)
         anchors = self._array(state.anchors, wp.vec3d)
         body = body_at(indenter, state.tip, state.rotation)
-        inputs = [*self._face_arrays, self._settings, body, self._vectors(state.positions)]
+        inputs = [
+            *self._face_arrays,
+            self._settings_of(state),
+            body,
+            self._vectors(state.positions),
+        ]
         self._launch(contact.anchor, self._face_shape, inputs, [anchored, anchors])
         state.anchored, state.anchors = anchored.numpy().copy(), anchors.numpy().copy()
 
@@ -274,17 +282,21 @@ class Model:
         a, b, c = (self.nodes[self.faces[:, k]] for k in range(3))
         areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         self._areas = self._array(areas[:, None] * self.reference.face_weights, wp.float64)
+
+    def _settings_of(self, state: State) -> Any:
         options = self.contact_options
-        self._settings = contact.ContactSettings()
-        self._settings.distance = options.distance_m
-        self._settings.stiffness = options.stiffness_factor * self.young_pa * options.distance_m
-        self._settings.tangential = self.young_pa / options.distance_m if options.bonded else 0.0
+        settings = contact.ContactSettings()
+        settings.distance = options.distance_m
+        settings.stiffness = options.stiffness_factor * self.young_pa * options.distance_m
+        settings.tangential = self.young_pa / options.distance_m if options.bonded else 0.0
+        settings.extension = state.extension
+        return settings
 
     def _contact_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
         return [
             *self._face_arrays,
             self._areas,
-            self._settings,
+            self._settings_of(state),
             body_at(indenter, state.tip, state.rotation),
             self._vectors(positions),
             self._array(state.anchored, wp.int32),

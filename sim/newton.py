@@ -1,8 +1,8 @@
 """Newton's method for a static equilibrium with the indenter held still.
 
 Each iteration factors the exact Hessian; only when that is not positive definite, or an element is
-inverted, is it replaced by a semidefinite one. The line search accepts a step that keeps every gap
-positive and lowers the energy.
+inverted, is it replaced by a semidefinite one. The line search limits overlap and lowers the energy. Newton
+may start with the surfaces slightly overlapping; it ends with every gap positive or not at all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 
-_GAP_FRACTION = 0.9
+OVERLAP_MAX_M = 2e-5
+_EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SHIFTS = (0.0, 1e-3, 1e-1)
 
 
@@ -69,8 +70,32 @@ def equilibrate(
     Raises:
         ConvergenceError: No equilibrium was found; ``state`` is left where Newton stopped.
     """
-    free = model.pattern.free_nodes
     iterations = 0
+    state.extension = _EXTENSIONS[0]
+    for extension in _EXTENSIONS:
+        state.extension = extension
+        found = _solve(model, solver, indenter, state, options=options, spent=iterations)
+        iterations = found.iterations
+        gaps = model.gaps(state.positions, indenter, state)
+        if gaps.min() >= extension * model.contact_options.distance_m:
+            return found
+    raise ConvergenceError(
+        f"the gel is pressed through the contact barrier: smallest gap {gaps.min() * 1e9:.3g} nm",
+        remedy="give the indenter a fillet, coarsen the mesh at its rim, or enlarge the barrier",
+    )
+
+
+def _solve(
+    model: Model,
+    solver: LinearSolver,
+    indenter: Indenter,
+    state: State,
+    *,
+    options: NewtonOptions,
+    spent: int,
+) -> Equilibrium:
+    free = model.pattern.free_nodes
+    iterations = spent
     while True:
         forces = model.contact_forces(state.positions, indenter, state)
         elastic = model.elastic_gradient(state.positions)
@@ -99,8 +124,14 @@ def equilibrate(
             )
         step = _newton_step(model, solver, state, forces, gradient)
         iterations += 1
-        _search(model, indenter, state, step, gradient)
-        logger.debug("iteration %d: residual %.3g N, force %.4g N", iterations, residual, scale)
+        fraction = _search(model, indenter, state, step, gradient)
+        logger.debug(
+            "iteration %d: residual %.3g N, force %.4g N, step %.2g",
+            iterations,
+            residual,
+            scale,
+            fraction,
+        )
 
 
 def _newton_step(
@@ -126,13 +157,13 @@ def _newton_step(
 
 def _search(
     model: Model, indenter: Indenter, state: State, step: FloatArray, gradient: FloatArray
-) -> None:
-    """Move ``state.positions`` along the step as far as gaps and energy allow."""
+) -> float:
+    """Move ``state.positions`` along the step as far as overlap and energy allow."""
     full = np.zeros_like(state.positions)
     full[model.pattern.free_nodes] = step
     start = state.positions
     slope = float(np.sum(gradient * step))
-    fraction = admissible_fraction(model, indenter, state, full)
+    fraction = overlap_fraction(model, indenter, state, state.tip, full)
     energy = model.elastic_energy(start)[0] + model.contact_energy(start, indenter, state)
     # Rounding of the summed energy: below it only the gradient can tell which way is down.
     noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
@@ -142,7 +173,7 @@ def _search(
         change = elastic + model.contact_energy(trial, indenter, state) - energy
         if change <= 1e-4 * fraction * slope + noise:
             state.positions = trial
-            return
+            return fraction
         fraction *= 0.5
     raise ConvergenceError(
         f"the line search found no descent along a direction of slope {slope:.3g} J",
@@ -150,17 +181,24 @@ def _search(
     )
 
 
-def admissible_fraction(
-    model: Model, indenter: Indenter, state: State, motion: FloatArray
+def overlap_fraction(
+    model: Model, indenter: Indenter, state: State, tip: FloatArray, motion: FloatArray
 ) -> float:
-    """Return the largest tried fraction of a motion that keeps every gap positive."""
+    """Return the largest tried fraction of a motion that overlaps the indenter no more than allowed.
+
+    Args:
+        tip: Where the indenter's tip ends up at fraction one [m]; it moves with the gel.
+        motion: Motion of the nodes [m], shape [node_count, 3].
+    """
     before = model.gaps(state.positions, indenter, state)
-    fraction = 1.0
+    floor = np.minimum(-OVERLAP_MAX_M, before)
+    fraction, trial = 1.0, state.copy()
     for _ in range(60):
-        after = model.gaps(state.positions + fraction * motion, indenter, state)
-        hit = after <= (1.0 - _GAP_FRACTION) * before
+        trial.tip = state.tip + fraction * (tip - state.tip)
+        after = model.gaps(state.positions + fraction * motion, indenter, trial)
+        hit = after < floor
         if not hit.any():
             return fraction
-        reach = before[hit] / np.maximum(before[hit] - after[hit], 1e-300)
-        fraction *= min(0.95, _GAP_FRACTION * float(reach.min()))
+        reach = (before - floor)[hit] / np.maximum((before - after)[hit], 1e-300)
+        fraction *= min(0.9, float(reach.min()))
     return 0.0

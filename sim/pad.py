@@ -43,17 +43,27 @@ class BoxPad:
             self.height_m - 0.5 * x**2 / self.dome_radius_x_m - 0.5 * y**2 / self.dome_radius_y_m
         )
 
-    def outline(self, spacing_m: float) -> FloatArray:
-        """Return points around the pad, x and y [m], shape [count, 2]."""
-        counts = [max(2, round(size / spacing_m)) for size in (self.size_x_m, self.size_y_m)]
-        u, v = (np.linspace(-1.0, 1.0, count + 1) for count in counts)
-        sides = [
-            np.column_stack([u[:-1], np.full(counts[0], -1.0)]),
-            np.column_stack([np.full(counts[1], 1.0), v[:-1]]),
-            np.column_stack([u[:0:-1], np.full(counts[0], 1.0)]),
-            np.column_stack([np.full(counts[1], -1.0), v[:0:-1]]),
+    def sectors(self, centre: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return about ``count`` directions from a point, corners among them.
+
+        Returns:
+            Angles [rad] and the distance to the outline in each [m].
+        """
+        half = np.array([self.size_x_m, self.size_y_m]) / 2.0
+        corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * half - centre
+        middles = np.array([[half[0], centre[1]], [centre[0], half[1]]])
+        middles = np.concatenate([middles, [[-half[0], centre[1]], [centre[0], -half[1]]]]) - centre
+        marks = np.sort(np.arctan2(*np.concatenate([corners, middles]).T[::-1]))
+        marks = np.append(marks, marks[0] + 2.0 * np.pi)
+        parts = [
+            np.linspace(a, b, max(1, round(count * (b - a) / (2.0 * np.pi))), endpoint=False)
+            for a, b in zip(marks[:-1], marks[1:], strict=True)
         ]
-        return np.concatenate(sides) * np.array([self.size_x_m, self.size_y_m]) / 2.0
+        angles = np.concatenate(parts)
+        direction = np.column_stack([np.cos(angles), np.sin(angles)])
+        room = np.where(direction >= 0.0, half - centre, half + centre)
+        reach = (room / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
+        return angles, reach
 
     def distance_to_outline(self, points: FloatArray) -> FloatArray:
         """Return how far inside points [count, 2] lie [m]; negative outside."""
@@ -75,11 +85,12 @@ class DiscPad:
         """Return the height of the top at rest [m]."""
         return np.full(np.broadcast(x, y).shape, self.height_m)
 
-    def outline(self, spacing_m: float) -> FloatArray:
-        """Return points around the pad, x and y [m], shape [count, 2]."""
-        count = max(16, round(2.0 * np.pi * self.radius_m / spacing_m))
-        angle = 2.0 * np.pi * np.arange(count) / count
-        return self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    def sectors(self, centre: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return ``count`` directions from a point [rad] and the distance to the outline [m]."""
+        angles = 2.0 * np.pi * np.arange(count) / count
+        along = np.cos(angles) * centre[0] + np.sin(angles) * centre[1]
+        squared = self.radius_m**2 - float(centre @ centre)
+        return angles, np.sqrt(along**2 + squared) - along
 
     def distance_to_outline(self, points: FloatArray) -> FloatArray:
         """Return how far inside points [count, 2] lie [m]; negative outside."""

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from sim.elements import ElementOrder
+from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import law
 from sim.mesh import TetMesh
 from sim.model import ContactOptions, Model
+from sim.revolved_mesh import revolved_mesh
 from sim.scene import ContactMode, Preset, Scene
-from sim.swept_mesh import SweptSizing, swept_mesh
 
-_SIZES = {Preset.FAST: 0.4e-3, Preset.BALANCED: 0.2e-3, Preset.ACCURATE: 0.1e-3}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Resolution:
+    """Edge length at a punch's rim as a share of its radius, and sectors of a turn."""
+
+    size_share: float
+    growth: float
+    sector_count: int
+
+
+_RESOLUTIONS = {
+    Preset.FAST: _Resolution(size_share=0.08, growth=2.0, sector_count=16),
+    Preset.BALANCED: _Resolution(size_share=0.04, growth=1.8, sector_count=16),
+    Preset.ACCURATE: _Resolution(size_share=0.02, growth=1.6, sector_count=24),
+}
 
 
 def build_model(scene: Scene, *, device: str = "cpu") -> Model:
@@ -29,15 +46,30 @@ def build_model(scene: Scene, *, device: str = "cpu") -> Model:
 
 def mesh_for(scene: Scene) -> TetMesh:
     """Return the mesh of a scene's preset."""
-    radius = 1.5e-3
-    if isinstance(scene.indenter, Cylinder):
-        radius = scene.indenter.radius_m
-    elif isinstance(scene.indenter, Sphere):
-        radius = 0.5 * scene.indenter.radius_m
-    sizing = SweptSizing(
-        rim_radius_m=radius, centre_m=scene.centre_m, rim_size_m=_SIZES.get(scene.preset, 0.4e-3)
+    resolution = _RESOLUTIONS[scene.preset]
+    start, end = _fine_stretch(scene)
+    grading = Grading(
+        start_m=start,
+        end_m=end,
+        size_m=resolution.size_share * end,
+        growth=resolution.growth,
     )
-    return swept_mesh(scene.pad, sizing, name=f"swept {scene.preset.value}")
+    return revolved_mesh(
+        scene.pad,
+        grading,
+        centre_m=scene.centre_m,
+        sector_count=resolution.sector_count,
+        name=f"revolved, {scene.preset.value}",
+    )
+
+
+def _fine_stretch(scene: Scene) -> tuple[float, float]:
+    """Return the radii between which the contact's edge is expected [m]."""
+    if isinstance(scene.indenter, Cylinder):
+        return scene.indenter.radius_m, scene.indenter.radius_m
+    if isinstance(scene.indenter, Sphere):
+        return 0.0, 0.5 * scene.indenter.radius_m
+    return 0.0, 0.25 * scene.pad.height_m
 
 
 def force_error_estimate(scene: Scene, depth_m: float) -> tuple[float | None, str]:

@@ -1,0 +1,90 @@
+"""Deterministic meshes: a graded half section revolved about the indenter and morphed to the pad.
+
+fTetWild gives another mesh every time it runs. These are the same on every machine, have nodes on
+the indenter's rim, are coarse where nothing happens in all three directions, and need no tool.
+Neighbouring sectors are mirror images, so a centred press meets a mirror-symmetric mesh.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.graded_plane import Grading, triangulate_half_section
+from sim.mesh import TetMesh, oriented
+from sim.pad import Pad
+from tacauchy_rig.errors import ConfigError
+
+
+def revolved_mesh(
+    pad: Pad,
+    grading: Grading,
+    *,
+    centre_m: tuple[float, float],
+    sector_count: int,
+    name: str,
+) -> TetMesh:
+    """Mesh a pad.
+
+    Args:
+        centre_m: Axis of revolution, x and y [m], inside the pad.
+        sector_count: Sectors of a full turn.
+
+    Raises:
+        ConfigError: The axis stands outside the pad.
+    """
+    centre = np.array(centre_m)
+    margin = float(pad.distance_to_outline(centre[None, :])[0])
+    round_m = min(grading.end_m * 1.6, 0.5 * (margin + grading.end_m))
+    if margin <= grading.end_m:
+        raise ConfigError(
+            f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
+            f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
+            remedy="move the indenter inwards, or use preset paper",
+        )
+    angles, reaches = pad.sectors(centre, sector_count)
+    mean_reach = float(reaches.mean())
+    points, triangles = triangulate_half_section(mean_reach, pad.height_m, grading)
+    rings = np.stack(
+        [
+            _plan(points[:, 0], a, r, round_m, mean_reach)
+            for a, r in zip(angles, reaches, strict=True)
+        ]
+    )
+    plan = rings + centre
+    heights = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
+    vertices = np.concatenate([plan, heights[..., None]], axis=2)
+    tets = _revolve(triangles, points[:, 0] <= 1e-12, len(angles))
+    return oriented(vertices.reshape(-1, 3), tets, name=name)
+
+
+def _plan(
+    radius: FloatArray, angle: float, reach_m: float, round_m: float, mean_reach_m: float
+) -> FloatArray:
+    """Stretch radii beyond the round part so that the outermost meets the outline."""
+    share = np.clip((radius - round_m) / (mean_reach_m - round_m), 0.0, 1.0)
+    stretched = radius + share * (reach_m - mean_reach_m)
+    return stretched[:, None] * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _revolve(
+    triangles: IntArray, on_axis: np.ndarray[tuple[int], np.dtype[np.bool_]], sectors: int
+) -> IntArray:
+    """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out."""
+    count = len(on_axis)
+    a, b, c = np.sort(triangles, axis=1).T
+    tets = []
+    for sector in range(sectors):
+        near, far = sector, (sector + 1) % sectors
+        if sector % 2:
+            near, far = far, near
+        low = [np.where(on_axis[p], p, p + near * count) for p in (a, b, c)]
+        high = [np.where(on_axis[p], p, p + far * count) for p in (a, b, c)]
+        tets += [
+            np.column_stack([low[0], low[1], low[2], high[2]]),
+            np.column_stack([low[0], low[1], high[1], high[2]]),
+            np.column_stack([low[0], high[0], high[1], high[2]]),
+        ]
+    every = np.concatenate(tets)
+    ordered = np.sort(every, axis=1)
+    return every[np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)].astype(np.int32)
