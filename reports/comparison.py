@@ -28,6 +28,7 @@ from reports.metrics import ImageScores, Metric, score, to_grey
 from reports.reading import limits_of, read_scores, verdict_of
 from reports.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
 from reports.statistics import psnr_of_mean_mse, t_interval
+from reports.truth import recover_truth
 
 
 def compare(evidence: RunEvidence) -> ValidationReport:
@@ -48,7 +49,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
         trials=trials,
         statistics=statistics,
         matrices=matrices,
-        truth=evidence.truth,
+        truth=recover_truth(evidence, trials),
         evidence=evidence,
     )
 

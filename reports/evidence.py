@@ -65,13 +65,14 @@ class StreamTiming:
         name: ``force``, ``image`` or ``arm``.
         nominal_rate_hz: What the configuration asks for; None when it does not say.
         intervals_s: Time between consecutive arrivals [s], shape [n - 1].
-        lost_count: Samples that the native counter shows and the recording lacks.
+        lost_count: Samples that the native counter shows and the recording lacks; None for a
+            stream without a counter.
     """
 
     name: str
     nominal_rate_hz: float | None
     intervals_s: FloatArray
-    lost_count: int
+    lost_count: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +88,29 @@ class TruthComparison:
     recovered: float
     unit: str
     trial: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueDwell:
+    """True mean force [N] and depth [m] of the emulated indenter over a dwell."""
+
+    force_n: float
+    depth_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedWorld:
+    """What only a report may know of a dry run.
+
+    Attributes:
+        values: Content of ``truth.json``, units in the keys.
+        surface_expected_m: Height of the gel that the configuration expects [m].
+        dwells: True force and depth by trial, where the emulator's trace has them.
+    """
+
+    values: dict[str, Any]
+    surface_expected_m: float
+    dwells: dict[int, TrueDwell] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +169,8 @@ class RunEvidence:
             and whatever else says where the numbers come from; plain JSON values.
         model: The replay's model, units in the keys.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
-        truth: Dry runs only.
+        world: The emulated world of a dry run; comparisons with it are made by ``compare``.
+        truth: Further comparisons, made by the caller.
     """
 
     trials: tuple[TrialEvidence, ...]
@@ -156,4 +181,5 @@ class RunEvidence:
     journal: JournalSummary = field(default_factory=JournalSummary)
     model: dict[str, Any] = field(default_factory=dict)
     sync_mode: str = "host_clock"
+    world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()

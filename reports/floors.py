@@ -33,6 +33,7 @@ class SkillStatus(StrEnum):
     """Whether a skill can be stated."""
 
     STATED = "stated"
+    ABOVE_CEILING = "above the ceiling"
     NOT_DISCRIMINATING = "not discriminating"
     NO_CEILING = "no ceiling"
 
@@ -66,7 +67,8 @@ class Skill:
     """(score - floor) / (ceiling - floor); the floor is the no-contact frame.
 
     Attributes:
-        value: None unless ``status`` is ``stated``. Above 1 a noise-free image beats the repeat.
+        value: None where there is no ceiling, or none that discriminates. Above 1 a noise-free
+            image beats the sensor's own repeat, which says nothing about the simulator.
     """
 
     value: float | None
@@ -169,7 +171,10 @@ def skill(
     known = math.isfinite(value) and math.isfinite(span) and math.isfinite(noise)
     if not known or headroom <= max(NOISE_MULTIPLE * noise, 1e-9):
         return Skill(value=None, status=SkillStatus.NOT_DISCRIMINATING)
-    return Skill(value=(value - floor) / span, status=SkillStatus.STATED)
+    place = (value - floor) / span
+    return Skill(
+        value=place, status=SkillStatus.STATED if place <= 1.0 else SkillStatus.ABOVE_CEILING
+    )
 
 
 def wrong_force_matrices(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:

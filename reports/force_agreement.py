@@ -180,7 +180,7 @@ def _data(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
     drift = None if record is None else record.force_drift_n
     return (
         UncertaintyTerm(
-            name="scatter of F_z in the dwell",
+            name="scatter of the force in the dwell",
             group=TermGroup.DATA,
             value_n=deviation,
             basis="standard deviation over the dwell" if deviation is not None else "not recorded",

@@ -12,10 +12,10 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from reports.metrics import Metric
-from reports.reading import NAMES
+from reports.reading import MINUS, NAMES
 
-MINUS = "\u2212"
 ABSENT = "\u2013"
+KEY_UNITS = {"hz": "Hz", "ms": "ms", "s": "s", "n": "N", "m": "m", "mm": "mm", "pa": "Pa"}
 DECIMALS = {
     Metric.SSIM.value: 4,
     Metric.NCC.value: 4,
@@ -89,5 +89,10 @@ def plain(value: object) -> str:
 
 
 def words(name: str) -> str:
-    """Turn a key such as ``force_mismatch`` into words."""
-    return name.replace("_", " ").replace("-", " ")
+    """Turn a key such as ``force_rate_hz`` into words with its unit, "force rate (Hz)"."""
+    parts = name.replace("-", "_").split("_")
+    for index, part in enumerate(parts[1:], start=1):
+        if part in KEY_UNITS:
+            parts = [*parts[:index], *parts[index + 1 :], f"({KEY_UNITS[part]})"]
+            break
+    return " ".join(parts)

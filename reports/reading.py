@@ -13,6 +13,7 @@ from reports.metrics import Metric
 from reports.results import RunStatistics, TrialResult
 
 CLAIM_REPEATS = 5
+MINUS = "\u2212"
 NAMES = {
     Metric.SSIM: "SSIM",
     Metric.NCC: "NCC",
@@ -26,7 +27,7 @@ def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: 
     """Say in one sentence whether the run met its criteria, with the worst numbers."""
     if not trials:
         return "Not passed: the run has no trial."
-    subject = "simulated presses" if evidence.simulated else "presses"
+    subject = "presses on emulated devices" if evidence.simulated else "presses"
     if passed:
         worst = max(abs(t.force_mismatch_n or 0.0) for t in trials)
         lowest = min(t.metrics.ssim for t in trials if t.metrics is not None)
@@ -115,7 +116,7 @@ def _contact(trials: Sequence[TrialResult], statistics: RunStatistics) -> Iterat
     if zncc is not None and residual is not None:
         yield (
             f"Inside the contact alone the change of the image correlates by {zncc:.3f} and"
-            f" {residual:.0%} of its norm is unexplained (showing no contact leaves 100 %)."
+            f" {percent(residual, 0)} of its norm is unexplained (showing no contact leaves 100 %)."
         )
     hidden = [str(t.index) for t in trials if t.metrics is not None and t.contact is None]
     if hidden:
@@ -128,6 +129,16 @@ def _ceiling(trials: Sequence[TrialResult]) -> Iterator[str]:
         yield (
             "The ceiling is two halves of one dwell: camera noise only. A repeat of the press"
             " would score lower, so the skill shown here is a lower bound."
+        )
+    beaten = [
+        NAMES[m]
+        for m in Metric
+        if any(t.skill[m.value].status is SkillStatus.ABOVE_CEILING for t in trials if t.skill)
+    ]
+    if beaten:
+        yield (
+            f"By {_join(beaten)} a simulated image beats the sensor against itself in some trials:"
+            " it has no noise. That is no merit of the simulation."
         )
     blunt = [
         NAMES[m]
@@ -151,11 +162,15 @@ def _force_claims(trials: Sequence[TrialResult], statistics: RunStatistics) -> I
         return
     spread = ""
     if interval.low is not None and interval.high is not None:
-        spread = f" (95 % interval of the mean {interval.low:+.1%} to {interval.high:+.1%})"
+        spread = (
+            f" (95 % interval of the mean {percent(interval.low, 1, signed=True)} to"
+            f" {percent(interval.high, 1, signed=True)})"
+        )
     count = interval.count
     yield (
         f"Pressed to the measured depth instead, the simulator's force is off by"
-        f" {interval.mean:+.1%} on average over {count} of {len(trials)} trials{spread};"
+        f" {percent(interval.mean, 1, signed=True)} on average over {count} of"
+        f" {len(trials)} trials{spread};"
         " that is its prediction."
     )
 
@@ -172,8 +187,8 @@ def _limits(
 ) -> Iterator[str]:
     if evidence.simulated:
         yield (
-            "Devices were emulated: the numbers show that the pipeline works, not that the"
-            " simulator matches any real sensor."
+            f"Emulated here: {_emulated(evidence)}. The numbers show that the pipeline works, not"
+            " that the simulator matches any real sensor."
         )
     yield SYNC_SENTENCES.get(
         evidence.sync_mode, f"Force and images are tied together by {evidence.sync_mode}."
@@ -196,6 +211,12 @@ def _limits(
     )
 
 
+def _emulated(evidence: RunEvidence) -> str:
+    devices = evidence.provenance.get("devices", {})
+    names = [name for name, device in devices.items() if device.get("simulated")]
+    return _join([name.replace("_", " ") for name in names]) if names else "one device or more"
+
+
 SYNC_SENTENCES = {
     "host_clock": (
         "Force and images were stamped on arrival by this computer's clock; nothing was"
@@ -206,6 +227,12 @@ SYNC_SENTENCES = {
     "tap_calibrated": "The delay between force and images was calibrated by a tap.",
     "external_trigger": "Force and images were triggered by one external hardware signal.",
 }
+
+
+def percent(ratio: float, digits: int, *, signed: bool = False) -> str:
+    """Write a ratio in percent with a true minus sign."""
+    text = f"{100.0 * ratio:+.{digits}f}" if signed else f"{100.0 * ratio:.{digits}f}"
+    return f"{text.replace('-', MINUS)} %"
 
 
 def _join(words: Sequence[str]) -> str:

@@ -27,7 +27,7 @@ class StreamSummary:
     nominal_rate_hz: float | None
     rate_hz: float
     sample_count: int
-    lost_count: int
+    lost_count: int | None
     interval_median_ms: float
     interval_p99_ms: float
     interval_max_ms: float

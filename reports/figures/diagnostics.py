@@ -84,8 +84,9 @@ def draw_arrival(report: ValidationReport) -> Figure:
             continue
         pooled = np.concatenate(intervals)
         _draw_survival(axes, pooled * 1e3, color)
-        lost = sum(s.lost_count for s in streams)
-        axes.set_title(f"{title}: {len(pooled) / pooled.sum():.2f} Hz, {lost} lost", fontsize=7.5)
+        counted = [s.lost_count for s in streams if s.lost_count is not None]
+        lost = f", {sum(counted)} lost" if counted else ""
+        axes.set_title(f"{title}: {len(pooled) / pooled.sum():.2f} Hz{lost}", fontsize=7.5)
         nominal = next((s.nominal_rate_hz for s in streams if s.nominal_rate_hz), None)
         if nominal:
             axes.axvline(1e3 / nominal, color=GREY, linestyle="--", linewidth=0.7)

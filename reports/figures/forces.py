@@ -24,7 +24,8 @@ from reports.figures.style import (
 )
 from reports.results import TrialResult, ValidationReport
 
-MAX_POINTS = 600
+MAX_POINTS = 1500
+MARGIN_S = 1.5
 
 
 def draw_time_curves(report: ValidationReport) -> Figure:
@@ -42,6 +43,7 @@ def draw_time_curves(report: ValidationReport) -> Figure:
         if trial.dwell_s is not None:
             for axes in (force, depth):
                 axes.axvspan(*trial.dwell_s, color=LIGHT, linewidth=0, zorder=0)
+            depth.set_xlim(*_time_limits(trial, trial.dwell_s))
     grid[0, 0].set_ylabel("$F_z$ (N)")
     grid[1, 0].set_ylabel("Depth (mm)")
     grid[1, 0].set_ylim(*_depth_limits(trials))
@@ -58,6 +60,16 @@ def _draw_curve(axes: Axes, curve: Curve | None, color: str, factor: float) -> N
 def _thin(curve: Curve, factor: float) -> tuple[FloatArray, FloatArray]:
     step = max(1, len(curve.time_s) // MAX_POINTS)
     return curve.time_s[::step], curve.value[::step] * factor
+
+
+def _time_limits(trial: TrialEvidence, dwell_s: tuple[float, float]) -> tuple[float, float]:
+    start, end = dwell_s[0], dwell_s[1] + MARGIN_S
+    if trial.depth_curve is not None:
+        before = trial.depth_curve.time_s[
+            (trial.depth_curve.value > 0.0) & (trial.depth_curve.time_s < dwell_s[0])
+        ]
+        start = float(before[0]) if len(before) else start
+    return start - MARGIN_S, end
 
 
 def _depth_limits(trials: Sequence[TrialEvidence]) -> tuple[float, float]:

@@ -161,7 +161,7 @@ def trial_evidence(index: int, force_n: float, rng: np.random.Generator) -> Tria
                 name="arm",
                 nominal_rate_hz=None,
                 intervals_s=np.abs(rng.normal(0.008, 0.0004, 1400)),
-                lost_count=1,
+                lost_count=None,
             ),
         ),
     )

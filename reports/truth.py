@@ -1,0 +1,177 @@
+"""How well a dry run recovered the emulated world that it could not see."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reports.evidence import EmulatedWorld, RunEvidence, TrueDwell, TruthComparison
+from reports.results import TrialResult
+from tacauchy_rig.run import TrialRecord
+
+FZ = 2
+MIN_TRACE_SAMPLES = 10
+
+
+def read_true_dwells(trace: Path, windows: Mapping[int, tuple[int, int]]) -> dict[int, TrueDwell]:
+    """Average the true force and depth over each trial's dwell.
+
+    Args:
+        trace: ``force_trace.jsonl`` of the emulated force sensor, one frame a line. A trace that
+            is missing or was started anew after an interruption gives fewer trials.
+        windows: Per trial, first and last stamp of the dwell [ns].
+    """
+    if not trace.is_file():
+        return {}
+    samples: dict[int, list[tuple[float, float]]] = {index: [] for index in windows}
+    with trace.open(encoding="utf-8") as lines:
+        for stamp, force, depth in _trace_rows(lines):
+            for index, (start, end) in windows.items():
+                if start <= stamp <= end:
+                    samples[index].append((force, depth))
+    means = {i: np.mean(v, axis=0) for i, v in samples.items() if len(v) >= MIN_TRACE_SAMPLES}
+    return {i: TrueDwell(force_n=float(m[0]), depth_m=float(m[1])) for i, m in means.items()}
+
+
+def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:
+    for line in lines:
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue  # the emulator was killed while it wrote its last line
+        if row.get("force_true_n") is not None and row.get("depth_true_m") is not None:
+            yield row["stamp_ns"], row["force_true_n"], row["depth_true_m"]
+
+
+def recover_truth(
+    evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> tuple[TruthComparison, ...]:
+    """Put every true value that the pipeline can see beside what it made of it."""
+    world = evidence.world
+    if world is None:
+        return evidence.truth
+    return (
+        *evidence.truth,
+        *_dwell_means(world, trials),
+        *_surface(world, evidence),
+        *_contact_place(world, trials),
+        *_modulus(world, evidence, trials),
+        *_force_channel(world, evidence),
+    )
+
+
+def _dwell_means(world: EmulatedWorld, trials: Sequence[TrialResult]) -> Iterator[TruthComparison]:
+    for trial in trials:
+        true = world.dwells.get(trial.index)
+        if true is not None and trial.force_measured_n is not None:
+            yield TruthComparison(
+                name="mean force in the dwell",
+                true=true.force_n,
+                recovered=trial.force_measured_n,
+                unit="N",
+                trial=trial.index,
+            )
+    for trial in trials:
+        true = world.dwells.get(trial.index)
+        if true is not None and trial.depth_measured_m is not None:
+            yield TruthComparison(
+                name="mean depth in the dwell",
+                true=true.depth_m * 1e3,
+                recovered=trial.depth_measured_m * 1e3,
+                unit="mm",
+                trial=trial.index,
+            )
+
+
+def _surface(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    error = world.values.get("surface_error_m")
+    for record in _records(evidence):
+        if isinstance(error, float) and record.contact_z_m is not None:
+            yield TruthComparison(
+                name="height of the gel above the expected",
+                true=error * 1e3,
+                recovered=(record.contact_z_m - world.surface_expected_m) * 1e3,
+                unit="mm",
+                trial=record.index,
+            )
+
+
+def _contact_place(
+    world: EmulatedWorld, trials: Sequence[TrialResult]
+) -> Iterator[TruthComparison]:
+    poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
+    for axis, name in enumerate("xy"):
+        found = [p.x_mm if name == "x" else p.y_mm for p in poses]
+        known = [value for value in found if value is not None]
+        true = _sum_of(world.values, ("pose_error_m", "image_shift_m"), axis)
+        if known and true is not None:
+            yield TruthComparison(
+                name=f"contact seen off its place along {name}",
+                true=true * 1e3,
+                recovered=float(np.mean(known)),
+                unit="mm",
+            )
+
+
+def _sum_of(values: Mapping[str, Any], names: tuple[str, ...], axis: int) -> float | None:
+    parts = [values.get(name) for name in names]
+    known = [float(part[axis]) for part in parts if isinstance(part, list | tuple)]
+    return sum(known) if len(known) == len(names) else None
+
+
+def _modulus(
+    world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> Iterator[TruthComparison]:
+    """Scale the replay's modulus by measured over predicted force; linear in the modulus."""
+    model, true = evidence.model.get("young_pa"), world.values.get("young_pa")
+    ratios = [
+        t.force_measured_n / t.force.force_predicted_n
+        for t in trials
+        if t.force_measured_n is not None and t.force.force_predicted_n
+    ]
+    if isinstance(model, float) and isinstance(true, float) and ratios:
+        yield TruthComparison(
+            name="modulus, from force at the measured depth",
+            true=true * 1e-3,
+            recovered=model * float(np.mean(ratios)) * 1e-3,
+            unit="kPa",
+        )
+
+
+def _force_channel(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    tared = [
+        (r.tare_before, r.tare_after)
+        for r in _records(evidence)
+        if r.tare_before is not None and r.tare_after is not None
+    ]
+    noise, drift = world.values.get("force_noise_n"), world.values.get("force_drift_n_s")
+    if not tared or not isinstance(noise, float) or not isinstance(drift, float):
+        return
+    variances = [tare.deviation[FZ] ** 2 for pair in tared for tare in pair]
+    yield TruthComparison(
+        name="noise of a force sample",
+        true=noise * 1e3,
+        recovered=math.sqrt(float(np.mean(variances))) * 1e3,
+        unit="mN",
+    )
+    slopes = [
+        (after.mean[FZ] - before.mean[FZ]) / ((after.start_ns - before.start_ns) * 1e-9)
+        for before, after in tared
+        if after.start_ns > before.start_ns
+    ]
+    if slopes:
+        yield TruthComparison(
+            name="drift of the force sensor",
+            true=drift * 1e3,
+            recovered=float(np.mean(slopes)) * 1e3,
+            unit="mN/s",
+        )
+
+
+def _records(evidence: RunEvidence) -> list[TrialRecord]:
+    return [t.record for t in evidence.trials if t.record is not None]
