@@ -40,7 +40,7 @@ def nominal_photometric(
         source: Said in the provenance.
     """
     exponents = polynomial_exponents(tilt_degree=4, position_degree=0)
-    row = {(int(a), int(b)): i for i, (a, b, _, _) in enumerate(exponents)}
+    row = {(int(a), int(b)): i for i, (a, b, _, _, _) in enumerate(exponents)}
     coefficients = np.zeros((len(exponents), 3))
     for lamp in lamps:
         colour = gain * np.array(lamp.colour)

@@ -1,12 +1,14 @@
-"""Photometric model: tilt and place of the surface to a change of colour.
+"""Photometric model: tilt, place and indentation of the surface to a change of colour.
 
 After Taxim (Si and Yuan 2022), who map slope to colour with a low-order polynomial in pixel
-position; here the whole map is one polynomial with coefficients as data.
+position; here the whole map is one polynomial with coefficients as data. It also knows how deep
+the surface is pressed: under a ball's centre the gel is level as at rest, and yet darker.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,52 +21,58 @@ from sim.arrays import FloatArray, IntArray
 from sim.optics.tilt import Float32Array
 from tacauchy_rig.errors import ConfigError
 
+RealArray = NDArray[np.floating]
 FORMAT = "tacauchy photometric model 1"
+INDENTATION_UNIT_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotometricModel:
-    """Polynomial in tilt (p, q) and normalised pixel position (u, v) for three colours.
+    """Polynomial in tilt (p, q), normalised pixel position (u, v) and indentation w [mm].
 
-    colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k, with a + b >= 1.
+    colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k w^e_k, with a + b + e >= 1.
 
     Attributes:
-        exponents: a, b, c, d of each term, shape [term_count, 4].
+        exponents: a, b, c, d, e of each term, shape [term_count, 5].
         coefficients: Grey levels of red, green, blue for each term, shape [term_count, 3].
         tilt_limit: Largest tilt the coefficients were fitted to; steeper surfaces are rendered
             as this steep in their own direction, not extrapolated.
+        indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
         provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
     exponents: IntArray
     coefficients: FloatArray
     tilt_limit: float = 1.0
+    indentation_limit_m: float = math.inf
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.exponents.shape != (len(self.coefficients), 4) or self.coefficients.shape[1:] != (
-            3,
-        ):
+        terms = len(self.coefficients)
+        if self.exponents.shape != (terms, 5) or self.coefficients.shape != (terms, 3):
             raise ConfigError(
                 f"photometric model has exponents of shape {self.exponents.shape} and "
                 f"coefficients of shape {self.coefficients.shape}",
-                remedy="they must be [terms, 4] and [terms, 3]",
+                remedy="they must be [terms, 5] and [terms, 3]",
             )
 
-    def evaluate(self, tilt: Float32Array, position: Float32Array) -> Float32Array:
-        """Return the colour change [grey levels].
+    def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+        """Return the colour change [grey levels] in the precision of the arguments.
 
         Args:
             tilt: Shape [2, point_count].
             position: Normalised pixel position, shape [2, point_count].
+            indentation_m: Unloaded minus loaded height [m], shape [point_count].
 
         Returns:
             Red, green, blue, shape [3, point_count].
         """
         steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
-        shrink = self.tilt_limit / np.maximum(steepness, np.float32(self.tilt_limit))
-        features = monomials(tilt * shrink, position, self.exponents)
-        return np.asarray(self.coefficients.T.astype(np.float32) @ features, dtype=np.float32)
+        limit = tilt.dtype.type(self.tilt_limit)
+        bounded = tilt * (limit / np.maximum(steepness, limit))
+        depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
+        features = monomials(bounded, position, depth, self.exponents)
+        return np.asarray(self.coefficients.T.astype(tilt.dtype) @ features)
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
@@ -74,6 +82,7 @@ class PhotometricModel:
             exponents=self.exponents,
             coefficients=self.coefficients,
             tilt_limit=np.array(self.tilt_limit),
+            indentation_limit_m=np.array(self.indentation_limit_m),
             provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
         )
 
@@ -93,6 +102,7 @@ def load_photometric(path: Path) -> PhotometricModel:
                 exponents=data["exponents"],
                 coefficients=data["coefficients"],
                 tilt_limit=float(data["tilt_limit"]),
+                indentation_limit_m=float(data["indentation_limit_m"]),
                 provenance=json.loads(str(data["provenance"])),
             )
     except FileNotFoundError as error:
@@ -109,43 +119,59 @@ def normalised_positions(height: int, width: int) -> Float32Array:
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)
 
 
-def polynomial_exponents(*, tilt_degree: int, position_degree: int) -> IntArray:
-    """List the terms p^a q^b u^c v^d with 1 <= a + b <= tilt_degree, c + d <= position_degree.
+def polynomial_exponents(
+    *,
+    tilt_degree: int,
+    position_degree: int,
+    indentation_degree: int = 0,
+    indentation_tilt_degree: int = 0,
+) -> IntArray:
+    """List the terms p^a q^b u^c v^d w^e of a model.
+
+    Terms without indentation have 1 <= a + b <= tilt_degree; terms with 1 <= e <=
+    indentation_degree have a + b <= indentation_tilt_degree; all have c + d <= position_degree.
 
     Returns:
-        Exponents, shape [term_count, 4].
+        Exponents, shape [term_count, 5].
     """
-    terms = [
-        (a, total - a, c, place - c)
-        for place in range(position_degree + 1)
-        for c in range(place, -1, -1)
-        for total in range(1, tilt_degree + 1)
+    tilts = [
+        (a, total - a, e)
+        for e in range(indentation_degree + 1)
+        for total in range(0 if e else 1, (indentation_tilt_degree if e else tilt_degree) + 1)
         for a in range(total, -1, -1)
     ]
-    return np.array(terms, dtype=np.int32).reshape(-1, 4)
+    terms = [
+        (a, b, c, place - c, e)
+        for place in range(position_degree + 1)
+        for c in range(place, -1, -1)
+        for a, b, e in tilts
+    ]
+    return np.array(terms, dtype=np.int32).reshape(-1, 5)
 
 
-def monomials(tilt: Float32Array, position: Float32Array, exponents: IntArray) -> Float32Array:
+def monomials(
+    tilt: RealArray, position: RealArray, indentation_m: RealArray, exponents: IntArray
+) -> RealArray:
     """Return the terms' values, shape [term_count, point_count]; arguments as in ``evaluate``."""
-    variables = (tilt[0], tilt[1], position[0], position[1])
-    one = np.ones_like(tilt[0])
+    depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
+    variables = (*tilt, *position, depth)
     powers = [
-        _powers(variable, one, int(exponents[:, i].max(initial=0)))
+        _powers(variable, int(exponents[:, i].max(initial=0)))
         for i, variable in enumerate(variables)
     ]
-    in_tilt: dict[tuple[int, int], NDArray[np.float32]] = {}
+    surface: dict[tuple[int, int, int], RealArray] = {}
     features = np.empty((len(exponents), tilt.shape[1]), dtype=tilt.dtype)
-    for row, (a, b, c, d) in zip(features, exponents.tolist(), strict=True):
-        if (a, b) not in in_tilt:
-            in_tilt[a, b] = powers[0][a] * powers[1][b]
-        np.multiply(in_tilt[a, b], powers[2][c], out=row)
+    for row, (a, b, c, d, e) in zip(features, exponents.tolist(), strict=True):
+        if (a, b, e) not in surface:
+            surface[a, b, e] = powers[0][a] * powers[1][b] * powers[4][e]
+        np.multiply(surface[a, b, e], powers[2][c], out=row)
         if d:
             row *= powers[3][d]
     return features
 
 
-def _powers(variable: Float32Array, one: Float32Array, degree: int) -> list[Float32Array]:
-    powers = [one]
+def _powers(variable: RealArray, degree: int) -> list[RealArray]:
+    powers = [np.ones_like(variable)]
     for _ in range(degree):
         powers.append(powers[-1] * variable)
     return powers

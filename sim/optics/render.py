@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.optics.geometry import CameraGeometry, ImageArray
-from sim.optics.photometric import PhotometricModel, normalised_positions
-from sim.optics.tilt import Float32Array, surface_tilt
+from sim.optics.photometric import PhotometricModel, RealArray, normalised_positions
+from sim.optics.tilt import surface_tilt
 from tacauchy_rig.errors import ConfigError
 
 
 class TactileRenderer:
     """Renders height maps over one no-contact frame.
 
-    image = no-contact frame + model(tilt) - model(tilt of the unloaded gel): the unloaded gel
-    gives back the no-contact frame exactly.
+    image = no-contact frame + model(loaded gel) - model(unloaded gel): the unloaded gel gives back
+    the no-contact frame exactly.
 
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
@@ -38,21 +38,24 @@ class TactileRenderer:
         self._model = model
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
         self._position = normalised_positions(geometry.height, geometry.width)
+        _check_shape("unloaded height map", rest_height.shape, background.shape[:2])
+        self._rest_height = rest_height
         levels = background.astype(np.float32).reshape(-1, 3).T
-        self._base = levels - self._colour(rest_height, "unloaded height map")
+        self._base = levels - self._colour(rest_height)
 
     def render(self, height: NDArray[np.floating]) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
-        levels = self._base + self._colour(height, "height map")
+        _check_shape("height map", height.shape, self._rest_height.shape)
+        levels = self._base + self._colour(height)
         levels += np.float32(0.5)
         np.clip(levels, 0.0, 255.0, out=levels)
         shape = (self._geometry.height, self._geometry.width, 3)
         return np.ascontiguousarray(levels.T.astype(np.uint8).reshape(shape))
 
-    def _colour(self, height: NDArray[np.floating], name: str) -> Float32Array:
-        _check_shape(name, height.shape, (self._geometry.height, self._geometry.width))
+    def _colour(self, height: NDArray[np.floating]) -> RealArray:
         tilt = surface_tilt(height, self._geometry).reshape(2, -1)
-        return self._model.evaluate(tilt, self._position)
+        indentation = (self._rest_height - height).astype(np.float32).ravel()
+        return self._model.evaluate(tilt, self._position, indentation)
 
 
 def render_tactile_image(

@@ -45,7 +45,12 @@ def test_tilt_of_a_ramp() -> None:
 def test_unloaded_gel_gives_the_no_contact_frame(seed: int, degree: int, place: int) -> None:
     """For every model and every rest shape the unloaded image is the background, bit for bit."""
     rng = np.random.default_rng(seed)
-    exponents = polynomial_exponents(tilt_degree=degree, position_degree=place)
+    exponents = polynomial_exponents(
+        tilt_degree=degree,
+        position_degree=place,
+        indentation_degree=1,
+        indentation_tilt_degree=degree - 1,
+    )
     model = PhotometricModel(
         exponents=exponents, coefficients=rng.normal(0, 40, (len(exponents), 3))
     )
@@ -71,7 +76,7 @@ def test_nominal_model_is_lambert() -> None:
     model = nominal_photometric([RED_FROM_THE_RIGHT], gain=0.5)
     for angle in (-0.7, -0.2, 0.3, 0.7):
         tilt = np.array([[math.sin(angle)], [0.0]], dtype=np.float32)
-        change = model.evaluate(tilt, np.zeros((2, 1), np.float32))
+        change = model.evaluate(tilt, np.zeros((2, 1), np.float32), np.zeros(1, np.float32))
         expected = 40.0 * (math.sin(0.3 + angle) - math.sin(0.3))
         assert change[0, 0] == pytest.approx(expected, abs=0.2)
 
@@ -83,7 +88,7 @@ def test_steeper_than_fitted_is_rendered_as_the_limit() -> None:
         exponents=exponents, coefficients=np.array([[10.0, 0, 0], [0, 20.0, 0]]), tilt_limit=0.5
     )
     tilt = np.array([[0.6, 0.3], [0.8, 0.0]], dtype=np.float32)
-    change = model.evaluate(tilt, np.zeros((2, 2), np.float32))
+    change = model.evaluate(tilt, np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
     np.testing.assert_allclose(change.T, [[3.0, 8.0, 0.0], [3.0, 0.0, 0.0]], atol=1e-4)
 
 

@@ -1,0 +1,128 @@
+"""Images of a ball of known size pressed into a sensor, with the circle of each contact."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import cv2
+import numpy as np
+
+from sim.optics.geometry import ImageArray
+from tacauchy_rig.errors import ConfigError
+
+_COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circle:
+    """Edge of a contact in the image [px]; pixel (0, 0) is the centre of the first pixel."""
+
+    x_px: float
+    y_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BallPress:
+    """One image of a pressed ball.
+
+    Attributes:
+        name: File name.
+        image: RGB, uint8, shape [height, width, 3].
+        circle: The contact's edge.
+    """
+
+    name: str
+    image: ImageArray
+    circle: Circle
+
+
+def read_rgb(path: Path) -> ImageArray:
+    """Read an image file as RGB, uint8, shape [height, width, 3].
+
+    Raises:
+        ConfigError: The file is missing or no image.
+    """
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise ConfigError(
+            f"image {path} cannot be read: {error.strerror}", remedy="check the path"
+        ) from error
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise ConfigError(f"{path} is not an image", remedy="give PNG or JPEG files")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
+    """Read the images that a circle table names.
+
+    Args:
+        folder: Where the images lie.
+        circles: CSV with the columns image, center_x_px, center_y_px, radius_px.
+
+    Raises:
+        ConfigError: The table or an image is missing or damaged; the message names the line.
+    """
+    with _open_table(circles) as table:
+        reader = csv.DictReader(table)
+        missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
+        if missing:
+            raise ConfigError(
+                f"{circles} lacks the column {', '.join(missing)}",
+                remedy=f"its first line must be: {','.join(_COLUMNS)}",
+            )
+        lines = [(reader.line_num, row) for row in reader]
+    if not lines:
+        raise ConfigError(f"{circles} names no image", remedy="give one line per press")
+    return [
+        BallPress(
+            name=row["image"],
+            image=read_rgb(folder / row["image"]),
+            circle=_parse_circle(row, place=f"{circles}, line {line}"),
+        )
+        for line, row in lines
+    ]
+
+
+def check_sizes(presses: Sequence[BallPress], background: ImageArray) -> None:
+    """Refuse presses that have not the size of the no-contact frame.
+
+    Raises:
+        ConfigError: An image has another size.
+    """
+    for press in presses:
+        if press.image.shape != background.shape:
+            height, width = press.image.shape[:2]
+            raise ConfigError(
+                f"{press.name} is {width} x {height} px, the no-contact frame "
+                f"{background.shape[1]} x {background.shape[0]} px",
+                remedy="take both with the same camera mode, crop and size",
+            )
+
+
+def _open_table(path: Path) -> TextIO:
+    try:
+        return path.open(newline="", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(
+            f"circle table {path} cannot be read: {error.strerror}",
+            remedy=f"give a CSV with the columns {', '.join(_COLUMNS)}",
+        ) from error
+
+
+def _parse_circle(row: dict[str, str], *, place: str) -> Circle:
+    try:
+        x, y, radius = (float(row[name]) for name in _COLUMNS[1:])
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{place}: {error}", remedy="give three numbers in pixels") from error
+    if not radius > 0.0:
+        raise ConfigError(
+            f"{place}: radius {radius:g} px is not positive", remedy="give the contact's radius"
+        )
+    return Circle(x_px=x, y_px=y, radius_px=radius)

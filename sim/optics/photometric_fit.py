@@ -1,0 +1,70 @@
+"""Least-squares fit of the photometric model to samples of tilt and colour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.photometric import PhotometricModel, monomials, polynomial_exponents
+from tacauchy_rig.errors import ConfigError
+
+BALL_EXPONENTS = polynomial_exponents(
+    tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotometricSamples:
+    """Pixels with known surface and observed colour.
+
+    Attributes:
+        tilt: Along +column and +row, shape [2, sample_count].
+        position: Normalised pixel position, shape [2, sample_count].
+        indentation_m: Unloaded minus loaded height [m], shape [sample_count].
+        change: Colour minus no-contact colour, red, green, blue [grey levels],
+            shape [sample_count, 3].
+    """
+
+    tilt: FloatArray
+    position: FloatArray
+    indentation_m: FloatArray
+    change: FloatArray
+
+
+def fit_photometric(
+    samples: PhotometricSamples,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+    ridge: float = 4e-5,
+    provenance: Mapping[str, object] | None = None,
+) -> PhotometricModel:
+    """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
+
+    Args:
+        samples: Pixels of all presses.
+        exponents: Terms of the model, shape [term_count, 5].
+        ridge: Weight on the coefficients' squares, per sample.
+        provenance: Where the samples come from; kept with the model.
+
+    Raises:
+        ConfigError: There are fewer samples than terms.
+    """
+    count, terms = len(samples.change), len(exponents)
+    if count < terms:
+        raise ConfigError(
+            f"{count} pixels cannot fix the {terms} terms of the photometric model",
+            remedy="give more presses, or a model of lower degree",
+        )
+    features = monomials(samples.tilt, samples.position, samples.indentation_m, exponents)
+    normal = features @ features.T + ridge * count * np.eye(terms)
+    coefficients = np.asarray(np.linalg.solve(normal, features @ samples.change), dtype=np.float64)
+    return PhotometricModel(
+        exponents=exponents,
+        coefficients=coefficients,
+        tilt_limit=float(np.hypot(*samples.tilt).max()),
+        indentation_limit_m=float(samples.indentation_m.max()),
+        provenance=dict(provenance or {}),
+    )

@@ -1,0 +1,138 @@
+"""What a ball press looks like through a photometric model, and the two things labels get wrong.
+
+Hand-clicked circles are off by a few pixels, and the light of a frame is not the light of the
+no-contact frame (automatic white balance): both are estimated here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from sim.arrays import FloatArray
+from sim.optics.ball_press import BallPress, Circle
+from sim.optics.gel_profile import GelProfile
+from sim.optics.geometry import CameraGeometry
+from sim.optics.photometric import PhotometricModel
+from sim.optics.photometric_fit import PhotometricSamples
+
+_FAR_FRACTION = 0.7
+_BEYOND_RIM = 1.15
+_SKIRT_RADII = 2.3
+_OUTLIER_LEVELS = 15.0
+_CLICK_WEIGHT = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressScene:
+    """Camera, no-contact frame and gel that all presses of a set share.
+
+    Attributes:
+        geometry: Scale of the pixels.
+        background: No-contact frame, RGB levels as float, shape [height, width, 3].
+        profile: The gel around the ball.
+        stride: Every how many pixels along rows and columns are used for fitting.
+    """
+
+    geometry: CameraGeometry
+    background: FloatArray
+    profile: GelProfile
+    stride: int = 3
+
+    def surface(
+        self, circle: Circle, columns: FloatArray, rows: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return tilt, shape [2, n], and indentation [m], shape [n], at pixels."""
+        dx = (columns - circle.x_px) * self.geometry.scale_x_m
+        dy = (rows - circle.y_px) * self.geometry.scale_y_m
+        r = np.hypot(dx, dy)
+        mean_scale = np.sqrt(self.geometry.scale_x_m * self.geometry.scale_y_m)
+        profile = self.profile(circle.radius_px * mean_scale)
+        outward = np.interp(r, profile.radius_m, profile.tilt, right=0.0) / np.maximum(r, 1e-12)
+        indentation = np.interp(r, profile.radius_m, profile.indentation_m, right=0.0)
+        return np.stack([dx * outward, dy * outward]), indentation
+
+    def predict(
+        self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
+    ) -> FloatArray:
+        """Return the model's colour change [grey levels] at pixels, shape [n, 3]."""
+        tilt, indentation = self.surface(circle, columns, rows)
+        position = self.normalised(columns, rows)
+        return np.asarray(model.evaluate(tilt, position, indentation).T, dtype=np.float64)
+
+    def normalised(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
+        """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
+        height, width = self.background.shape[:2]
+        return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
+
+    def pixels_around(self, circle: Circle) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return rows and columns of the fitting lattice in contact and skirt."""
+        rows, columns = self._lattice()
+        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _SKIRT_RADII * circle.radius_px
+        return rows[near], columns[near]
+
+    def _lattice(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        height, width = self.background.shape[:2]
+        rows, columns = np.mgrid[: height : self.stride, : width : self.stride]
+        return rows.ravel(), columns.ravel()
+
+    def samples(self, press: BallPress, circle: Circle, light: FloatArray) -> PhotometricSamples:
+        """Return the press's pixels for a fit; ``light`` is the offset to take off, shape [3]."""
+        rows, columns = self.pixels_around(press.circle)
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
+        tilt, indentation = self.surface(circle, x, y)
+        change = press.image[rows, columns] - self.background[rows, columns] - light
+        return PhotometricSamples(
+            tilt=tilt,
+            position=self.normalised(x, y),
+            indentation_m=indentation,
+            change=np.asarray(change, dtype=np.float64),
+        )
+
+    def light_offset(
+        self, press: BallPress, circle: Circle, model: PhotometricModel | None
+    ) -> FloatArray:
+        """Estimate the frame's light against the no-contact frame's, outside the contact.
+
+        Args:
+            press: The image.
+            circle: Its contact.
+            model: Explains the skirt; without one, the farthest pixels are taken to be level.
+
+        Returns:
+            Offset of red, green, blue [grey levels], shape [3].
+        """
+        rows, columns = self._lattice()
+        distance = np.hypot(columns - circle.x_px, rows - circle.y_px)
+        edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
+        outside = distance > max(float(edge), _BEYOND_RIM * circle.radius_px)
+        rows, columns = rows[outside], columns[outside]
+        change = press.image[rows, columns] - self.background[rows, columns]
+        if model is not None:
+            change = change - self.predict(model, circle, columns.astype(float), rows.astype(float))
+        return np.asarray(np.median(change, axis=0), dtype=np.float64)
+
+    def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
+        """Move the labelled circle to where the model explains the image best.
+
+        Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
+        """
+        rows, columns = self.pixels_around(press.circle)
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
+        change = press.image[rows, columns] - self.background[rows, columns] - light
+        label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
+        pull = _CLICK_WEIGHT * np.sqrt(change.size)
+
+        def residual(move: FloatArray) -> FloatArray:
+            px, py, radius = label + move
+            circle = Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
+            misfit = (self.predict(model, circle, x, y) - change).ravel()
+            bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
+            return np.concatenate([bounded, pull * move])
+
+        move = least_squares(residual, np.zeros(3), diff_step=1e-2, x_scale=1.0, max_nfev=10).x
+        px, py, radius = (float(value) for value in label + move)
+        return Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
