@@ -32,6 +32,7 @@ _CHECKSUM = struct.Struct("=q")
 _SLOT_SIZE = _STATE.size + _CHECKSUM.size
 _FILE_SIZE = _HEADER.size + 2 * _SLOT_SIZE
 _READ_TRIES = 1000
+_OVERTAKEN_TRIES = 500
 
 
 class WorldWriter(StrEnum):
@@ -127,8 +128,9 @@ class SharedWorld:
             DeviceError: No slot holds a complete state, so the file was damaged.
         """
         for attempt in range(_READ_TRIES):
-            # A damaged current slot falls back to the other one.
-            slot = (self._words[_CURRENT_SLOT] & 1) ^ (attempt & 1)
+            # Overtaken: the current slot is another one by now. Damaged: only the other one helps.
+            other = attempt >= _OVERTAKEN_TRIES and attempt & 1
+            slot = (self._words[_CURRENT_SLOT] & 1) ^ int(other)
             offset = _HEADER.size + slot * _SLOT_SIZE
             data = self._mapping[offset : offset + _SLOT_SIZE]
             body = data[: _STATE.size]

@@ -1,0 +1,116 @@
+"""The state of the arm that emulator processes share."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldWriter
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import Pose
+
+_STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_number = st.floats(allow_nan=False, allow_infinity=False)
+_vector = st.tuples(_number, _number, _number)
+
+_WRITE_FOR_EVER = """
+import sys
+from pathlib import Path
+from drivers.emulators.shared_world import SharedWorld
+from tacauchy_rig.run import Pose
+
+world = SharedWorld.open(Path(sys.argv[1]))
+print("ready", flush=True)
+count = 0
+while True:
+    count += 1
+    v = float(count)
+    world.publish(Pose(position=(v, v, v), rotation_vector=(v, v, v)), (v,) * 6, count)
+"""
+
+
+def test_reads_what_was_published(tmp_path: Path) -> None:
+    """A reader that mapped the file by itself sees the newest state and who wrote it."""
+    writer = SharedWorld.create(tmp_path / WORLD_FILE)
+    reader = SharedWorld.open(tmp_path / WORLD_FILE)
+    assert reader.read().sequence == 0
+    assert reader.read().writer is WorldWriter.NOBODY
+    pose = Pose(position=(0.1, 0.2, 0.3), rotation_vector=(3.0, 0.1, 0.0))
+    writer.publish(pose, (0.0, 0.0, -0.001, 0.0, 0.0, 0.0), 42)
+    state = reader.read()
+    assert (state.pose, state.stamp_ns, state.sequence) == (pose, 42, 1)
+    assert state.velocity[2] == -0.001
+    assert state.writer is WorldWriter.EMULATED_ARM
+
+
+@settings(max_examples=50)
+@given(position=_vector, rotation=_vector, stamp_ns=st.integers(0, 2**63 - 1))
+def test_any_state_survives_the_file(
+    position: tuple[float, float, float],
+    rotation: tuple[float, float, float],
+    stamp_ns: int,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Every finite pose and stamp comes back unchanged."""
+    world = SharedWorld.create(tmp_path_factory.getbasetemp() / "any-state.bin")
+    pose = Pose(position=position, rotation_vector=rotation)
+    world.publish(pose, _STILL, stamp_ns)
+    assert (world.read().pose, world.read().stamp_ns) == (pose, stamp_ns)
+    world.close()
+
+
+def test_no_state_is_torn_and_a_killed_writer_leaves_one(tmp_path: Path) -> None:
+    """A writer at full speed, then killed, never shows a mixture of two states."""
+    path = tmp_path / WORLD_FILE
+    reader = SharedWorld.create(path)
+    with subprocess.Popen(
+        [sys.executable, "-c", _WRITE_FOR_EVER, str(path)], stdout=subprocess.PIPE
+    ) as writer:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        sequences = []
+        end_s = time.monotonic() + 0.5
+        while time.monotonic() < end_s:
+            state = reader.read()
+            assert {*state.pose.as_vector(), *state.velocity} == {float(state.stamp_ns)}
+            sequences.append(state.sequence)
+        writer.send_signal(signal.SIGKILL)
+    assert sequences == sorted(sequences)
+    last = reader.read()
+    assert last.sequence >= sequences[-1] > 100
+    # Somebody else takes over where the dead writer stopped.
+    heir = SharedWorld.create(path)
+    heir.claim(WorldWriter.REPORTED_POSE)
+    heir.publish(last.pose, _STILL, last.stamp_ns + 1)
+    assert reader.read().sequence == last.sequence + 1
+    assert reader.read().writer is WorldWriter.REPORTED_POSE
+
+
+def test_damaged_current_slot_falls_back(tmp_path: Path) -> None:
+    """A slot that was damaged is passed over for the one before."""
+    path = tmp_path / WORLD_FILE
+    world = SharedWorld.create(path)
+    for stamp_ns in (1, 2):
+        world.publish(Pose(position=_STILL[:3], rotation_vector=_STILL[3:]), _STILL, stamp_ns)
+    data = bytearray(path.read_bytes())
+    slot_size = (len(data) - 32) // 2
+    current = data[8]
+    data[32 + current * slot_size + 40] ^= 0xFF
+    path.write_bytes(data)
+    assert SharedWorld.open(path).read().stamp_ns == 1
+
+
+def test_refuses_another_file(tmp_path: Path) -> None:
+    """An absent or foreign file is named, with what to do."""
+    with pytest.raises(DeviceError, match=r"world.bin: absent"):
+        SharedWorld.open(tmp_path / WORLD_FILE)
+    (tmp_path / WORLD_FILE).write_text("something else")
+    with pytest.raises(DeviceError, match="start the emulated devices"):
+        SharedWorld.open(tmp_path / WORLD_FILE)
