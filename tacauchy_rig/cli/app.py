@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.cli import config_commands
+from tacauchy_rig.cli import config_commands, emulate, session
 from tacauchy_rig.cli.output import error_console, say
 from tacauchy_rig.errors import AbortedError, RigError
 
@@ -19,6 +19,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="From a recorded tactile press to a force-matched replay and an honest report.",
 )
+app.command("dry-run")(session.dry_run)
+app.command("run")(session.run)
+app.command("resume")(session.resume)
+app.command("recover")(session.recover)
+app.add_typer(emulate.app, name="emulate")
 app.add_typer(config_commands.app, name="config")
 
 

@@ -18,7 +18,7 @@ from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
 
 app = typer.Typer(
-    invoke_without_command=True,
+    no_args_is_help=True,
     help="Start emulated devices and print their addresses; Ctrl-C ends them.",
 )
 

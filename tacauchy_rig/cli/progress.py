@@ -1,0 +1,108 @@
+"""Progress of a session: one live line on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+from rich.live import Live
+from rich.text import Text
+
+from tacauchy_rig.cli.output import console, say
+from tacauchy_rig.run import JournalEvent
+
+PROGRESS = "progress"
+
+_PHASES = {
+    "preflight": "checking that everything answers",
+    "air-press": "pressing the air above the gel first",
+    "home": "going home",
+    "tare": "weighing nothing, to find zero",
+    "reference": "taking the picture without contact",
+    "approach": "coming down to the gel",
+    "search": "searching for contact",
+    "press": "pressing to the target",
+    "dwell": "holding the force, taking pictures",
+    "retract": "letting go",
+    "drift-check": "weighing nothing again",
+    "verdict": "judging",
+    "fault": "something is wrong",
+}
+
+
+class SessionProgress:
+    """Says what the arm is doing and what the gel feels; a context."""
+
+    def __init__(self, trial_count: int) -> None:
+        self._trial_count = trial_count
+        self._live = Live(console=console, refresh_per_second=8, transient=True)
+        self._phase = ""
+
+    def __enter__(self) -> SessionProgress:
+        if console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if console.is_terminal:
+            self._live.stop()
+
+    def __call__(self, event: JournalEvent) -> None:
+        """Show one event."""
+        detail = event.detail
+        match event.name:
+            case "phase":
+                self._enter(event)
+            case "attempt-start":
+                target = detail["force_target_n"]
+                tries = f", attempt {event.attempt}" if event.attempt > 1 else ""
+                self._line(
+                    f"trial {event.trial} of {self._trial_count}{tries}: target {target:.4f} N"
+                )
+            case "attempt-end":
+                self._line(_ended(event))
+            case "fault" | "abort":
+                during = f" while {detail['during']}" if detail.get("during") else ""
+                self._line(f"  {event.name}{during}: {detail.get('reason', '')}")
+            case "process-died":
+                self._line(f"  {detail.get('how', event.name)}")
+            case _ if event.name == PROGRESS:
+                self._update(event)
+            case _:
+                pass
+
+    def _enter(self, event: JournalEvent) -> None:
+        name = str(event.detail.get("phase", ""))
+        self._phase = _PHASES.get(name, name)
+        if console.is_terminal:
+            self._update(event)
+        else:
+            say(f"  {self._phase}")
+
+    def _update(self, event: JournalEvent) -> None:
+        if not console.is_terminal:
+            return
+        detail = event.detail
+        force, height = detail.get("force_n"), detail.get("height_m", detail.get("z_m"))
+        parts = [f"  {self._phase}"]
+        if force is not None:
+            parts.append(f"force {force:7.3f} N")
+        if height is not None:
+            parts.append(f"tip at z = {height * 1e3:.3f} mm")
+        self._live.update(Text("   ".join(parts)))
+
+    def _line(self, text: str) -> None:
+        if console.is_terminal:
+            self._live.console.print(text, markup=False)
+        else:
+            say(text)
+
+
+def _ended(event: JournalEvent) -> str:
+    detail = event.detail
+    force, depth = detail.get("force_measured_n"), detail.get("depth_measured_m")
+    text = f"  {detail['outcome']}"
+    if force is not None:
+        text += f": mean {force:.4f} N"
+    if depth is not None:
+        text += f" at {depth * 1e3:.3f} mm below contact"
+    if detail.get("reason"):
+        text += f" ({detail['reason']})"
+    return text
