@@ -22,11 +22,9 @@ from drivers.emulators.m8128_port import PseudoPort
 from drivers.emulators.m8128_protocol import BoxCommands, ReplyStyle
 from drivers.emulators.m8128_source import ConstantSource, PlantSource, WrenchSource
 from drivers.emulators.m8128_stream import FrameStream
+from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
 from drivers.emulators.plant.force_channel import ForceChannel
-from drivers.emulators.plant.gel import Geometry, Plant
-from drivers.emulators.plant.press_table import PressCase
-from drivers.emulators.plant.tips import CylinderTip, SphereTip
-from drivers.emulators.plant.truth import PlantTruth, draw_truth, read_truth
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.errors import RigError
 
@@ -40,20 +38,20 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     options.folder.mkdir(parents=True, exist_ok=True)
     try:
-        truth = read_truth(options.truth) if options.truth else draw_truth(options.seed)
-        _serve(options, truth)
+        _serve(options)
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def _serve(options: argparse.Namespace, truth: PlantTruth) -> None:
+def _serve(options: argparse.Namespace) -> None:
     folder: Path = options.folder
     source = _constant_source(options)
     latency_s = 0.0
     if options.world is not None:
-        source, latency_s = _plant_source(options, truth), truth.force_latency_s
+        plant = plant_from_arguments(options)
+        source, latency_s = _plant_source(options, plant), plant.truth.force_latency_s
     inbox = FaultInbox(folder, Device.FORCE_SENSOR)
     port = PseudoPort(folder / LINK_NAME)
     with (folder / TRACE_FILE).open("w", encoding="utf-8") as trace:
@@ -89,46 +87,23 @@ def _stop_on_signals(box: EmulatedBox) -> None:
 
 
 def _constant_source(options: argparse.Namespace) -> WrenchSource:
-    v = _numbers(options.load)
+    v = [float(part) for part in options.load.split(",")]
     return ConstantSource(
         (v[0], v[1], v[2], v[3], v[4], v[5]), noise_n=options.noise_n, seed=options.seed
     )
 
 
-def _plant_source(options: argparse.Namespace, truth: PlantTruth) -> WrenchSource:
-    if options.tip == "cylinder":
-        tip: CylinderTip | SphereTip = CylinderTip(
-            diameter_m=options.diameter_m, fillet_m=options.fillet_m
-        )
-    else:
-        tip = SphereTip(diameter_m=options.diameter_m)
-    surface = _numbers(options.surface_m)
-    return PlantSource(
-        Plant(
-            truth,
-            PressCase(tip=tip, poisson=truth.poisson),
-            Geometry(surface=(surface[0], surface[1], surface[2])),
-        ),
-        ForceChannel(truth, start_ns=time.monotonic_ns()),
-        SharedWorld.create(options.world),
-    )
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(part) for part in text.split(",")]
+def _plant_source(options: argparse.Namespace, plant: Plant) -> WrenchSource:
+    channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
+    return PlantSource(plant, channel, SharedWorld.create(options.world))
 
 
 def _parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="m8128_box", description=__doc__)
+    add_plant_arguments(parser)
     add = parser.add_argument
     add("--folder", type=Path, required=True, help="where control socket, trace and link go")
     add("--world", type=Path, help="shared world file; without it the load is constant")
-    add("--truth", type=Path, help="truth.json of the emulated world; drawn from the seed if not")
-    add("--seed", type=int, default=7)
-    add("--surface-m", default="0,-0.4,0.2", help="expected top of the gel, x,y,z [m]")
-    add("--tip", choices=["cylinder", "sphere"], default="cylinder")
-    add("--diameter-m", type=float, default=5e-3)
-    add("--fillet-m", type=float, default=1e-4)
     add("--rate", type=int, default=100, help="frames per second until a client sets another")
     add("--full-scale-n", type=float, default=50.0, help="what Fz reads when saturated [N]")
     add("--rate-command", choices=["SMPF", "SMPR"], default="SMPF")

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +15,7 @@ import pytest
 from drivers.checks import device_checks
 from drivers.checks_camera import exposure_check
 from drivers.checks_serial import latency_timer_check
-from drivers.emulators.launch import free_loopback_host
+from drivers.ur5_model import UrModel
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
@@ -164,29 +161,13 @@ def test_automatic_exposure_is_warned_of() -> None:
     assert exposure_check({**settings, "auto_exposure": "1"}).status is CheckStatus.OK
 
 
-@pytest.fixture
-def controller(tmp_path: Path) -> Iterator[str]:
-    """An emulated e-Series controller at home; its address."""
-    host = free_loopback_host(seed=os.getpid())
-    command = [sys.executable, "-m", "drivers.emulators.ur_controller", "--host", host]
-    command += ["--folder", str(tmp_path), "--home", "0,-0.4,0.23,0,3.14159265,0"]
-    with (tmp_path / "robot.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
-    assert process.stdout is not None
-    json.loads(process.stdout.readline())
-    yield host
-    process.terminate()
-    process.wait(5)
-    process.stdout.close()
-
-
-def test_controller_is_asked_who_it_is(controller: str) -> None:
+def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     """A controller that is ready and at home passes; another generation is refused."""
-    config = configured(robot__driver="ur5", robot__host=controller)
-    results = checked(config)
+    host = emulate_ur(UrModel.E_SERIES, "--home", "0,-0.4,0.23,0,3.14159265,0").host
+    results = checked(configured(robot__driver="ur5", robot__host=host))
     assert results["robot.controller"].status is CheckStatus.OK
     assert "e-series, software 5." in results["robot.controller"].finding
     assert results["robot.ready"].status is CheckStatus.OK
     assert results["robot.home"].status is CheckStatus.OK
-    other = checked(configured(robot__driver="ur5", robot__host=controller, robot__model="cb3"))
+    other = checked(configured(robot__driver="ur5", robot__host=host, robot__model="cb3"))
     assert other["robot.ready"].status is CheckStatus.FAIL
