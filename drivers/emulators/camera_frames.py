@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from drivers.emulators.camera_jpeg import MCU_PX, JpegMosaic, Tiles
 from drivers.emulators.camera_noise import NoisePool
@@ -51,12 +51,8 @@ class _Contact:
 
     row: int
     column: int
-    versions: list[Tiles] = field(default_factory=list)
-
-    @property
-    def size(self) -> int:
-        """Return the bytes that it occupies."""
-        return sum(len(tile) for tiles in self.versions for row in tiles for tile in row)
+    versions: list[Tiles]
+    byte_count: int
 
 
 class FrameFactory:
@@ -110,6 +106,7 @@ class FrameFactory:
         with self._lock:
             if known is not None and rendered is not None:
                 rendered.versions += known.versions
+                rendered.byte_count += known.byte_count
             self._contacts[key] = rendered
             self._contacts.move_to_end(key)
             self._forget_oldest()
@@ -155,18 +152,21 @@ class FrameFactory:
         wanted = self._on_tiles(changed)
         source = self._rendered_part(wanted)
         image = self._camera.render(profile, region=source, light=_gain(key))
-        block = self._raw(image, source, wanted)
+        tiles = self._encode(self._raw(image, source, wanted))
         return _Contact(
             row=wanted.top // MCU_PX,
             column=wanted.left // self.mosaic.tile_width,
-            versions=[self._encode(block)],
+            versions=[tiles],
+            byte_count=sum(len(tile) for row in tiles for tile in row),
         )
 
     def _forget_oldest(self) -> None:
-        total = sum(contact.size for contact in self._contacts.values() if contact is not None)
+        total = sum(
+            contact.byte_count for contact in self._contacts.values() if contact is not None
+        )
         while total > _CACHE_BYTES and len(self._contacts) > 1:
             _, oldest = self._contacts.popitem(last=False)
-            total -= oldest.size if oldest is not None else 0
+            total -= oldest.byte_count if oldest is not None else 0
 
     def _encode(self, block: ImageArray) -> Tiles:
         return self.mosaic.tiles(self._noise.added(block))

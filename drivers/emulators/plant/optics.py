@@ -33,11 +33,13 @@ _TERMINATOR = 0.06
 _CREASE_M = 3.5e-5  # scattered light changes by this times the surface's curvature
 _CREASE_LIMIT = 0.35
 _MIXING = np.array([[0.91, 0.06, 0.03], [0.05, 0.89, 0.06], [0.02, 0.07, 0.91]])
+_BGR_MIXING = _MIXING[::-1, ::-1].astype(np.float32)
 _GAMMA = 2.2
 _SHOULDER = 0.82  # light above this share of full scale is compressed
 _BLUR_M = 4.5e-5
 _STEPS_PER_UNIT = 1024
 _STEP_COUNT = 4096
+_BAND_PX = 16_000  # pixels worked on together: what the processor's cache holds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,31 +128,43 @@ class GelCamera:
             right=min(self.view.width, wanted.right + margin),
             bottom=min(self.view.height, wanted.bottom + margin),
         )
-        shade = self._shade[padded.slices] * np.float32(light)
+        gain = np.full((padded.bottom - padded.top, 1), light, np.float32)
         if self._markers is not None:
-            dots = marker_reflectance(self._markers, profile, self.view)
-            shade = shade * dots[padded.slices]
-        blurred = cv2.GaussianBlur(
-            self._linear_light(self.relief(profile), padded, shade), (0, 0), self._blur_px
-        )
+            gain = marker_reflectance(self._markers, profile, self.view)[padded.slices] * gain
+        linear = self._linear_light(self.relief(profile), padded, gain)
+        blurred = cv2.GaussianBlur(linear, (0, 0), self._blur_px)
         top, left = wanted.top - padded.top, wanted.left - padded.left
         rows, columns = wanted.bottom - wanted.top, wanted.right - wanted.left
-        inner = blurred[top : top + rows, left : left + columns]
-        steps = np.minimum(inner * _STEPS_PER_UNIT, _STEP_COUNT - 1).astype(np.uint16)
-        image: ImageArray = self._response[steps]
+        image = np.empty((rows, columns, 3), np.uint8)
+        for band in _bands(rows, columns):
+            light_in_steps = blurred[top:, left : left + columns][band] * _STEPS_PER_UNIT
+            image[band] = self._response[
+                np.minimum(light_in_steps, _STEP_COUNT - 1).astype(np.intp)
+            ]
         return image
 
     def _linear_light(
-        self, relief: Relief | None, region: Region, shade: SingleArray
+        self, relief: Relief | None, region: Region, gain: SingleArray
     ) -> SingleArray:
-        x, y = self._x[region.slices], self._y[region.slices]
-        slope_x, slope_y, crease = self._slopes(relief, x, y)
-        steepness = slope_x * slope_x + slope_y * slope_y
-        inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
-        normal = (-slope_x * inverse, -slope_y * inverse, inverse)
-        colours = [light.shaded(region, normal, crease) * shade for light in self._lights]
-        mixed = cv2.transform(np.dstack(colours[::-1]), _MIXING[::-1, ::-1].astype(np.float32))
-        return np.asarray(mixed, dtype=np.float32)
+        rows, columns = region.bottom - region.top, region.right - region.left
+        linear = np.empty((rows, columns, 3), np.float32)
+        for band in _bands(rows, columns):
+            part = Region(
+                left=region.left,
+                top=region.top + band.start,
+                right=region.right,
+                bottom=region.top + band.stop,
+            )
+            slope_x, slope_y, crease = self._slopes(
+                relief, self._x[part.slices], self._y[part.slices]
+            )
+            steepness = slope_x * slope_x + slope_y * slope_y
+            inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
+            normal = (-slope_x * inverse, -slope_y * inverse, inverse)
+            shade = self._shade[part.slices] * gain[band]
+            colours = [light.shaded(part, normal, crease) * shade for light in self._lights]
+            linear[band] = cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING)
+        return linear
 
     def _slopes(
         self, relief: Relief | None, x: SingleArray, y: SingleArray
@@ -225,6 +239,11 @@ def _dot(
     x, y, z = (part[region.slices] for part in vectors)
     dot: SingleArray = x * normal[0] + y * normal[1] + z * normal[2]
     return dot
+
+
+def _bands(rows: int, columns: int) -> list[slice]:
+    height = max(1, _BAND_PX // columns)
+    return [slice(top, min(top + height, rows)) for top in range(0, rows, height)]
 
 
 def _vignette(x: SingleArray, y: SingleArray) -> SingleArray:

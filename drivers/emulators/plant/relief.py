@@ -10,7 +10,7 @@ from drivers.emulators.plant.arrays import FloatArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 
 STEP_M = 4e-6
-_FLAT_SLOPE = 1.5e-3  # where the press changes the slope by less, the image stays as it is
+_FLAT_SLOPE = 6e-3  # a change of slope that moves no colour by half a grey level
 _STEEPEST = 6.0
 _SMOOTHING_M = 1.2e-5  # the paint does not follow an edge any sharper
 
