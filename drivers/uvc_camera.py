@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 import zlib
+from pathlib import Path
 
 import cv2
 
@@ -127,14 +128,15 @@ class UvcCamera:
         except DeviceError as error:
             self._buffer.fail(error)
             return
+        asked_s = time.monotonic()
         try:
             has_stamp = self._settings["backend"] == "V4L2"
             while not self._stopping.is_set() and self._read(capture, has_stamp=has_stamp):
-                pass
+                asked_s = time.monotonic()
             if not self._stopping.is_set():
-                self._buffer.fail(self._gone(path))
+                self._buffer.fail(self._gone(path, waited_s=time.monotonic() - asked_s))
         except cv2.error as error:
-            self._buffer.fail(self._gone(path, reason=str(error)))
+            self._buffer.fail(self._gone(path, waited_s=0.0, reason=str(error)))
         finally:
             capture.release()
 
@@ -173,10 +175,13 @@ class UvcCamera:
             return False
         return True
 
-    def _gone(self, path: str, *, reason: str = "") -> DeviceError:
-        detail = reason or f"the stream ended or sent nothing for {READ_TIMEOUT_S:g} s"
+    def _gone(self, path: str, *, waited_s: float, reason: str = "") -> DeviceError:
+        if not reason and not is_url(path) and not Path(path).exists():
+            reason = "it was unplugged"
+        elif not reason and waited_s > 0.9 * READ_TIMEOUT_S:
+            reason = f"it sent nothing for {waited_s:.0f} s"
         return DeviceError(
-            f"camera: {path} is gone: {detail}",
+            f"camera: {path} is gone: {reason or 'its stream ended'}",
             remedy="check the cable and power, then start again; nothing reconnects by itself",
         )
 

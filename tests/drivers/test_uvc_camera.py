@@ -183,7 +183,7 @@ def test_unplug_raises_after_the_last_frame(connected: Connected) -> None:
         time.sleep(0.5)
         assert len(camera.drain()) >= 9
         for _ in range(2):
-            with pytest.raises(DeviceError, match="is gone"):
+            with pytest.raises(DeviceError, match="is gone: its stream ended"):
                 camera.drain()
 
 
