@@ -88,7 +88,7 @@ class Cycle:
             BreachError: A limit was passed, or a device or the record is gone.
             AbortedError: A person asked to stop.
         """
-        turn_s = self._pace()
+        self._streams.note_turn(self._pace())
         for observer in self.observers:
             observer()
         if self.abort.count > self._aborts_heeded:
@@ -99,9 +99,9 @@ class Cycle:
         # All parts run whatever one of them finds: a dead camera must not hide a rising force.
         for part in (
             self._kick,
-            lambda: self._read_force(presses, turn_s),
+            lambda: self._read_force(presses),
             self._read_arm,
-            lambda: self._watch_camera(turn_s),
+            self._watch_camera,
             self._watch_record,
         ):
             try:
@@ -179,7 +179,7 @@ class Cycle:
             except DeviceError as error:
                 raise _robot_breach(error) from error
 
-    def _read_force(self, presses: list[Press], turn_s: float) -> None:
+    def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
         try:
             samples = sensor.drain()
@@ -192,7 +192,7 @@ class Cycle:
             force_n = self.force_guard.check(sample)
             presses.append(Press(sample.stamp_ns, force_n, sample))
             self.last_force_n = force_n
-        self._streams.check_force(health, now_ns=self.rig.clock.now_ns(), turn_s=turn_s)
+        self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
     def _record_force(self, samples: list[ForceSample]) -> None:
         self.rates.force(samples)
@@ -221,7 +221,7 @@ class Cycle:
         if problem:
             raise _recorder_breach(problem)
 
-    def _watch_camera(self, turn_s: float) -> None:
+    def _watch_camera(self) -> None:
         camera = self.rig.camera
         try:
             self.rates.frames(camera.poll())
@@ -233,7 +233,7 @@ class Cycle:
         except RecordError as error:
             raise _recorder_breach(str(error)) from error
         self.rates.frame_losses(health.lost_count)
-        self._streams.check_image(health, turn_s=turn_s)
+        self._streams.check_image(health)
 
 
 def _robot_breach(error: DeviceError) -> BreachError:

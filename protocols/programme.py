@@ -63,7 +63,7 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
         _prepare(cycle, journal)
         for planned in plan:
             if not planned.done:
-                records[planned.spec.index] = _try(cycle, journal, planned)
+                _try(cycle, journal, planned, records)
     except RigError as error:
         safe = [p.spec.index for p in plan if p.done]
         safe += [index for index, record in records.items() if record.passed]
@@ -106,14 +106,18 @@ def _prepare(cycle: Cycle, journal: Journal) -> None:
         raise
 
 
-def _try(cycle: Cycle, journal: Journal, planned: PlannedTrial) -> TrialRecord:
+def _try(
+    cycle: Cycle, journal: Journal, planned: PlannedTrial, records: dict[int, TrialRecord]
+) -> None:
+    """Run attempts until one passes; ``records`` keeps the last one whatever happens."""
     first = planned.next_attempt
-    record = run_trial(cycle, journal, planned.spec, attempt=first)
-    for attempt in range(first + 1, first + cycle.config.protocol.attempts):
-        if record.passed:
+    for attempt in range(first, first + cycle.config.protocol.attempts):
+        end = run_trial(cycle, journal, planned.spec, attempt=attempt)
+        records[planned.spec.index] = end.record
+        if end.error is not None:
+            raise end.error
+        if end.record.passed:
             break
-        record = run_trial(cycle, journal, planned.spec, attempt=attempt)
-    return record
 
 
 def describe_safe(indices: Sequence[int]) -> str:

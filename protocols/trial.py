@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+from dataclasses import dataclass
+
 from protocols.approach import approach
 from protocols.breach import BreachError, reaction_to
 from protocols.cycle import Cycle
@@ -19,39 +22,54 @@ from protocols.retract import retract
 from protocols.search import search_contact
 from protocols.tare import judge_tare, take_quiet_tare, take_tare
 from protocols.verdict import judge
-from tacauchy_rig.errors import AbortedError, RigError
+from tacauchy_rig.errors import AbortedError, RecordError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
 
+logger = logging.getLogger(__name__)
 
-def run_trial(cycle: Cycle, journal: Journal, spec: TrialSpec, *, attempt: int) -> TrialRecord:
-    """Run one attempt; its record is kept whatever happens.
 
-    Raises:
-        RigError: A breach, an abort or a refusal, after the arm was made safe and the record kept.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialEnd:
+    """How an attempt ended.
+
+    Attributes:
+        error: What cut it off (a breach, an abort or a refusal), after the arm was made safe;
+            None where it ran to its end.
     """
+
+    record: TrialRecord
+    error: RigError | None = None
+
+
+def run_trial(cycle: Cycle, journal: Journal, spec: TrialSpec, *, attempt: int) -> TrialEnd:
+    """Run one attempt; its record is kept whatever happens."""
     findings = Findings(spec=spec, attempt=attempt)
     journal.trial, journal.attempt = spec.index, attempt
     cycle.rates = RateMeter()
-    cycle.sink.begin_attempt(spec.index, attempt)
-    journal.write("attempt-start", force_target_n=spec.force_target_n)
+    error: RigError | None = None
     try:
+        cycle.sink.begin_attempt(spec.index, attempt)
+        journal.write("attempt-start", force_target_n=spec.force_target_n)
         _press_once(cycle, journal, findings)
-    except RigError as error:
-        record = _record_fault(cycle, journal, findings, error)
-        _finish(cycle, journal, record)
-        raise
+        record = _judge(cycle, journal, findings)
+    except RigError as problem:
+        error = problem
+        record = _record_fault(cycle, journal, findings, problem)
+    _finish(cycle, journal, record)
+    return TrialEnd(record=record, error=error)
+
+
+def _judge(cycle: Cycle, journal: Journal, findings: Findings) -> TrialRecord:
     journal.enter(Phase.VERDICT)
     rates = cycle.rates.report()
     criteria = judge(findings, cycle.config, rates)
     missed = [criterion.name for criterion in criteria if not criterion.passed]
-    record = findings.record(
+    return findings.record(
         Outcome.FAILED if missed or findings.dwell is None else Outcome.PASSED,
         rates=rates,
         reason=f"missed: {', '.join(missed)}" if missed else "",
         criteria=criteria,
     )
-    _finish(cycle, journal, record)
-    return record
 
 
 def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
@@ -117,4 +135,8 @@ def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
         force_measured_n=record.force_measured_n,
         depth_measured_m=record.depth_measured_m,
     )
-    cycle.sink.end_attempt(record)
+    try:
+        cycle.sink.end_attempt(record)
+    except RecordError as error:
+        # The fault that the lost record is has been raised where it was seen first.
+        logger.error("the result of the attempt could not be kept: %s", error)

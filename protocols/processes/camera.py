@@ -10,7 +10,7 @@ import time
 from drivers.interfaces import Camera
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel
-from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.entry import Frame
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Ready, Stop
@@ -34,6 +34,7 @@ def film(job: Job, supervisor: Channel) -> None:
         DeviceError: The camera did not connect.
     """
     ignore_signals()
+    ask_for_priority(real_time=False)
     control = Channel.inherited(job.descriptors["control-status"])
     camera = build_camera(job.config)
     identity = camera.connect()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import logging
+import os
 import signal
 import sys
 import time
@@ -16,6 +17,7 @@ from tacauchy_rig.errors import DeviceError, RigError
 logger = logging.getLogger(__name__)
 
 JOB_TIMEOUT_S = 10.0
+NICE = -5
 
 
 def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
@@ -44,6 +46,22 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
         )
         return 2
     return 0
+
+
+def ask_for_priority(*, real_time: bool) -> None:
+    """Ask the kernel to run this process first; without the right to it, say so and go on.
+
+    Args:
+        real_time: Ahead of all ordinary processes, for a loop that sleeps most of the time;
+            threads that are started later inherit it.
+    """
+    try:
+        if real_time:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+        else:
+            os.nice(NICE)
+    except PermissionError:
+        logger.info("no right to a higher priority; `ulimit -r 1` and `ulimit -e 40` would give it")
 
 
 def ignore_signals() -> None:

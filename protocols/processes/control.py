@@ -19,7 +19,7 @@ from protocols.abort import Abort
 from protocols.cycle import Cycle
 from protocols.journal import Journal
 from protocols.processes.channel import Channel
-from protocols.processes.child import run_child
+from protocols.processes.child import ask_for_priority, run_child
 from protocols.processes.link import RecorderLink
 from protocols.processes.link_sink import LinkSink, RemoteCamera
 from protocols.processes.messages import (
@@ -81,6 +81,7 @@ def control(job: Job, supervisor: Channel) -> None:
         RigError: A device did not connect.
     """
     _die_with_parent(signal.SIGKILL)
+    ask_for_priority(real_time=True)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
     link = RecorderLink(
         socket.socket(fileno=job.descriptors["recorder-data"]),

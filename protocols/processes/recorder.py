@@ -10,7 +10,7 @@ import time
 from collections import deque
 
 from protocols.processes.channel import Channel
-from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.entry import Begin, End, Entry, EntryReader, Frame, keep
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.record_keeper import RecordKeeper
@@ -138,6 +138,7 @@ def record(job: Job, supervisor: Channel) -> None:
         RecordError: The disk is full or gone; producers and supervisor are told.
     """
     ignore_signals()
+    ask_for_priority(real_time=False)
     store = RunStore.open(job.root)
     producers = [
         Producer(
