@@ -215,7 +215,10 @@ class Recording:
     def frames(
         self, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[ImageFrame]:
-        """Yield the frames that arrived from ``start_ns`` to ``end_ns`` [ns], both included."""
+        """Yield the frames that arrived from ``start_ns`` to ``end_ns`` [ns], both included.
+
+        Width and height are 0 in a file whose own list of channels is damaged.
+        """
         for entry, data in self._read(Topic.IMAGE, start_ns=start_ns, end_ns=end_ns):
             has_stamp = entry.publish_time != entry.log_time
             width, height = self._sizes.get(entry.channel, (0, 0))

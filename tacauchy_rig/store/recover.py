@@ -118,9 +118,14 @@ def _repacked(
     temporary.unlink(missing_ok=True)
     try:
         counts = repack([*recording, *spills], temporary)
-    except RecordError:
+    except RecordError as error:
         temporary.unlink(missing_ok=True)
-        raise
+        size = sum(source.path.stat().st_size for source in (*recording, *spills))
+        raise RecordError(
+            f"{error.message}; recovery writes a file of up to {size / 1e6:.1f} MB beside the old "
+            "one, which is as it was",
+            remedy="free that much space on this disk, then recover again",
+        ) from error
     try:
         original = _keep(path) if path.exists() else None
         temporary.replace(path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.store.mcap_file import RawMessage
+from tacauchy_rig.store.messages import Topic
 from tacauchy_rig.store.reading import Recording
 from tacauchy_rig.store.recording import RecordingWriter
 
@@ -27,7 +29,7 @@ class Original:
     unfinished: bytes
     finished: bytes
     acknowledged: list[tuple[int, int]]
-    messages: list[Any]
+    messages: list[RawMessage]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def original(folder: Path, samples: Any) -> Original:
     writer = RecordingWriter(path, metadata={"trial": "1"})
     acknowledged = [(path.stat().st_size, 0)]
     for number in range(FRAME_COUNT):
-        writer.write_frame(samples.frame(number, size=900))
+        writer.write_frame(samples.frame(number, size=90))
         acknowledged.append((path.stat().st_size, writer.message_count))
         writer.write_force([samples.force(2 * number), samples.force(2 * number + 1)])
         acknowledged.append((path.stat().st_size, writer.message_count))
@@ -57,6 +59,10 @@ def _opened(folder: Path, data: bytes) -> Recording:
     path = folder / "recording.mcap"
     path.write_bytes(data)
     return Recording.open(path)
+
+
+def _contents(messages: Iterable[RawMessage]) -> set[tuple[Topic, int, int, bytes]]:
+    return {(each.topic, each.log_time, each.sequence, each.data) for each in messages}
 
 
 @given(data=st.data())
@@ -73,25 +79,25 @@ def test_a_cut_file_gives_every_message_before_the_cut(
     assert set(recording.raw_messages()) <= set(original.messages)
 
 
-@given(data=st.data(), finished=st.booleans())
+@pytest.mark.parametrize("finished", [False, True])
 def test_a_flipped_bit_never_changes_a_value(
-    folder: Path, original: Original, data: st.DataObject, *, finished: bool
+    folder: Path, original: Original, *, finished: bool
 ) -> None:
-    """Every message that is returned is one that was written; a lost one is never silent."""
+    """Wherever a bit flips, at most one message is lost, none silently, and none is altered."""
     content = bytearray(original.finished if finished else original.unfinished)
-    bit = data.draw(st.integers(0, 8 * len(content) - 1))
-    content[bit // 8] ^= 1 << bit % 8
-    recording = _opened(folder, bytes(content))
-    messages = list(recording.raw_messages())
-    assert {(message.topic, message.data) for message in messages} <= {
-        (message.topic, message.data) for message in original.messages
-    }
-    assert len(messages) >= len(original.messages) - 1
-    if len(messages) < len(original.messages):
-        assert recording.damage or recording.torn_bytes
+    written = _contents(original.messages)
+    for offset in range(0, len(content), 3):
+        content[offset] ^= 1 << offset % 8
+        recording = _opened(folder, bytes(content))
+        content[offset] ^= 1 << offset % 8
+        messages = _contents(recording.raw_messages())
+        lost = len(written - messages)
+        assert lost <= 1, offset
+        assert not lost or recording.damage or recording.torn_bytes, offset
+        assert messages <= written, offset
 
 
-@given(start=st.integers(0, 5000), length=st.integers(1, 3000), fill=st.binary(min_size=1))
+@given(start=st.integers(0, 5000), length=st.integers(1, 2000), fill=st.binary(min_size=1))
 def test_a_hole_costs_only_what_it_covers(
     folder: Path, original: Original, start: int, length: int, fill: bytes
 ) -> None:
@@ -116,7 +122,7 @@ def test_a_hole_costs_only_what_it_covers(
 def test_a_hole_in_the_middle_is_described(folder: Path, original: Original) -> None:
     """The message names the file, the damaged bytes, what is readable and the remedy."""
     content = bytearray(original.finished)
-    content[3000:3100] = bytes(100)
+    content[3000:3010] = bytes(10)
     recording = _opened(folder, bytes(content))
     assert recording.finished
     with pytest.raises(RecordError) as caught:
@@ -126,7 +132,7 @@ def test_a_hole_in_the_middle_is_described(folder: Path, original: Original) -> 
     assert "damaged: bytes 2" in message
     assert f"1 of {len(original.messages)} messages are lost" in message
     assert f"{len(original.messages) - 1} messages over 0." in message
-    assert "(force 12, arm 0, event 0, image 5)" in message
+    assert "(force 11, arm 0, event 0, image 6)" in message
     assert f"`tacauchy-rig recover {folder}`" in caught.value.remedy
 
 

@@ -55,6 +55,20 @@ def test_frames_of_a_window(finished: Path, samples: Any) -> None:
     assert stamps[3] == start
 
 
+def test_streams_are_read_in_order_of_arrival(tmp_path: Path, samples: Any) -> None:
+    """Messages that a busy writer got late come back where they belong."""
+    path = tmp_path / "recording.mcap"
+    with RecordingWriter(path, metadata={}) as writer:
+        writer.write_frame(samples.frame(1))
+        writer.write_force([samples.force(9), samples.force(2)])
+        writer.write_frame(samples.frame(0))
+    recording = Recording.open(path)
+    assert recording.force().counter.tolist() == [2, 9]
+    assert [frame.counter for frame in recording.frames()] == [0, 1]
+    assert recording.start_ns == samples.frame(0).stamp_ns
+    assert recording.end_ns == samples.force(9).stamp_ns
+
+
 def test_an_empty_recording_has_empty_streams(tmp_path: Path) -> None:
     """A recording that was closed without a message is intact and gives arrays of length 0."""
     path = tmp_path / "recording.mcap"

@@ -129,8 +129,12 @@ def test_recovery_on_a_full_disk_changes_nothing(
 ) -> None:
     """Without room for the new file, the old one and its folder stay as they were."""
     finished.write_bytes(torn := finished.read_bytes()[:50_000])
-    with file_size_limit(20_000), pytest.raises(RecordError, match="no space left to write"):
+    with (
+        file_size_limit(20_000),
+        pytest.raises(RecordError, match=r"no space left to write.* up to 0\.1 MB") as caught,
+    ):
         recover_recording(finished)
+    assert "then recover again" in caught.value.remedy
     assert finished.read_bytes() == torn
     assert list(finished.parent.iterdir()) == [finished]
 
