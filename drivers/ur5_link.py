@@ -40,6 +40,8 @@ _FIELDS = [
 _CONTROLLER_RATE = -1.0
 _TORN_READS = 5
 _SECOND_LOOK_S = 0.02
+_REASON_S = 0.05
+_POLL_S = 0.005
 _FIRST_STATE_S = 1.0
 _CLOSE_S = 5.0
 _STOP_SCRIPT_S = 1.0
@@ -139,7 +141,7 @@ class UrLink:
         """
         self.health.require_alive()
         if not self.call(activity, function, deadline_s=deadline_s):
-            self.health.require_running(self.sample())
+            self._explain_refusal()
             raise self.health.lose(f"refused {activity}", "read the pendant's message")
 
     def call(
@@ -186,6 +188,15 @@ class UrLink:
             self._control = self._receive = None
         self._commander.close()
 
+    def _explain_refusal(self) -> None:
+        # Commands travel faster than states: the reason may be a data packet or two behind.
+        end_s = time.monotonic() + _REASON_S
+        while time.monotonic() < end_s:
+            if not self._sockets.are_unchanged():
+                raise self.health.broken()
+            self.health.require_running(self.sample())
+            time.sleep(_POLL_S)
+
     def _await_first_state(self) -> None:
         end_s = time.monotonic() + _FIRST_STATE_S
         while True:
@@ -198,4 +209,4 @@ class UrLink:
                     f"{self.device}: its program did not start within {_FIRST_STATE_S:g} s",
                     remedy="read the pendant's message and log; is a program waiting there?",
                 )
-            time.sleep(0.005)
+            time.sleep(_POLL_S)

@@ -87,12 +87,12 @@ class ControlProgram:
 
     def cycle(self) -> bool:
         """Run one controller cycle; return False when the program ended itself."""
-        self._follow_motion()
         if self._blocked_until is not None:
             if not self._blocked_until():
                 return True
             self._blocked_until = None
             self._signal(_DONE)
+        self._follow_motion()
         command = self._body.get_int(self._offset)
         if command in _REAL_TIME:
             self._real_time(command)
