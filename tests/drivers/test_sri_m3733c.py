@@ -45,6 +45,14 @@ def connected(port: str, **arguments: object) -> Iterator[SriM3733c]:
         sensor.close()
 
 
+def wait_until(condition: Callable[[], bool], *, give_up_s: float = 10.0) -> None:
+    """Wait for a condition."""
+    deadline = time.monotonic() + give_up_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
 def collect(
     sensor: SriM3733c, until: Callable[[list[ForceSample]], bool], *, give_up_s: float = 10.0
 ) -> list[ForceSample]:
@@ -178,9 +186,9 @@ def test_silence_shows_as_age(box: tuple[Path, str], kind: FaultKind) -> None:
 def test_unplug_raises_after_the_last_sample(run_box: RunBox, tmp_path: Path) -> None:
     """Samples that came before the plug was pulled are returned first, then the error."""
     with run_box(tmp_path) as port, connected(port) as sensor:
-        time.sleep(0.1)
         send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.UNPLUG)
-        time.sleep(0.3)
+        wait_until(lambda: not Path(port).exists())
+        wait_until(lambda: sensor.health().age_s > 0.2)
         assert sensor.drain()
         for _ in range(2):
             with pytest.raises(DeviceError, match="is gone"):
