@@ -96,8 +96,15 @@ class PressTable:
     @classmethod
     def load(cls, path: Path) -> PressTable:
         """Read a table that ``save`` wrote."""
-        with np.load(path) as content:
+        with path.open("rb") as file, np.load(file) as content:
             return cls(**{name: content[name].astype(np.float64) for name in content.files})
+
+
+def case_for(tip: Tip, poisson: float) -> PressCase:
+    """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
+    if isinstance(tip, CylinderTip):
+        return PressCase(tip=tip, poisson=poisson)
+    return PressCase(tip=tip, poisson=poisson, max_depth_m=min(1.5e-3, 0.32 * tip.diameter_m))
 
 
 def press_table(case: PressCase) -> PressTable:
@@ -225,7 +232,7 @@ def main() -> None:
     """Compute the shipped tables again."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     for poisson in POISSON_STEPS:
-        case = PressCase(poisson=poisson)
+        case = case_for(CylinderTip(diameter_m=5e-3), poisson)
         compute_table(case).save(_SHIPPED / case.file_name())
         log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
 

@@ -12,7 +12,8 @@ from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.markers import MarkerGrid
 from drivers.emulators.plant.optics import GelCamera
-from drivers.emulators.plant.press_table import PressCase
+from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.view import View, view_of
@@ -79,12 +80,11 @@ def gel_view(truth: PlantTruth, size: tuple[int, int]) -> View:
 @lru_cache(maxsize=4)
 def _camera(truth: PlantTruth, size: tuple[int, int], markers: bool) -> GelCamera:
     view = view_of(truth, *size).scaled(rendering_factor(*size))
-    dome_radius_m = PressCase(poisson=truth.poisson).gel.dome_radius_m
+    dome_radius_m = GelDisc().dome_radius_m
     grid = MarkerGrid() if markers else None
     return GelCamera(truth, view, dome_radius_m=dome_radius_m, markers=grid)
 
 
 @lru_cache(maxsize=8)
 def _plant(truth: PlantTruth, tip: Tip) -> Plant:
-    case = PressCase(tip=tip, poisson=truth.poisson)
-    return Plant(truth, case, Geometry(surface=(0.0, 0.0, 0.0)))
+    return Plant(truth, case_for(tip, truth.poisson), Geometry(surface=(0.0, 0.0, 0.0)))

@@ -1,0 +1,101 @@
+"""A set of ball presses on the emulated sensor, as a lab takes them to calibrate its optics.
+
+Writes the images (border cropped, at the size that is scored), the no-contact frame and a table of
+circles "as clicked by a person": the true contact circle, off by a pixel or so.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.emulators.plant.arrays import ImageArray
+from drivers.emulators.plant.press_table import case_for, press_table
+from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.tips import SphereTip
+from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.view import CROP_PER_SIDE
+
+BALL_DIAMETER_M = 4.7e-3
+CLICK_ERROR_PX = 1.0
+NO_CONTACT = "no_contact.png"
+CIRCLES = "circles.csv"
+_RAW_SIZE = (640, 480)
+_SIZE = (320, 240)
+_DEPTHS_M = (0.25e-3, 0.8e-3)
+_REACH_M = (6.5e-3, 4.2e-3)
+
+
+def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> None:
+    """Press a 4.70 mm ball ``count`` times at scattered places and depths and keep the images.
+
+    Args:
+        truth: The emulated world, with the optics that the calibration has to find.
+        folder: Receives ``press-01.png`` ..., ``no_contact.png`` and ``circles.csv``.
+        count: Number of presses.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    tip = SphereTip(diameter_m=BALL_DIAMETER_M)
+    table = press_table(case_for(tip, truth.poisson))
+    view = gel_view(truth, _RAW_SIZE)
+    hand = np.random.default_rng([truth.seed, 4])
+    cv2.imwrite(str(folder / NO_CONTACT), _averaged(truth, tip))
+    rows = []
+    for number, (x, y, depth) in enumerate(_places(count), start=1):
+        raw = render_press(truth, tip, depth, _RAW_SIZE, centre_m=(x, y), noise_seed=number)
+        name = f"press-{number:02d}.png"
+        cv2.imwrite(str(folder / name), _scored(raw))
+        radius = float(np.interp(depth, table.depths, table.contact_radius))
+        column, row = _scored_pixel(*view.pixel(x, y))
+        clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio()])
+        clicked += CLICK_ERROR_PX * hand.standard_normal(3)
+        rows.append([name, *(f"{value:.2f}" for value in clicked)])
+    with (folder / CIRCLES).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["image", "center_x_px", "center_y_px", "radius_px"])
+        writer.writerows(rows)
+
+
+def _places(count: int) -> list[tuple[float, float, float]]:
+    """Return x, y and depth [m] of each press, filling the image evenly (R2 sequence)."""
+    plastic = 1.324717957244746
+    found = []
+    for k in range(1, count + 1):
+        u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
+        depth = _DEPTHS_M[0] + w * (_DEPTHS_M[1] - _DEPTHS_M[0])
+        found.append(((2 * u - 1) * _REACH_M[0], (2 * v - 1) * _REACH_M[1], depth))
+    return found
+
+
+def _averaged(truth: PlantTruth, tip: SphereTip, *, frames: int = 12) -> ImageArray:
+    """Return the no-contact frame averaged over its noise, as a lab averages it."""
+    stack = [
+        render_press(truth, tip, 0.0, _RAW_SIZE, noise_seed=1000 + k).astype(np.float32)
+        for k in range(frames)
+    ]
+    return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8))
+
+
+def _scored(raw: ImageArray) -> ImageArray:
+    left, top = _border()
+    cropped = raw[top : raw.shape[0] - top, left : raw.shape[1] - left]
+    scaled = cv2.resize(np.ascontiguousarray(cropped), _SIZE, interpolation=cv2.INTER_AREA)
+    return np.asarray(scaled, dtype=np.uint8)
+
+
+def _border() -> tuple[int, int]:
+    return math.floor(_RAW_SIZE[0] * CROP_PER_SIDE), math.floor(_RAW_SIZE[1] * CROP_PER_SIDE)
+
+
+def _ratio() -> float:
+    return _SIZE[0] / (_RAW_SIZE[0] - 2 * _border()[0])
+
+
+def _scored_pixel(column: float, row: float) -> tuple[float, float]:
+    left, top = _border()
+    ratio_y = _SIZE[1] / (_RAW_SIZE[1] - 2 * top)
+    return (column + 0.5 - left) * _ratio() - 0.5, (row + 0.5 - top) * ratio_y - 0.5
