@@ -17,7 +17,7 @@ import serial
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.sri_command import Command, Reply, encode_command, find_reply
 from drivers.sri_frame import FrameParser, frame_length
-from drivers.sri_port import adapter_serial, open_port
+from drivers.sri_port import adapter_serial, is_pseudo_terminal, open_port
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
@@ -46,7 +46,8 @@ class SriM3733c:
         port: Path of the serial port.
         rate_hz: Frames per second asked of the box [Hz].
         connect_timeout_s: From opening the port to the first valid frame [s].
-        simulated: Whether an emulator is behind the port, for the record.
+        simulated: Whether an emulator is behind the port, for the record; a pseudo-terminal is
+            recorded as simulated whatever is said here.
     """
 
     def __init__(
@@ -99,7 +100,7 @@ class SriM3733c:
             address=self._path,
             model="SRI M3733C, M8128-family box",
             serial=adapter_serial(self._path),
-            simulated=self._simulated,
+            simulated=self._simulated or is_pseudo_terminal(self._path),
             settings=settings,
         )
 

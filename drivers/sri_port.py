@@ -65,6 +65,11 @@ def explain_open_error(path: str, error: OSError | ValueError) -> DeviceError:
     )
 
 
+def is_pseudo_terminal(path: str) -> bool:
+    """Return whether a program, and no adapter, is behind ``path``."""
+    return os.path.realpath(path).startswith("/dev/pts/")
+
+
 def adapter_serial(path: str) -> str:
     """Return the USB serial number of the adapter behind ``path``, or an empty text."""
     target = os.path.realpath(path)

@@ -18,7 +18,7 @@ import cv2
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from drivers.uvc_capture import READ_TIMEOUT_S, CameraMode, open_url, open_v4l2, quiet_opencv
-from drivers.uvc_device import VideoDevice, find_device, is_url, probe_url
+from drivers.uvc_device import VideoDevice, find_device, is_on_this_computer, is_url, probe_url
 from drivers.uvc_jpeg import jpeg_size
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
@@ -41,7 +41,8 @@ class UvcCamera:
     Args:
         device: Part of the name, serial number, ``/dev`` path, or URL.
         connect_timeout_s: From opening to the first valid frame [s].
-        simulated: Whether an emulator is behind the address, for the record.
+        simulated: Whether an emulator is behind the address, for the record; a stream from this
+            computer itself is recorded as simulated whatever is said here.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class UvcCamera:
             address=found.path,
             model=found.name or "MJPEG stream",
             serial=found.serial,
-            simulated=self._simulated,
+            simulated=self._simulated or (is_url(found.path) and is_on_this_computer(found.path)),
             settings=dict(self._settings),
         )
 

@@ -28,6 +28,12 @@ def is_url(device: str) -> bool:
     return "://" in device
 
 
+def is_on_this_computer(url: str) -> bool:
+    """Return whether a stream comes from this computer's loopback, as an emulated camera's does."""
+    host = urlsplit(url).hostname or ""
+    return host == "localhost" or host.startswith("127.") or host == "::1"
+
+
 def video_devices(
     *, sys_folder: Path = Path("/sys/class/video4linux"), dev_folder: Path = Path("/dev")
 ) -> list[VideoDevice]:

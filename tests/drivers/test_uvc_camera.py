@@ -43,7 +43,7 @@ def steady(ended: threading.Event) -> Iterator[bytes]:
 def make_camera(url: str, *, timeout_s: float = 5.0) -> UvcCamera:
     """Return a camera in the tests' mode."""
     mode = CameraMode(width=WIDTH, height=HEIGHT, rate_hz=RATE_HZ)
-    return UvcCamera(url, mode=mode, connect_timeout_s=timeout_s, simulated=True)
+    return UvcCamera(url, mode=mode, connect_timeout_s=timeout_s)
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_identity_names_the_stream(serve_mjpeg: ServeMjpeg) -> None:
         camera.close()
         camera.close()
     assert identity.address == url
-    assert identity.simulated
+    assert identity.simulated  # it comes from this computer itself
     assert identity.settings["backend"] == "FFMPEG"
 
 

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.uvc_device import VideoDevice, check_access, find_device, is_url
+from drivers.uvc_device import (
+    VideoDevice,
+    check_access,
+    find_device,
+    is_on_this_computer,
+    is_url,
+)
 from tacauchy_rig.errors import DeviceError
 
 
@@ -115,3 +121,17 @@ def test_urls_are_told_from_names() -> None:
     assert is_url("http://127.0.0.1:8080/stream")
     assert not is_url("/dev/video0")
     assert not is_url("GelSight Mini")
+
+
+@pytest.mark.parametrize(
+    ("url", "local"),
+    [
+        ("http://127.0.0.1:8080/a.mjpg", True),
+        ("http://localhost/a", True),
+        ("http://[::1]:80/a", True),
+        ("http://192.168.0.20/a", False),
+    ],
+)
+def test_streams_of_this_computer_are_known(url: str, local: bool) -> None:
+    """An emulated camera's address is told from one on the network."""
+    assert is_on_this_computer(url) is local
