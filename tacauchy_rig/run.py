@@ -234,14 +234,15 @@ class ReplayTrial:
     Attributes:
         force_simulated_n: Simulated pressing force at the accepted depth [N].
         force_history: (depth [m], force [N]) of every evaluation of the displacement search.
-        force_error_estimate: Believed relative error of the simulated force, and how it is known.
+        force_error_estimate: Believed relative error of the simulated force, None where nothing
+            is known; ``force_error_basis`` says how it is known.
     """
 
     index: int
     force_measured_n: float
     force_simulated_n: float
     depth_simulated_m: float
-    force_error_estimate: float
+    force_error_estimate: float | None
     force_error_basis: str
     newton_iterations: int
     search_iterations: int

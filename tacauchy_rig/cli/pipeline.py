@@ -1,25 +1,172 @@
-"""From a recorded run to its replay and from there to the report."""
+"""From a recorded run to its replay, and from there to the report."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from typing import Any
 
+from reports.comparison import compare
+from reports.evidence import ImageGeometry
+from reports.extraction import median_image, scored_frames
+from reports.loading import load_evidence
+from reports.writing import write_report
+from sim.fields import TrialFields
+from sim.indenter import Cylinder, Indenter, Sphere
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import height_maps
+from sim.optics.photometric import PhotometricModel
+from sim.optics.render import TactileRenderer
+from sim.replay import replay_forces
+from sim.scene import Preset
+from sim.sensor import Sensor, load_sensor
+from tacauchy_rig.cli.optics import photometric_model
+from tacauchy_rig.cli.output import say
+from tacauchy_rig.config.model import IndenterKind, RigConfig
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import Replay, TrialRecord
+from tacauchy_rig.store.reading import Recording
+from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
+
+REPLAY_NAME = "force-matched"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What a report found."""
+    """What a report found: its ``summary.json``, and whether every criterion was met."""
 
     content: dict[str, Any]
     passed: bool
 
 
-def replay_run(store: RunStore) -> None:
-    """Replay."""
+def replay_run(store: RunStore) -> Replay:
+    """Replay every trial of a run that has a measured force, and keep fields and images.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConvergenceError: A force cannot be reached.
+    """
+    config = store.config
+    sensor, indenter = sensor_of(config), indenter_of(config)
+    records = _measured_trials(store)
+    say(f"replaying {len(records)} trials")
+    replay, fields = replay_forces(
+        sensor,
+        indenter,
+        [record.force_measured_n or 0.0 for record in records],
+        preset=Preset(config.replay.preset),
+        tolerance_n=config.replay.force_tolerance,
+        name=REPLAY_NAME,
+        on_progress=lambda _, text: say(f"  {text}"),
+    )
+    trials = tuple(
+        replace(trial, index=record.index)
+        for trial, record in zip(replay.trials, records, strict=True)
+    )
+    replay = replace(replay, trials=trials)
+    model = photometric_model(store, camera_geometry(sensor))
+    kept = {
+        record.index: _with_image(store, sensor, record, trial_fields, model)
+        for record, trial_fields in zip(records, fields, strict=True)
+    }
+    store.save_replay(replay, kept)
+    return replay
 
 
-def report_run(store: RunStore) -> Summary:
-    """Report."""
-    return Summary(content={}, passed=True)
+def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
+    """Write the report of a run and say where it is."""
+    replay = store.load_replay(name) if name in store.replays() else None
+    geometry = scored_geometry(sensor_of(store.config))
+    report = compare(load_evidence(store, replay, geometry=geometry))
+    paths = write_report(report, store.paths.report)
+    say(report.verdict)
+    say(f"report {paths.html.resolve()}")
+    content = json.loads(paths.summary.read_text("utf-8"))
+    return Summary(content=content, passed=report.passed)
+
+
+def sensor_of(config: RigConfig) -> Sensor:
+    """Load the configured sensor with the configured material."""
+    sensor = load_sensor(config.sensor.name)
+    material = sensor.material
+    if config.replay.young is not None:
+        material = replace(material, young_pa=config.replay.young)
+    if config.replay.poisson is not None:
+        material = replace(material, poisson=config.replay.poisson)
+    return replace(sensor, material=material)
+
+
+def indenter_of(config: RigConfig) -> Indenter:
+    """Return the configured indenter for the simulator."""
+    given = config.indenter
+    if given.kind is IndenterKind.SPHERE:
+        return Sphere(diameter_m=given.diameter)
+    return Cylinder(diameter_m=given.diameter, fillet_m=given.fillet)
+
+
+def scored_geometry(sensor: Sensor) -> ImageGeometry:
+    """Return how frames of a sensor become the images that are scored."""
+    view = sensor.camera
+    return ImageGeometry(
+        width_px=view.width,
+        height_px=view.height,
+        scale_x_m_px=view.pixel_m[0],
+        scale_y_m_px=view.pixel_m[1],
+    )
+
+
+def camera_geometry(sensor: Sensor) -> CameraGeometry:
+    """Return the renderer's pixels for a sensor."""
+    view = sensor.camera
+    return CameraGeometry(
+        width=view.width,
+        height=view.height,
+        scale_x_m=view.pixel_m[0],
+        scale_y_m=view.pixel_m[1],
+        centre_x_px=0.5 * (view.width - 1) - view.centre_m[0] / view.pixel_m[0],
+        centre_y_px=0.5 * (view.height - 1) - view.centre_m[1] / view.pixel_m[1],
+    )
+
+
+def _measured_trials(store: RunStore) -> list[TrialRecord]:
+    count = len(store.config.protocol.force_targets)
+    records = [store.accepted(index) or store.latest(index) for index in range(1, count + 1)]
+    measured = [r for r in records if r is not None and r.force_measured_n is not None]
+    if not measured:
+        raise RecordError(
+            f"{store.paths.root}: no trial has a measured force to replay",
+            remedy=f"`tacauchy-rig resume {store.paths.root}` records them",
+        )
+    return measured
+
+
+def _with_image(
+    store: RunStore,
+    sensor: Sensor,
+    record: TrialRecord,
+    fields: TrialFields,
+    model: PhotometricModel,
+) -> ReplayFields:
+    geometry = camera_geometry(sensor)
+    maps = height_maps(fields.surface, geometry)
+    background = _no_contact_image(store, record, sensor)
+    renderer = TactileRenderer(background, maps.rest, model, geometry)
+    return ReplayFields(
+        fields=fields.arrays,
+        height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
+        image=renderer.render(maps.loaded),
+        surface_vtu=fields.surface_vtu,
+    )
+
+
+def _no_contact_image(store: RunStore, record: TrialRecord, sensor: Sensor) -> ImageArray:
+    recording = Recording.open(store.paths.recording(record.index, record.attempt))
+    frames = recording.frames(record.reference_start_ns, record.reference_end_ns)
+    images = scored_frames(frames, scored_geometry(sensor))
+    if not images:
+        raise RecordError(
+            f"{recording.path}: trial {record.index} has no readable no-contact frame",
+            remedy=f"`tacauchy-rig recover {store.paths.root}`, or repeat the trial",
+        )
+    return median_image(images)

@@ -14,7 +14,8 @@ from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devi
 from drivers.emulators.plant.truth import TRUTH_FILE
 from protocols.abort_watch import AbortWatch
 from protocols.confirmation import confirmation_screen, expected_answer
-from protocols.session import SessionResult, run_session
+from protocols.processes.supervisor import SessionResult
+from protocols.session import run_session
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import console, say, write_json
 from tacauchy_rig.cli.pipeline import replay_run, report_run

@@ -167,11 +167,14 @@ class IndenterSection(Section):
 class SensorSection(Section):
     """The tactile sensor, and where its gel lies in the robot's base frame.
 
-    ``name`` is a built-in sensor or the path of a TOML file. ``surface`` is the highest point of
-    the unloaded gel (x, y, z); x and y are aimed at, z is only expected: contact is found by force.
+    ``name`` is a built-in sensor or the path of a TOML file; ``optics_calibration`` is what
+    ``calibrate optics`` wrote, or empty where an emulated sensor is calibrated by itself.
+    ``surface`` is the highest point of the unloaded gel (x, y, z); x and y are aimed at, z is only
+    expected: contact is found by force.
     """
 
     name: str
+    optics_calibration: str
     surface: tuple[Length, Length, Length]
     surface_uncertainty: Length = Field(gt=0, le=0.01)
 
@@ -200,6 +203,7 @@ class LimitsSection(Section):
     early_contact: Force = Field(gt=0)
     max_depth: Length = Field(gt=0)
     stale_force: Time = Field(gt=0, le=0.5)
+    stale_robot: Time = Field(gt=0, le=0.5)
     stale_image: Time = Field(gt=0, le=2.0)
     corrupt_ratio: Ratio = Field(gt=0, le=1)
     repeat_count: int = Field(ge=3)
