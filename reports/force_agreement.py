@@ -137,13 +137,13 @@ def uncertainty_budget(
 
 def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
     replay = trial.replay
-    known = replay is not None and math.isfinite(replay.force_error_estimate)
+    error = None if replay is None else replay.force_error_estimate
     return (
         UncertaintyTerm(
             name="mesh, element and barrier of the simulator",
             group=TermGroup.NUMERICS,
-            value_n=abs(replay.force_error_estimate * replay.force_simulated_n)
-            if replay is not None and known
+            value_n=abs(error * replay.force_simulated_n)
+            if replay is not None and error is not None
             else None,
             basis=replay.force_error_basis if replay is not None else "no replay",
         ),
