@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 from drivers.interfaces import StreamHealth
-from drivers.uvc_camera import UvcCamera
-from drivers.uvc_capture import MANUAL_EXPOSURE, CameraMode
-from tacauchy_rig.config.model import CameraSection, RigConfig
+from drivers.rig import build_camera
+from drivers.uvc_capture import MANUAL_EXPOSURE
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
@@ -18,9 +18,7 @@ _RATE_TOLERANCE = 0.05
 def camera_checks(config: RigConfig, *, measure_s: float) -> list[CheckResult]:
     """Return the checks of the camera's mode and of ``measure_s`` [s] of frames."""
     section = config.camera
-    camera = UvcCamera(
-        section.device, mode=camera_mode(section), connect_timeout_s=section.connect_timeout
-    )
+    camera = build_camera(config)
     try:
         identity = camera.connect()
         time.sleep(measure_s)
@@ -36,18 +34,6 @@ def camera_checks(config: RigConfig, *, measure_s: float) -> list[CheckResult]:
         rate_check(frames, health, config=config),
         exposure_check(identity.settings),
     ]
-
-
-def camera_mode(section: CameraSection) -> CameraMode:
-    """Return the mode that the configuration asks for."""
-    return CameraMode(
-        width=section.width,
-        height=section.height,
-        rate_hz=section.rate,
-        exposure=section.exposure,
-        gain=section.gain,
-        white_balance=section.white_balance,
-    )
 
 
 def rate_check(frames: list[ImageFrame], health: StreamHealth, *, config: RigConfig) -> CheckResult:

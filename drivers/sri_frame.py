@@ -37,7 +37,8 @@ class SriFrame:
     """One decoded frame.
 
     Attributes:
-        counter: Package number, unwrapped: it never runs backwards.
+        counter: Package number, unwrapped. Where that number arrived damaged, which the checksum
+            does not cover, one frame carries a wrong counter and the next goes on as before.
         values: Fx, Fy, Fz [N], Mx, My, Mz [N m].
     """
 
@@ -64,18 +65,29 @@ def _check(data: bytes, checksum: Checksum) -> bytes:
     return struct.pack("<I", zlib.crc32(data))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Jump:
+    """Package number and counter before a jump, and its size modulo 65536."""
+
+    number: int
+    counter: int
+    step: int
+
+
 class FrameParser:
     """Find frames in a byte stream that arrives in arbitrary pieces.
 
     A header counts only with the right length and checksum, because AA 55 can occur inside a
     float; otherwise the search goes on one byte further, so damage costs the damaged frames alone.
-    The package number lies outside the checksum: a damaged one shows as a gap and a restart.
+    A jump of the package number counts once the next frame confirms it, because the number lies
+    outside the checksum and may itself be damaged.
 
     Attributes:
         frame_count: Valid frames returned.
         lost_count: Frames missing by the package number; a damaged frame is missing too.
-        corrupt_frame_count: Damaged stretches in units of a frame, at least one each, and frames
-            with a right checksum that hold NaN or infinity; those are never returned.
+        corrupt_frame_count: Damaged stretches in units of a frame, at least one each; frames with
+            a right checksum that hold NaN or infinity, which are never returned; and frames whose
+            package number alone was damaged, which are.
         corrupt_byte_count: Bytes thrown away after the first valid frame.
         leading_byte_count: Bytes thrown away before it: replies, or a frame joined in the middle.
         restart_count: Times that the package number repeated or ran backwards, as after a power
@@ -90,6 +102,7 @@ class FrameParser:
         self._damage_length = 0
         self._last_number: int | None = None
         self._counter = 0
+        self._jump: _Jump | None = None
         self.frame_count = 0
         self.lost_count = 0
         self.corrupt_frame_count = 0
@@ -155,12 +168,27 @@ class FrameParser:
     def _count(self, number: int) -> None:
         if self._last_number is None:
             self._counter = number
+        elif self._jump is not None and number == (self._jump.number + 2) % NUMBER_MODULUS:
+            self.corrupt_frame_count += 1
+            self._counter = self._jump.counter + 2
+            self._jump = None
         else:
+            self._confirm_jump()
             step = (number - self._last_number) % NUMBER_MODULUS
-            if 0 < step < NUMBER_MODULUS // 2:
-                self.lost_count += step - 1
-                self._counter += step
-            else:
-                self.restart_count += 1
-                self._counter += 1
+            if step != 1:
+                self._jump = _Jump(number=self._last_number, counter=self._counter, step=step)
+            self._counter += step if _is_forward(step) else 1
         self._last_number = number
+
+    def _confirm_jump(self) -> None:
+        jump, self._jump = self._jump, None
+        if jump is None:
+            return
+        if _is_forward(jump.step):
+            self.lost_count += jump.step - 1
+        else:
+            self.restart_count += 1
+
+
+def _is_forward(step: int) -> bool:
+    return 0 < step < NUMBER_MODULUS // 2

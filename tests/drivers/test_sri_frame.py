@@ -81,16 +81,18 @@ def test_garbage_between_frames_loses_none(
 @settings(deadline=None)
 @given(st.integers(1, 40), st.integers(0, 30), st.integers(1, 255))
 def test_one_flipped_byte_costs_one_frame(index: int, offset: int, flip: int) -> None:
-    """Damage inside one frame loses that frame only; a damaged number may shift the count."""
-    frames = [bytearray(encode_frame(i, ONES)) for i in range(42)]
+    """Damage inside one frame loses that frame only; a damaged number loses none."""
+    frames = [bytearray(encode_frame(i, ONES)) for i in range(43)]
     frames[index][offset] ^= flip
     parser = FrameParser()
     found = parser.feed(b"".join(frames))
     if offset in (4, 5):  # the package number is outside the checksum
-        assert len(found) == 42
-        assert parser.restart_count + parser.lost_count > 0
+        assert len(found) == 43
+        assert found[index + 1].counter == index + 1
+        assert (parser.lost_count, parser.restart_count) == (0, 0)
+        assert parser.corrupt_frame_count == 1
         return
-    assert len(found) == 41
+    assert len(found) == 42
     assert parser.lost_count == 1
     assert parser.corrupt_frame_count == 1
     assert parser.corrupt_byte_count == 31
@@ -112,17 +114,31 @@ def test_header_inside_a_float_is_not_a_frame() -> None:
 def test_gap_is_counted_across_the_wrap(first: int, gap: int) -> None:
     """Missing package numbers are lost frames, also where the number wraps."""
     parser = FrameParser()
-    frames = parser.feed(encode_frame(first, ONES) + encode_frame(first + gap + 1, ONES))
-    assert frames[1].counter - frames[0].counter == gap + 1
-    assert parser.lost_count == gap
+    numbers = (first, first + gap + 1, first + gap + 2)
+    frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
+    assert [frame.counter for frame in frames] == list(numbers)
+    assert (parser.lost_count, parser.restart_count, parser.corrupt_frame_count) == (gap, 0, 0)
+
+
+@settings(deadline=None)
+@given(st.sets(st.integers(1, 198)))
+def test_any_pattern_of_losses_is_counted(missing: set[int]) -> None:
+    """Whatever frames are missing, counters stay true and the losses add up."""
+    kept = [number for number in range(202) if number not in missing]
+    parser = FrameParser()
+    frames = parser.feed(b"".join(encode_frame(65500 + number, ONES) for number in kept))
+    assert [frame.counter for frame in frames] == [65500 + number for number in kept]
+    assert parser.lost_count == len(missing)
+    assert (parser.restart_count, parser.corrupt_frame_count) == (0, 0)
 
 
 @pytest.mark.parametrize("second", [100, 7])
 def test_number_that_repeats_or_runs_backwards_is_a_restart(second: int) -> None:
     """A power cycle of the box is not mistaken for 65000 lost frames."""
     parser = FrameParser()
-    frames = parser.feed(encode_frame(100, ONES) + encode_frame(second, ONES))
-    assert [frame.counter for frame in frames] == [100, 101]
+    numbers = (100, second, second + 1)
+    frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
+    assert [frame.counter for frame in frames] == [100, 101, 102]
     assert (parser.lost_count, parser.restart_count) == (0, 1)
 
 
