@@ -68,13 +68,14 @@ class LoadingPath:
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     touch_m: float = field(init=False)
+    setup_s: float = field(init=False)
     _point: PathPoint | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         started = time.perf_counter()
         self.solver = linear_solver(self.model.pattern)
         self.touch_m = self._touch_height()
-        self.counts.wall_s += time.perf_counter() - started
+        self.setup_s = time.perf_counter() - started
 
     @property
     def last(self) -> PathPoint | None:

@@ -1,0 +1,98 @@
+"""What a press leaves behind: arrays for a npz file, a VTU file, and the surface for the optics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from sim.elements import linear_facets
+from sim.loading import LoadingPath, PathPoint
+from sim.model import Model
+from sim.stress import nodal_contact, surface_stress
+from sim.surface import SurfaceState
+from sim.vtu import QUADRATIC_TRIANGLE, TRIANGLE, vtu_bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialFields:
+    """Fields of one equilibrium.
+
+    Attributes:
+        arrays: For ``fields.npz``, units in the names.
+        surface: The deformed contact surface, for the optics.
+        surface_vtu: The whole deformed surface with stress and contact, for ParaView.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    surface: SurfaceState
+    surface_vtu: bytes
+
+
+def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
+    """Extract stress, contact and surface from an equilibrium."""
+    model = path.model
+    stress = surface_stress(model, point.state.positions)
+    contact = nodal_contact(model, point)
+    nodes = np.unique(model.faces)
+    local = np.zeros(len(model.nodes), dtype=np.int32)
+    local[nodes] = np.arange(len(nodes), dtype=np.int32)
+    faces = local[model.faces]
+    at_nodes = {
+        "displacement_m": (point.state.positions - model.nodes)[nodes],
+        "contact_force_n": contact.force_n[nodes],
+        "contact_normal_force_n": contact.normal_n[nodes],
+        "contact_tangential_force_n": contact.tangential_n[nodes],
+        "contact_pressure_pa": contact.pressure_pa[nodes],
+    }
+    at_faces = {
+        "traction_pa": stress.traction_pa,
+        "normal_traction_pa": stress.normal_pa,
+        "tangential_traction_pa": stress.tangential_pa,
+    }
+    kind = QUADRATIC_TRIANGLE if faces.shape[1] == 6 else TRIANGLE
+    return TrialFields(
+        arrays={
+            "node_rest_m": model.nodes[nodes],
+            "node_m": point.state.positions[nodes],
+            "faces": faces,
+            "face_area_m2": stress.areas_m2,
+            "face_normal": stress.normals,
+            "indenter_tip_m": point.state.tip,
+            **at_nodes,
+            **at_faces,
+        },
+        surface=surface_state(path, point),
+        surface_vtu=vtu_bytes(
+            point.state.positions[nodes], faces, kind, point_data=at_nodes, cell_data=at_faces
+        ),
+    )
+
+
+def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
+    """Hand over the contact surface: the faces that look up at rest."""
+    model = path.model
+    faces = model.faces[top_faces(model)]
+    nodes = np.unique(faces)
+    local = np.zeros(len(model.nodes), dtype=np.int32)
+    local[nodes] = np.arange(len(nodes), dtype=np.int32)
+    return SurfaceState(
+        positions_rest=model.nodes[nodes],
+        positions=point.state.positions[nodes],
+        triangles=linear_facets(local[faces]),
+        triangles6=local[faces] if faces.shape[1] == 6 else None,
+        indenter=path.indenter,
+        indenter_position=point.state.tip.copy(),
+        indenter_rotation=point.state.rotation.copy(),
+        rest_apex_m=float(model.nodes[:, 2].max()),
+    )
+
+
+def top_faces(model: Model) -> NDArray[np.bool_]:
+    """Return which unclamped faces belong to the contact surface, shape [face_count]."""
+    a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
+    normals: FloatArray = np.cross(b - a, c - a)
+    return np.asarray(normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1))

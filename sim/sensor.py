@@ -1,0 +1,218 @@
+"""Sensors: one TOML file each, every number with its uncertainty and source."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sim.laws.catalogue import LawName
+from sim.pad import BoxPad
+from sim.scene import Material
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """A number of a sensor file, SI, with its standard uncertainty and where it is from."""
+
+    value: float
+    uncertainty: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraView:
+    """How the camera sees the pad after its crop.
+
+    Attributes:
+        width: Image columns [px]; they run along the pad's x.
+        height: Image rows [px]; they run along the pad's y.
+        pixel_m: Size of a pixel on the gel, x and y [m].
+        centre_m: Point of the pad in the middle of the image, x and y [m].
+    """
+
+    width: int
+    height: int
+    pixel_m: tuple[float, float]
+    centre_m: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerGrid:
+    """Dots printed on the gel: a grid centred on the pad."""
+
+    columns: int
+    rows: int
+    pitch_m: tuple[float, float]
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A tactile sensor as its file says.
+
+    Attributes:
+        numbers: Every number of the file by its dotted name, for reports.
+    """
+
+    name: str
+    title: str
+    pad: BoxPad
+    material: Material
+    camera: CameraView
+    markers: MarkerGrid | None
+    numbers: dict[str, Measured]
+
+
+_DIMENSIONS = {
+    "pad": dict.fromkeys(
+        ("size_x", "size_y", "height", "dome_radius_x", "dome_radius_y"), Dimension.LENGTH
+    ),
+    "material": {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO},
+    "camera": dict.fromkeys(("pixel_x", "pixel_y", "centre_x", "centre_y"), Dimension.LENGTH),
+    "markers": dict.fromkeys(("pitch_x", "pitch_y", "radius"), Dimension.LENGTH),
+}
+_COUNTS = {"camera": ("width", "height"), "markers": ("columns", "rows")}
+_OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
+
+
+def sensor_names() -> list[str]:
+    """Return the names of the built-in sensors."""
+    folder = resources.files("sim.sensors")
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+
+
+def load_sensor(name: str) -> Sensor:
+    """Load a built-in sensor by name, or one from a TOML file by path.
+
+    Raises:
+        ConfigError: No such sensor, or its file has an unknown key, a wrong unit or a gap.
+    """
+    if name in sensor_names():
+        text = resources.files("sim.sensors").joinpath(f"{name}.toml").read_text("utf-8")
+        return parse_sensor(text, origin=f"sensor {name}")
+    path = Path(name)
+    if path.suffix != ".toml" or not path.is_file():
+        raise ConfigError(
+            f"sensor {name!r} is neither built in nor a TOML file",
+            remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file",
+        )
+    return parse_sensor(path.read_text("utf-8"), origin=str(path))
+
+
+def parse_sensor(text: str, *, origin: str) -> Sensor:
+    """Read a sensor file's text; ``origin`` names it in messages.
+
+    Raises:
+        ConfigError: The text is not TOML, or has an unknown key, a wrong unit or a gap.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
+    _refuse_unknown(data, origin)
+    numbers = _numbers(data, origin)
+    counts = _counts(data, origin)
+
+    def value(key: str) -> float:
+        return numbers[key].value
+
+    domes = {
+        f"dome_radius_{axis}_m": value(f"pad.dome_radius_{axis}")
+        for axis in "xy"
+        if f"pad.dome_radius_{axis}" in numbers
+    }
+    return Sensor(
+        name=str(data["name"]),
+        title=str(data["title"]),
+        pad=BoxPad(
+            size_x_m=value("pad.size_x"),
+            size_y_m=value("pad.size_y"),
+            height_m=value("pad.height"),
+            **domes,
+        ),
+        material=Material(
+            young_pa=value("material.young"),
+            poisson=value("material.poisson"),
+            law=LawName.STABLE_NEO_HOOKEAN,
+        ),
+        camera=CameraView(
+            width=counts["camera.width"],
+            height=counts["camera.height"],
+            pixel_m=(value("camera.pixel_x"), value("camera.pixel_y")),
+            centre_m=(value("camera.centre_x"), value("camera.centre_y")),
+        ),
+        markers=_markers(numbers, counts),
+        numbers=numbers,
+    )
+
+
+def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid | None:
+    if "markers.columns" not in counts:
+        return None
+    return MarkerGrid(
+        columns=counts["markers.columns"],
+        rows=counts["markers.rows"],
+        pitch_m=(numbers["markers.pitch_x"].value, numbers["markers.pitch_y"].value),
+        radius_m=numbers["markers.radius"].value,
+    )
+
+
+def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
+    known = {"name", "title", *_DIMENSIONS}
+    keys = [key for key in data if key not in known]
+    for section, dimensions in _DIMENSIONS.items():
+        allowed = {*dimensions, *_COUNTS.get(section, ())}
+        keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]
+    missing = [key for key in ("name", "title", "pad", "material", "camera") if key not in data]
+    if keys:
+        raise ConfigError(
+            f"{origin}: unknown {', '.join(keys)}", remedy="remove it or correct its spelling"
+        )
+    if missing:
+        raise ConfigError(f"{origin}: no {', '.join(missing)}", remedy="add what is missing")
+
+
+def _numbers(data: dict[str, Any], origin: str) -> dict[str, Measured]:
+    found: dict[str, Measured] = {}
+    for section, dimensions in _DIMENSIONS.items():
+        if section not in data:
+            continue
+        for key, dimension in dimensions.items():
+            name = f"{section}.{key}"
+            if key in data[section]:
+                found[name] = _number(data[section][key], f"{origin}: {name}", dimension)
+            elif name not in _OPTIONAL:
+                raise ConfigError(f"{origin}: no {name}", remedy="add it")
+    return found
+
+
+def _number(entry: Any, name: str, dimension: Dimension) -> Measured:
+    if not isinstance(entry, dict) or set(entry) != {"value", "uncertainty", "source"}:
+        raise ConfigError(
+            f"{name} needs a value, an uncertainty and a source",
+            remedy='write { value = "4 mm", uncertainty = "0.1 mm", source = "measured" }',
+        )
+    value, uncertainty = (
+        parse_quantity(str(entry[part]), dimension=dimension, field=f"{name}.{part}").value
+        for part in ("value", "uncertainty")
+    )
+    return Measured(value=value, uncertainty=uncertainty, source=str(entry["source"]))
+
+
+def _counts(data: dict[str, Any], origin: str) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for section, keys in _COUNTS.items():
+        for key in keys if section in data else ():
+            count = data[section].get(key)
+            if not isinstance(count, int) or count < 1:
+                raise ConfigError(
+                    f"{origin}: {section}.{key} = {count!r} is not a whole number above 0",
+                    remedy="give a count such as 320",
+                )
+            found[f"{section}.{key}"] = count
+    return found
