@@ -12,7 +12,7 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from drivers.emulators.camera_jpeg import MCU_PX, JpegMosaic, Tiles
+from drivers.emulators.camera_jpeg import DEFAULT_QUALITY, MCU_PX, JpegMosaic, Tiles
 from drivers.emulators.camera_noise import NoisePool
 from drivers.emulators.camera_stamp import STAMP_WIDTH_PX, draw_number
 from drivers.emulators.plant.arrays import ImageArray
@@ -62,7 +62,13 @@ class FrameFactory:
     """
 
     def __init__(
-        self, plant: Plant, width: int, height: int, *, quality: int = 85, markers: bool = False
+        self,
+        plant: Plant,
+        width: int,
+        height: int,
+        *,
+        quality: int = DEFAULT_QUALITY,
+        markers: bool = False,
     ) -> None:
         self.plant = plant
         self.mosaic = JpegMosaic(width, height, quality=quality)

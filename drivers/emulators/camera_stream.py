@@ -30,6 +30,7 @@ from drivers.emulators.camera_frames import (
     PressKey,
 )
 from drivers.emulators.camera_http import MjpegServer
+from drivers.emulators.camera_jpeg import DEFAULT_QUALITY
 from drivers.emulators.camera_renderer import BackgroundRenderer
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
 from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
@@ -169,7 +170,7 @@ def parse_arguments(argv: list[str]) -> argparse.Namespace:
     add("--width", type=int, default=640)
     add("--height", type=int, default=480)
     add("--rate", type=float, default=25.0, help="frames per second")
-    add("--quality", type=int, default=85, help="of the JPEG")
+    add("--quality", type=int, default=DEFAULT_QUALITY, help="of the JPEG")
     add("--markers", action="store_true", help="the gel has printed dots")
     add("--parent-pid", type=int, help="end when this parent process ends")
     add_plant_arguments(parser)
