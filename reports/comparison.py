@@ -10,13 +10,14 @@ import numpy as np
 from reports.contact import score_contact
 from reports.correction import correct
 from reports.criteria import judge_trial
-from reports.evidence import ImageGeometry, RunEvidence, StreamTiming, TrialEvidence
+from reports.evidence import ImageGeometry, RunEvidence, StreamTiming, TrialEvidence, TrialImages
 from reports.floors import (
     Ceiling,
     Floors,
     Skill,
     WrongForceMatrix,
     contact_residuals,
+    press_over,
     score_noise,
     skill,
     trial_ceiling,
@@ -58,7 +59,6 @@ def _compare_trial(
     trial: TrialEvidence, evidence: RunEvidence, matrices: Sequence[WrongForceMatrix]
 ) -> TrialResult:
     others = [t for t in evidence.trials if t.index != trial.index]
-    wrong = [t.simulated_image for t in others if t.force_target_n != trial.force_target_n]
     images, simulated, record, replay = (
         trial.images,
         trial.simulated_image,
@@ -72,7 +72,7 @@ def _compare_trial(
         grey = score(to_grey(images.real), to_grey(simulated))
         contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
         corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
-    floors = None if images is None else trial_floors(images, [w for w in wrong if w is not None])
+    floors = None if images is None else _floors(trial, images, others)
     ceiling = trial_ceiling(trial, others)
     discriminates = {
         m.metric: m.diagonal_wins[m.trials.index(trial.index)]
@@ -115,6 +115,12 @@ def _compare_trial(
         dwell_frame_count=0 if images is None else images.frame_count,
         replay=_replay_facts(trial),
     )
+
+
+def _floors(trial: TrialEvidence, images: TrialImages, others: Sequence[TrialEvidence]) -> Floors:
+    wrong = [t for t in others if t.force_target_n != trial.force_target_n]
+    shown = [press_over(images, t) for t in wrong]
+    return trial_floors(images, [image for image in shown if image is not None])
 
 
 def _skills(

@@ -19,6 +19,7 @@ from reports.metrics import zero_mean_correlation
 SMOOTHING_PX = 2.0
 PEAK_FRACTION = 0.5
 NOISE_FACTOR = 8.0
+MIN_CHANGE_LEVELS = 4.0
 COMPONENT_FRACTION = 0.10
 MIN_AREA_FRACTION = 0.002
 REGION_MARGIN = 0.25
@@ -71,10 +72,10 @@ def contact_footprint(change: FloatArray) -> Mask | None:
     """
     smooth = cv2.GaussianBlur(change, (0, 0), SMOOTHING_PX)
     magnitude = np.linalg.norm(smooth - np.median(smooth, axis=(0, 1)), axis=2)
-    middle = float(np.median(magnitude))
-    spread = 1.4826 * float(np.median(np.abs(magnitude - middle)))
     threshold = max(
-        PEAK_FRACTION * float(np.percentile(magnitude, 99.5)), middle + NOISE_FACTOR * spread, 1.0
+        PEAK_FRACTION * float(np.percentile(magnitude, 99.5)),
+        NOISE_FACTOR * smoothed_noise(change),
+        MIN_CHANGE_LEVELS,
     )
     labels, count = ndimage.label(magnitude > threshold)
     if count == 0:
@@ -87,6 +88,16 @@ def contact_footprint(change: FloatArray) -> Mask | None:
     hull = np.zeros(magnitude.shape, dtype=np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
     return hull.astype(np.bool_)
+
+
+def smoothed_noise(change: FloatArray) -> float:
+    """Estimate what camera noise leaves after the smoothing, over all channels [grey level].
+
+    From differences of neighbouring pixels, where a contact hardly shows: its own skirt may
+    cover half of the frame.
+    """
+    sigma = 1.4826 * float(np.median(np.abs(np.diff(change, axis=1)))) / math.sqrt(2.0)
+    return math.sqrt(3.0) * sigma / (2.0 * math.sqrt(math.pi) * SMOOTHING_PX)
 
 
 def contact_region(footprint: Mask) -> Mask:

@@ -9,7 +9,7 @@ from reports.evidence import Thresholds, TrialEvidence
 from reports.metrics import ImageScores, Metric
 from tacauchy_rig.run import Criterion
 
-REPLAY_AGAIN = "replay the run again; `tacauchy-rig replay RUN` keeps what was recorded"
+NOT_THERE = "press and replay this trial first: `tacauchy-rig resume RUN`, then `replay RUN`"
 
 
 def judge_trial(
@@ -55,31 +55,40 @@ def _force(trial: TrialEvidence, thresholds: Thresholds) -> Criterion:
     if measured is not None and trial.replay is not None:
         mismatch = trial.replay.force_simulated_n - measured
     limit = thresholds.max_force_mismatch_n
-    return Criterion(
-        name="force_mismatch",
+    return _criterion(
+        "force_mismatch",
+        mismatch,
         passed=abs(mismatch) <= limit,
-        measured=mismatch,
         limit=f"|simulated - measured| at most {limit:g} N",
         unit="N",
-        remedy=""
-        if abs(mismatch) <= limit
-        else f"tighten replay.force_tolerance, then {REPLAY_AGAIN}",
+        remedy="lower replay.force_tolerance and replay the run: `tacauchy-rig replay RUN`",
     )
 
 
 def _similarity(thresholds: Thresholds, scores: ImageScores | None) -> Criterion:
     value = math.nan if scores is None else scores.ssim
-    passed = value >= thresholds.ssim
-    return Criterion(
-        name="ssim",
-        passed=passed,
-        measured=value,
+    return _criterion(
+        "ssim",
+        value,
+        passed=value >= thresholds.ssim,
         limit=f"at least {thresholds.ssim:g} (RGB)",
         unit="",
-        remedy=""
-        if passed
-        else "look at the difference images: a ring is pose, a tint is light, a disc is force;"
+        remedy="look at the difference images: a ring is pose, a tint is light, a disc is force;"
         " calibrate scale and optics for this sensor",
+    )
+
+
+def _criterion(
+    name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
+) -> Criterion:
+    advice = NOT_THERE if math.isnan(measured) else remedy
+    return Criterion(
+        name=name,
+        passed=passed,
+        measured=measured,
+        limit=limit,
+        unit=unit,
+        remedy="" if passed else advice,
     )
 
 
@@ -90,14 +99,11 @@ def _discrimination(
         return
     names = [m.value for m in Metric if m is not Metric.HISTOGRAM_CORRELATION]
     won = [name for name in names if discriminates.get(name, False)]
-    passed = len(won) == len(names)
-    yield Criterion(
-        name="discrimination",
-        passed=passed,
-        measured=float(len(won)),
+    yield _criterion(
+        "discrimination",
+        float(len(won)),
+        passed=len(won) == len(names),
         limit=f"the right force beats every wrong one in {len(names)} of {len(names)} scores",
         unit="scores",
-        remedy=""
-        if passed
-        else f"won in: {', '.join(won) or 'none'}; space the targets wider or calibrate optics",
+        remedy=f"won in: {', '.join(won) or 'none'}; space the targets wider or calibrate optics",
     )

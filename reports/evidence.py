@@ -118,7 +118,8 @@ class TrialEvidence:
     """All that is known of one press.
 
     Attributes:
-        simulated_image: The replay's rendered image in the scored geometry.
+        simulated_image: The replay's rendered image in the scored geometry, rendered over this
+            trial's own no-contact frame ``images.reference``.
         force_curve: Tared pressing force [N], positive in compression.
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].

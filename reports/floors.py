@@ -81,13 +81,15 @@ class WrongForceMatrix:
 
     Attributes:
         trials: Trial of each row and column.
-        values: Shape [n, n]; NaN where an image is missing.
-        diagonal_wins: Per row, whether the right force scores best.
+        forces_n: Their target forces [N]; presses to one target are not wrong for one another.
+        values: Shape [n, n]; NaN where a score does not exist.
+        diagonal_wins: Per row, whether the own press scores better than every wrong force.
     """
 
     metric: str
     larger_is_better: bool
     trials: tuple[int, ...]
+    forces_n: tuple[float, ...]
     values: tuple[tuple[float, ...], ...]
     diagonal_wins: tuple[bool, ...]
 
@@ -177,27 +179,47 @@ def skill(
     )
 
 
+def press_over(images: TrialImages, other: TrialEvidence) -> ColorImage | None:
+    """Return what another trial's replay shows, over this trial's own no-contact frame.
+
+    Light that drifted between the trials would otherwise tell them apart, and a score would
+    seem to know the force.
+
+    Returns:
+        None when the other trial has no images.
+    """
+    if other.simulated_image is None or other.images is None:
+        return None
+    if other.images is images:
+        return other.simulated_image
+    change = other.simulated_image.astype(np.int16) - other.images.reference.astype(np.int16)
+    return np.asarray(np.clip(images.reference + change, 0, 255), dtype=np.uint8)
+
+
 def wrong_force_matrices(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:
-    """Score every real press against every simulated one, for the five scores and the contact."""
-    real = {t.index: t.images for t in trials if t.images is not None}
-    simulated = {t.index: t.simulated_image for t in trials if t.simulated_image is not None}
-    indices = tuple(i for i in real if i in simulated)
-    if len(indices) < 2:
+    """Score every real press against every simulated one, for the five scores and the contact.
+
+    Each simulated press is laid over the real press's own no-contact frame.
+    """
+    complete = [t for t in trials if t.images is not None and t.simulated_image is not None]
+    if len({t.force_target_n for t in complete}) < 2:
         return ()
-    table = {(i, j): score(real[i].real, simulated[j]) for i in indices for j in indices}
-    matrices = [
-        _matrix(m.value, m.larger_is_better, indices, {k: s.value(m) for k, s in table.items()})
-        for m in Metric
+    rows = [_score_row(trial.images, complete) for trial in complete if trial.images is not None]
+    names = [*((m.value, m.larger_is_better) for m in Metric), (CONTACT_RESIDUAL, False)]
+    return tuple(
+        _matrix(name, larger, complete, [[cell[name] for cell in row] for row in rows])
+        for name, larger in names
+    )
+
+
+def _score_row(images: TrialImages, others: Sequence[TrialEvidence]) -> list[dict[str, float]]:
+    shown = [image for image in (press_over(images, t) for t in others) if image is not None]
+    scores = [score(images.real, image) for image in shown]
+    residuals = contact_residuals(images, shown)
+    return [
+        {**{m.value: s.value(m) for m in Metric}, CONTACT_RESIDUAL: residual}
+        for s, residual in zip(scores, residuals, strict=True)
     ]
-    residuals = {
-        (i, j): value
-        for i in indices
-        for j, value in zip(
-            indices, contact_residuals(real[i], [simulated[j] for j in indices]), strict=True
-        )
-    }
-    matrices.append(_matrix(CONTACT_RESIDUAL, False, indices, residuals))
-    return tuple(matrices)
 
 
 def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> list[float]:
@@ -213,19 +235,20 @@ def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> 
 
 
 def _matrix(
-    name: str, larger: bool, indices: tuple[int, ...], table: dict[tuple[int, int], float]
+    name: str, larger: bool, trials: Sequence[TrialEvidence], rows: Sequence[Sequence[float]]
 ) -> WrongForceMatrix:
-    values = tuple(tuple(table[i, j] for j in indices) for i in indices)
+    forces = tuple(t.force_target_n for t in trials)
     return WrongForceMatrix(
         metric=name,
         larger_is_better=larger,
-        trials=indices,
-        values=values,
-        diagonal_wins=tuple(_wins(row, k, larger) for k, row in enumerate(values)),
+        trials=tuple(t.index for t in trials),
+        forces_n=forces,
+        values=tuple(tuple(row) for row in rows),
+        diagonal_wins=tuple(_wins(row, k, forces, larger) for k, row in enumerate(rows)),
     )
 
 
-def _wins(row: Sequence[float], position: int, larger: bool) -> bool:
+def _wins(row: Sequence[float], position: int, forces: Sequence[float], larger: bool) -> bool:
     sign = 1.0 if larger else -1.0
-    own = sign * row[position]
-    return all(own > sign * v for k, v in enumerate(row) if k != position and not math.isnan(v))
+    wrong = [v for v, f in zip(row, forces, strict=True) if f != forces[position]]
+    return all(sign * row[position] > sign * v for v in wrong if not math.isnan(v))

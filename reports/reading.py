@@ -37,14 +37,18 @@ def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: 
             f" force differ by at most {worst:.3f} N (limit {limits.max_force_mismatch_n:g} N) and"
             f" the lowest SSIM is {lowest:.3f} (limit {limits.ssim:g})."
         )
-    missed = [(t, c) for t in trials for c in t.criteria if not c.passed]
-    trial, criterion = missed[0]
-    bad = len({t.index for t, _ in missed})
-    more = f" and {len(missed) - 1} more" if len(missed) > 1 else ""
-    return (
-        f"Not passed: {bad} of {len(trials)} {subject} missed a criterion:"
-        f" trial {trial.index}, {criterion.name.replace('_', ' ')} ({criterion.limit}){more}."
-    )
+    missed = [_first_miss(trial) for trial in trials if not trial.passed]
+    count = f"{len(missed)} of {len(trials)} {subject}"
+    return f"Not passed: {count} missed a criterion: {'; '.join(missed)}."
+
+
+def _first_miss(trial: TrialResult) -> str:
+    criterion = next(c for c in trial.criteria if not c.passed)
+    if criterion.name == "press":
+        what = "was not pressed" if trial.outcome == "missing" else trial.outcome
+        return f"trial {trial.index} ({what})"
+    value = f"{criterion.measured:.3f} {criterion.unit}".rstrip()
+    return f"trial {trial.index} ({criterion.name.replace('_', ' ')} {value})"
 
 
 def read_scores(

@@ -27,9 +27,8 @@ def draw_matrices(report: ValidationReport) -> Figure:
     """Draw every score of real press (row) against simulated press (column)."""
     figure = new_figure(PAGE_IN, 4.6, simulated=report.evidence.simulated)
     panels = figure.subplots(2, 3).ravel()
-    forces = {t.index: t.force_target_n for t in report.trials}
     for axes, matrix in zip(panels, report.matrices, strict=False):
-        _draw_matrix(axes, matrix, [f"{forces[i]:.2f}" for i in matrix.trials])
+        _draw_matrix(axes, matrix)
     for axes in panels[len(report.matrices) :]:
         axes.set_axis_off()
     figure.supxlabel("Simulated with the force of this press (N)", fontsize=8)
@@ -37,20 +36,25 @@ def draw_matrices(report: ValidationReport) -> Figure:
     return figure
 
 
-def _draw_matrix(axes: Axes, matrix: WrongForceMatrix, labels: list[str]) -> None:
+def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
     values = np.array(matrix.values, dtype=np.float64)
+    labels = [f"{force:.2f}" for force in matrix.forces_n]
     count = len(labels)
     quality = values if matrix.larger_is_better else -values
     axes.imshow(_row_scaled(quality), cmap="cividis", vmin=0.0, vmax=1.0)
     axes.set_xticks(range(count), labels, rotation=45 if count > 4 else 0)
     axes.set_yticks(range(count), labels)
-    axes.tick_params(length=0, labelsize=6)
+    axes.tick_params(length=0, labelsize=6 if count <= 2 * MAX_NUMBERED else 3)
     axes.spines[:].set_visible(False)
     won = sum(matrix.diagonal_wins)
     axes.set_title(f"{TITLES[matrix.metric]}: right force wins {won}/{count}", fontsize=7.5)
     best = np.nanargmax(np.where(np.isnan(quality), -np.inf, quality), axis=1)
     for i in range(count):
-        axes.add_patch(_frame(int(best[i]), i, ORANGE if best[i] != i else INK))
+        axes.add_patch(
+            _frame(
+                int(best[i]), i, INK if matrix.forces_n[best[i]] == matrix.forces_n[i] else ORANGE
+            )
+        )
         for j in range(count):
             if count <= MAX_NUMBERED:
                 _write_value(axes, i, j, values, _row_scaled(quality))

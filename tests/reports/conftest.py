@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from reports.comparison import compare
 from reports.evidence import (
     Curve,
     ImageGeometry,
@@ -20,6 +22,8 @@ from reports.evidence import (
     TrialImages,
     TruthComparison,
 )
+from reports.results import ValidationReport
+from reports.writing import ReportPaths, write_report
 from tacauchy_rig.run import Outcome, ReplayTrial, TrialRecord
 
 HEIGHT, WIDTH = 240, 320
@@ -206,9 +210,52 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
 
 
 @pytest.fixture(scope="session")
+def made() -> SimpleNamespace:
+    """What the made-up images are made with, for tests that need other ones."""
+    return SimpleNamespace(
+        background=background,
+        contact_change=contact_change,
+        to_image=to_image,
+        PUNCH_RADIUS_PX=PUNCH_RADIUS_PX,
+        TRUE_POSE_PX=TRUE_POSE_PX,
+        TRUE_GAIN=TRUE_GAIN,
+        FORCES_N=FORCES_N,
+    )
+
+
+@pytest.fixture(scope="session")
 def evidence() -> RunEvidence:
     """Six passing trials."""
     return run_evidence()
+
+
+@pytest.fixture(scope="session")
+def report(evidence: RunEvidence) -> ValidationReport:
+    """The made-up run, compared."""
+    return compare(evidence)
+
+
+@pytest.fixture(scope="session")
+def written(report: ValidationReport, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
+    """Its report on disk."""
+    return write_report(report, tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture(scope="session")
+def incomplete(evidence: RunEvidence) -> ValidationReport:
+    """A real run whose second trial missed its force, third failed and fourth never happened."""
+    trials = list(evidence.trials)
+    second, third, fourth = trials[1:4]
+    trials[1] = replace(second, replay=replace(second.replay, force_simulated_n=2.2))
+    trials[2] = replace(
+        third,
+        record=replace(third.record, outcome=Outcome.FAULT, reason="camera <went> away"),
+        images=None,
+        simulated_image=None,
+        replay=None,
+    )
+    trials[3] = TrialEvidence(index=fourth.index, force_target_n=fourth.force_target_n)
+    return compare(replace(evidence, trials=tuple(trials), simulated=False))
 
 
 @pytest.fixture

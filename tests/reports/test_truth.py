@@ -1,0 +1,93 @@
+"""Truth of a dry run beside what the pipeline made of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from reports.comparison import compare
+from reports.evidence import EmulatedWorld, RunEvidence, TrueDwell
+from reports.results import ValidationReport
+from reports.truth import read_true_dwells, recover_truth
+from tacauchy_rig.run import Tare
+
+WORLD = EmulatedWorld(
+    values={
+        "young_pa": 400e3,
+        "pose_error_m": [1.0e-4, -0.6e-4],
+        "image_shift_m": [0.4e-4, -0.4e-4],
+        "surface_error_m": 2.0e-4,
+        "force_noise_n": 0.007,
+        "force_drift_n_s": -5e-4,
+    },
+    surface_expected_m=0.1998,
+    dwells={1: TrueDwell(force_n=1.25, depth_m=1.8e-4)},
+)
+
+
+def tare(fz_n: float, *, start_s: float) -> Tare:
+    """Return a tare with 7 mN of noise."""
+    start = int(start_s * 1e9)
+    return Tare(
+        start_ns=start,
+        end_ns=start + 10**9,
+        mean=(0.0, 0.0, fz_n, 0.0, 0.0, 0.0),
+        deviation=(0.0, 0.0, 0.007, 0.0, 0.0, 0.0),
+        sample_count=100,
+    )
+
+
+def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvidence) -> None:
+    """Force, depth, surface, place, modulus, noise and drift stand beside their truth."""
+    trials = tuple(
+        replace(
+            t,
+            record=replace(
+                t.record,
+                tare_before=tare(0.5, start_s=0.0),
+                tare_after=tare(0.49, start_s=20.0),
+            ),
+        )
+        for t in evidence.trials
+        if t.record is not None
+    )
+    run = replace(evidence, trials=trials, world=WORLD, truth=())
+    found = {c.name: c for c in recover_truth(run, report.trials)}
+    assert found["mean force in the dwell"].true == 1.25
+    assert found["mean depth in the dwell"].unit == "mm"
+    assert found["height of the gel above the expected"].recovered == pytest.approx(0.2)
+    place = found["contact seen off its place along x"]
+    assert place.true == pytest.approx(0.14)
+    assert place.recovered == pytest.approx(0.142, abs=0.01)
+    modulus = found["modulus, from force at the measured depth"]
+    assert modulus.recovered == pytest.approx(435.0 / 0.98, rel=0.02)
+    assert found["noise of a force sample"].recovered == pytest.approx(7.0)
+    assert found["drift of the force sensor"].recovered == pytest.approx(-0.5)
+
+
+def test_real_run_has_no_truth(evidence: RunEvidence) -> None:
+    """Without an emulated world there is nothing to compare with."""
+    real = replace(evidence, trials=evidence.trials[:1], truth=(), simulated=False)
+    assert compare(real).truth == ()
+
+
+def test_trace_is_averaged_over_the_dwell(tmp_path: Path) -> None:
+    """Only frames inside the window count; a torn last line and a restarted trace do no harm."""
+    trace = tmp_path / "force_trace.jsonl"
+    rows = [
+        {
+            "number": k,
+            "stamp_ns": k * 10,
+            "force_true_n": 2.0 if k < 50 else 9.0,
+            "depth_true_m": 1e-4,
+        }
+        for k in range(100)
+    ]
+    rows[3]["depth_true_m"] = None
+    trace.write_text("\n".join(json.dumps(row) for row in rows) + '\n{"number": 1')
+    found = read_true_dwells(trace, {1: (0, 490), 2: (5000, 6000)})
+    assert found == {1: TrueDwell(force_n=2.0, depth_m=pytest.approx(1e-4))}
+    assert read_true_dwells(tmp_path / "absent.jsonl", {1: (0, 490)}) == {}
