@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-from drivers.ur5_model import UrModel
 from drivers.ur5_safety import (
     RobotMode,
     RuntimeState,
@@ -21,13 +20,13 @@ class ArmHealth:
 
     Args:
         device: Name for messages.
-        model: Says how old data may become.
+        stale_limit_s: Age at which data count as lost [s].
         watchdog_hz: For the message of a program that was not fed [Hz].
     """
 
-    def __init__(self, device: str, *, model: UrModel, watchdog_hz: float) -> None:
+    def __init__(self, device: str, *, stale_limit_s: float, watchdog_hz: float) -> None:
         self._device = device
-        self._limit_s = model.stale_limit_s
+        self._limit_s = stale_limit_s
         self._watchdog_hz = watchdog_hz
         self._lost: DeviceError | None = None
         self._controller_time_s = -1.0
@@ -80,7 +79,7 @@ class ArmHealth:
         """Refuse data whose time stamp stands still.
 
         Raises:
-            DeviceError: Older than the model's limit.
+            DeviceError: Older than the limit.
         """
         age_s = time.monotonic() - self._changed_s
         if age_s > self._limit_s:

@@ -18,7 +18,6 @@ from rtde_receive import RTDEReceiveInterface
 from drivers.ur5_commander import Commander
 from drivers.ur5_guardian import Guardian
 from drivers.ur5_health import ArmHealth
-from drivers.ur5_model import UrModel
 from drivers.ur5_safety import RuntimeState
 from drivers.ur5_sockets import RtdeSockets
 from tacauchy_rig.errors import DeviceError, RigError
@@ -52,7 +51,7 @@ class UrLink:
 
     Args:
         host: Name or address of the controller.
-        model: Says how old data may become.
+        stale_limit_s: Age at which data count as lost [s].
         watchdog_hz: Feeding that the controller will ask for, for messages [Hz].
         timeout_s: How long ur_rtde's constructors may take before this process is ended [s].
 
@@ -60,7 +59,9 @@ class UrLink:
         DeviceError: ur_rtde refused to connect, or no data came.
     """
 
-    def __init__(self, host: str, *, model: UrModel, watchdog_hz: float, timeout_s: float) -> None:
+    def __init__(
+        self, host: str, *, stale_limit_s: float, watchdog_hz: float, timeout_s: float
+    ) -> None:
         self.device = f"robot {host}"
         self._commander = Commander(self.device)
         self._receive: Any = None
@@ -82,7 +83,7 @@ class UrLink:
             ) from error
         self._sockets.remember(host)
         self._await_first_state()
-        self.health = ArmHealth(self.device, model=model, watchdog_hz=watchdog_hz)
+        self.health = ArmHealth(self.device, stale_limit_s=stale_limit_s, watchdog_hz=watchdog_hz)
 
     def state(self) -> tuple[ArmSample, bool]:
         """Return (newest state, whether it is newer than the last one).

@@ -6,6 +6,7 @@ its ports are open, then serves until it is told to end.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -34,6 +35,7 @@ _DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
 _PARENT_CHECK_S = 1.0
+_NICENESS = -10
 
 
 class UrController:
@@ -269,6 +271,9 @@ def main() -> int:
     """Serve as an emulated controller until told to end."""
     settings = parse_arguments(sys.argv[1:])
     stop = StopFlag()
+    # A real controller is not slowed down by the computer that it serves.
+    with contextlib.suppress(PermissionError):
+        os.nice(_NICENESS)
     try:
         controller = UrController(settings)
     except OSError as error:

@@ -108,7 +108,7 @@ def _sample(
 )
 def test_a_stop_is_named_and_stays(sample: ArmSample, message: str) -> None:
     """The reason is told in the pendant's words, and a lost arm stays lost."""
-    health = ArmHealth("robot x", model=UrModel.CB3, watchdog_hz=10.0)
+    health = ArmHealth("robot x", stale_limit_s=0.1, watchdog_hz=10.0)
     health.require_running(_sample())
     with pytest.raises(DeviceError, match=message) as caught:
         health.require_running(sample)
@@ -120,7 +120,7 @@ def test_a_stop_is_named_and_stays(sample: ArmSample, message: str) -> None:
 
 def test_an_earlier_loss_outlives_a_later_one() -> None:
     """What went wrong first is what the operator is told."""
-    health = ArmHealth("robot x", model=UrModel.CB3, watchdog_hz=10.0)
+    health = ArmHealth("robot x", stale_limit_s=0.1, watchdog_hz=10.0)
     health.broken()
     with pytest.raises(DeviceError, match="the connection broke"):
         health.require_running(_sample(safety_bits=SafetyBit.PROTECTIVE_STOP))
@@ -128,7 +128,7 @@ def test_an_earlier_loss_outlives_a_later_one() -> None:
 
 def test_a_standing_time_stamp_is_a_loss() -> None:
     """Data are judged by the controller's clock, not by their being there."""
-    health = ArmHealth("robot x", model=UrModel.E_SERIES, watchdog_hz=10.0)
+    health = ArmHealth("robot x", stale_limit_s=UrModel.E_SERIES.stale_limit_s, watchdog_hz=10.0)
     assert health.note(_sample(time_s=1.0))
     assert not health.note(_sample(time_s=1.0))
     assert health.note(_sample(time_s=1.008))
