@@ -34,7 +34,7 @@ class HeightMaps:
 
 
 def height_maps(
-    surface: SurfaceState, geometry: CameraGeometry, *, contact_gap_m: float = 1e-5
+    surface: SurfaceState, geometry: CameraGeometry, *, contact_gap_m: float = 6e-6
 ) -> HeightMaps:
     """Rasterise the loaded and the unloaded surface at the image's resolution.
 
