@@ -41,7 +41,7 @@ class AbortWatch:
 
     def __init__(self, *, terminal: int | None = None) -> None:
         self.abort = Abort()
-        self._terminal = sys.stdin.fileno() if terminal is None and sys.stdin else terminal
+        self._terminal = _standard_input() if terminal is None else terminal
         self._settings: list[Any] | None = None
         self._handlers: dict[int, Any] = {}
         self._ended = threading.Event()
@@ -98,3 +98,11 @@ class AbortWatch:
             return False
         self.abort.request("a key was pressed")
         return True
+
+
+def _standard_input() -> int | None:
+    """Return the descriptor of standard input, or None where it is closed or replaced."""
+    try:
+        return sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        return None

@@ -50,10 +50,10 @@ class Channel:
             return False
         return True
 
-    def receive(self) -> list[Any]:
-        """Return the messages that wait, oldest first."""
+    def receive(self, *, limit: int | None = None) -> list[Any]:
+        """Return the messages that wait, oldest first, at most ``limit`` of them."""
         messages: list[Any] = []
-        while not self.closed:
+        while not self.closed and (limit is None or len(messages) < limit):
             try:
                 data = self._end.recv(LARGEST)
             except BlockingIOError:

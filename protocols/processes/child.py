@@ -74,7 +74,8 @@ def _receive_job(name: str, supervisor: Channel) -> Job:
     deadline = time.monotonic() + JOB_TIMEOUT_S
     while time.monotonic() < deadline and not supervisor.closed:
         supervisor.wait(0.1)
-        for message in supervisor.receive():
+        # One at a time: an order that follows the job is for whoever does the job.
+        for message in supervisor.receive(limit=1):
             if isinstance(message, Job):
                 return message
     raise DeviceError(f"{name}: no job from the supervisor within {JOB_TIMEOUT_S:g} s")

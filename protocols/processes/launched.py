@@ -77,6 +77,11 @@ class Launched:
             self.process.kill()
             self.process.wait()
 
+    def close(self) -> None:
+        """End it if it still runs, and let go of its channel."""
+        self.kill()
+        self.channel.close()
+
     def describe_end(self) -> str:
         """Return how it ended, in words, with the last line of its log."""
         code = self.process.poll()

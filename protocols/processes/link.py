@@ -120,6 +120,7 @@ class RecorderLink:
             logger.debug("%s: the recorder's end is closed already", self._source)
         self._thread.join(max(deadline - time.monotonic(), 0.1))
         self._data.close()
+        self._acks.close()
 
     def _note(self, problem: str) -> None:
         if not self._problem:

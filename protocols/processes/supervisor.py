@@ -125,7 +125,7 @@ class Supervisor:
     ) -> None:
         self._ended.set()
         for child in self._children.values():
-            child.kill()
+            child.close()
 
     def run(self) -> SessionResult:
         """Connect, run the programme, end every process, and say how it went.

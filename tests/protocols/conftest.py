@@ -1,0 +1,171 @@
+"""A laboratory in memory for protocol tests: mocks on a simulated clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.interfaces import StreamHealth
+from drivers.mock.bench import MockBench
+from drivers.mock.camera import MockCamera
+from drivers.mock.clock import SimulatedClock
+from drivers.mock.world import MockWorld
+from drivers.rig import FrameMark, Rig
+from protocols.abort import Abort
+from protocols.cycle import Cycle
+from protocols.journal import Journal
+from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
+from tacauchy_rig.store.run_store import RunStore
+
+MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
+STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"')
+"""As on a rig: a simulated clock is never late."""
+BRISK = (
+    'protocol.air_press_height="2 mm"',
+    'protocol.approach_height="0.5 mm"',
+    'sensor.surface_uncertainty="0.2 mm"',
+    'robot.home=["0 mm", "-400 mm", "203 mm"]',
+    'robot.search_speed="1 mm/s"',
+    'robot.press_speed="0.5 mm/s"',
+    'protocol.tare_duration="0.2 s"',
+    'protocol.reference_duration="0.2 s"',
+    'protocol.dwell_duration="1 s"',
+)
+"""Short ways and quick speeds, for tests that run in real time."""
+
+
+@dataclass
+class KeptInMemory:
+    """A sink that keeps what it is given."""
+
+    samples: list[ForceSample] = field(default_factory=list)
+    states: list[ArmSample] = field(default_factory=list)
+    events: list[JournalEvent] = field(default_factory=list)
+    records: list[TrialRecord] = field(default_factory=list)
+    begun: list[tuple[int, int]] = field(default_factory=list)
+    trouble: str = ""
+
+    def begin_attempt(self, trial: int, attempt: int) -> None:
+        """Remember that an attempt began."""
+        self.begun.append((trial, attempt))
+
+    def force(self, samples: Sequence[ForceSample]) -> None:
+        """Remember force samples."""
+        self.samples += samples
+
+    def arm(self, samples: Sequence[ArmSample]) -> None:
+        """Remember arm states."""
+        self.states += samples
+
+    def event(self, event: JournalEvent) -> None:
+        """Remember an event."""
+        self.events.append(event)
+
+    def end_attempt(self, record: TrialRecord) -> None:
+        """Remember a record."""
+        self.records.append(record)
+
+    def problem(self) -> str:
+        """Return the trouble that a test has made."""
+        return self.trouble
+
+    def lag_s(self) -> float:
+        """Return zero."""
+        return 0.0
+
+
+class Watched:
+    """A mock camera as the control loop sees it."""
+
+    def __init__(self, camera: MockCamera) -> None:
+        self._camera = camera
+
+    def poll(self) -> list[FrameMark]:
+        """Return marks of new frames."""
+        return [FrameMark(frame.stamp_ns, frame.counter) for frame in self._camera.drain()]
+
+    def health(self) -> StreamHealth:
+        """Return the camera's health."""
+        return self._camera.health()
+
+
+@dataclass
+class Laboratory:
+    """Everything a protocol test touches."""
+
+    config: RigConfig
+    world: MockWorld
+    bench: MockBench
+    sink: KeptInMemory
+    abort: Abort
+    cycle: Cycle
+    journal: Journal
+
+    @property
+    def phases(self) -> list[str]:
+        """Phases that were entered, in order."""
+        return [event.detail["phase"] for event in self.sink.events if event.name == "phase"]
+
+    def when_phase(self, phase: str, action: Callable[[], None], *, delay_s: float = 0.0) -> None:
+        """Do ``action`` at a delay after ``phase`` was entered first."""
+
+        def due() -> bool:
+            entered = [e for e in self.sink.events if e.detail.get("phase") == phase]
+            return bool(entered) and (
+                self.world.now_ns >= entered[0].stamp_ns + round(delay_s * 1e9)
+            )
+
+        self.world.when(due, action)
+
+
+def _laboratory(*overrides: str, **world_arguments: Any) -> Laboratory:
+    config = load_config(overrides=[*MOCKS, *STRICT, *overrides]).config
+    world = MockWorld(SimulatedClock(), config, **world_arguments)
+    bench = MockBench.on(world)
+    rig = Rig(
+        arm=bench.arm,
+        force_sensor=bench.force_sensor,
+        camera=Watched(bench.camera),
+        clock=world.clock,
+    )
+    sink, abort = KeptInMemory(), Abort(same_wish_s=0.0)
+    return Laboratory(
+        config=config,
+        world=world,
+        bench=bench,
+        sink=sink,
+        abort=abort,
+        cycle=Cycle(rig, config, sink=sink, abort=abort),
+        journal=Journal(sink, world.clock, listener=lambda _: None),
+    )
+
+
+@pytest.fixture(scope="session")
+def laboratory() -> Callable[..., Laboratory]:
+    """Return a maker of laboratories: configuration overrides, then the world's arguments."""
+    return _laboratory
+
+
+@pytest.fixture(scope="session")
+def config() -> RigConfig:
+    """Return the default configuration with mocks."""
+    return load_config(overrides=[*MOCKS, *STRICT]).config
+
+
+@pytest.fixture
+def make_store(tmp_path: Path) -> Callable[..., RunStore]:
+    """Return a maker of run folders for mocks in real time: short ways, given overrides."""
+
+    def make(*overrides: str) -> RunStore:
+        loaded = load_config(overrides=[*MOCKS, *BRISK, *overrides])
+        return RunStore.create(
+            tmp_path / "runs", loaded, config_text=default_text(), simulated=True, versions={}
+        )
+
+    return make

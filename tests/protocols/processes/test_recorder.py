@@ -1,0 +1,103 @@
+"""The recorder's order of work, without a process."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from protocols.processes.channel import Channel
+from protocols.processes.entry import Begin, End, Frame, encode
+from protocols.processes.recorder import Producer, Recorder
+from protocols.record_keeper import RecordKeeper
+from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord
+from tacauchy_rig.store.reading import Recording
+
+RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0)
+
+
+def frame(stamp_ns):
+    """Return a frame entry."""
+    return Frame(
+        ImageFrame(
+            stamp_ns=stamp_ns,
+            counter=stamp_ns,
+            device_stamp_s=None,
+            width=4,
+            height=4,
+            jpeg=b"\xff\xd8\xff\xd9",
+        )
+    )
+
+
+class Desk:
+    """A recorder with two producers that a test speaks for."""
+
+    def __init__(self, store):
+        self.store = store
+        self.sockets, self.acks, self.producers, self.numbers = {}, {}, {}, {}
+        for name in ("control", "camera"):
+            self.sockets[name], data = socket.socketpair()
+            self.acks[name], acks = Channel.pair()
+            self.producers[name] = Producer(name, data, acks)
+            self.numbers[name] = 0
+        self.recorder = Recorder(RecordKeeper(store), list(self.producers.values()))
+
+    def say(self, name, entry):
+        """Let a producer send an entry and the recorder take it."""
+        self.numbers[name] += 1
+        self.sockets[name].sendall(encode(self.numbers[name], entry))
+        self.producers[name].read()
+        self.recorder.step()
+
+    def acknowledged(self, name):
+        """Return the newest acknowledged number."""
+        return self.acks[name].receive()[-1].through
+
+
+@pytest.fixture
+def desk(make_store):
+    """Return a desk."""
+    desk = Desk(make_store())
+    yield desk
+    for name in ("control", "camera"):
+        desk.sockets[name].close()
+        desk.producers[name].data.close()
+        desk.acks[name].close()
+        desk.producers[name].acks.close()
+
+
+def test_an_attempt_ends_when_its_last_frames_are_in(desk):
+    """The end is held back until a frame later than it has come, so none of them is lost."""
+    desk.say("control", Begin(1, 1))
+    desk.say("camera", frame(10))
+    desk.say("control", End(RECORD, 25))
+    assert desk.acknowledged("control") == 1
+    desk.say("camera", frame(20))
+    assert desk.store.load_result(1, 1) is None
+    desk.say("camera", frame(30))
+    desk.recorder.step()
+    assert desk.store.load_result(1, 1) == RECORD
+    assert desk.acknowledged("control") == 2
+    stamps, _ = Recording.open(desk.store.paths.recording(1, 1)).frame_stamps()
+    assert stamps.tolist()[:2] == [10, 20]
+
+
+def test_frames_between_attempts_are_acknowledged_but_not_kept(desk):
+    """The camera may forget them; they belong to no recording."""
+    desk.say("camera", frame(5))
+    ack = desk.acks["camera"].receive()[-1]
+    assert (ack.through, ack.kept_count, ack.trial) == (1, 0, 0)
+    desk.say("control", Begin(1, 1))
+    ack = desk.acks["camera"].receive()[-1]
+    assert (ack.trial, ack.attempt) == (1, 1)
+
+
+def test_a_dead_camera_does_not_hold_an_attempt_back(desk):
+    """With its stream at an end nothing more is waited for."""
+    desk.say("control", Begin(1, 1))
+    desk.say("camera", frame(10))
+    desk.sockets["camera"].close()
+    desk.producers["camera"].read()
+    desk.say("control", End(RECORD, 25))
+    assert desk.store.load_result(1, 1) == RECORD

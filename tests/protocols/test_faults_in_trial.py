@@ -1,0 +1,152 @@
+"""Each thing that can go wrong in a trial: the arm stops, the data stay, the operator is told."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.mock.gel import Gel
+from protocols.programme import fresh_plan, run_programme
+from tacauchy_rig.run import Outcome
+
+OFF_GEL = "retracted slowly off the gel"
+HOLDS = "told to stop and to hold"
+LOCKED = "protective stop"
+CLEAR = "stopped clear of the gel"
+
+
+def bump(lab, **load):
+    """Load the sensor from outside."""
+    axes = ("fx", "fy", "fz", "mx", "my", "mz")
+    lab.world.disturbance = tuple(load.get(axis, 0.0) for axis in axes)
+
+
+def fault(lab, name):
+    """Switch a device's failure on."""
+    lab.world.faults.add(name)
+
+
+CASES = [
+    ("press", lambda lab: bump(lab, fz=7.0), "limits.soft_force", OFF_GEL),
+    ("press", lambda lab: bump(lab, fz=12.0), "limits.hard_force", LOCKED),
+    ("press", lambda lab: bump(lab, fx=3.0), "limits.lateral_force", OFF_GEL),
+    ("press", lambda lab: bump(lab, my=0.2), "limits.moment", OFF_GEL),
+    ("press", lambda lab: bump(lab, fz=3.2), "limits.force_rate", OFF_GEL),
+    ("approach", lambda lab: bump(lab, fz=0.6), "limits.early_contact", CLEAR),
+    ("tare", lambda lab: bump(lab, fz=0.6), "limits.early_contact", CLEAR),
+    ("press", lambda lab: fault(lab, "force-silent"), "limits.stale_force", HOLDS),
+    ("press", lambda lab: fault(lab, "force-stuck"), "limits.repeat_count", HOLDS),
+    ("dwell", lambda lab: fault(lab, "force-nan"), "force_sensor.finite", HOLDS),
+    ("press", lambda lab: fault(lab, "force-unplugged"), "force sensor", HOLDS),
+    ("press", lambda lab: fault(lab, "force-lossy"), "limits.corrupt_ratio", OFF_GEL),
+    ("dwell", lambda lab: fault(lab, "force-saturated"), "force_sensor.capacity", HOLDS),
+    ("dwell", lambda lab: fault(lab, "camera-silent"), "limits.stale_image", OFF_GEL),
+    ("press", lambda lab: fault(lab, "camera-unplugged"), "camera", OFF_GEL),
+    ("press", lambda lab: fault(lab, "arm-frozen"), "robot", HOLDS),
+    ("search", lambda lab: lab.bench.arm.protective_stop(), "robot", HOLDS),
+    ("dwell", lambda lab: setattr(lab.sink, "trouble", "recorder: gone"), "recorder", OFF_GEL),
+    ("home", lambda lab: fault(lab, "arm-refuses-pose"), "robot", HOLDS),
+    ("home", lambda lab: fault(lab, "arm-ignores-moves"), "robot.arrival", HOLDS),
+]
+
+
+@pytest.mark.parametrize(
+    ("phase", "go_wrong", "limit", "end"), CASES, ids=[f"{case[2]}-{case[0]}" for case in CASES]
+)
+def test_a_fault_stops_the_arm_and_keeps_the_data(laboratory, phase, go_wrong, limit, end):
+    """Whatever fails: the limit is named, the arm rests, the attempt's record is kept."""
+    lab = laboratory('protocol.force_targets=["2 N", "3 N"]')
+    lab.when_phase(phase, lambda: go_wrong(lab), delay_s=0.3)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAULT
+    fault_event = next(event for event in lab.sink.events if event.name == "fault")
+    assert fault_event.detail["limit"] == limit
+    assert fault_event.detail["during"] in {phase, "approach"}
+    assert end in result.reason
+    assert result.remedy
+    record = lab.sink.records[-1]
+    assert (record.index, record.outcome) == (1, Outcome.FAULT)
+    assert record.reason.startswith(fault_event.detail["reason"])
+    lab.world.clock.sleep(1.0)
+    lab.world.catch_up()
+    assert lab.world.velocity == (0.0,) * 6
+    if end is OFF_GEL:
+        assert lab.world.force_n == 0.0
+    if end is HOLDS:
+        height_m = lab.world.pose.position[2]
+        assert height_m <= fault_event.detail["position_m"][2] + 1e-4
+
+
+def test_a_fault_names_the_trials_that_are_safe(laboratory):
+    """After a fault in trial 3 the operator reads that trials 1 and 2 are safe, and where it is."""
+    lab = laboratory('protocol.force_targets=["1 N", "1.5 N", "2 N"]')
+
+    def third_press():
+        return [e.trial for e in lab.sink.events if e.detail.get("phase") == "press"][-1:] == [3]
+
+    lab.world.when(third_press, lambda: bump(lab, fz=7.0))
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert "Trials 1 to 2 are safe." in result.reason
+    assert "mm" in result.reason
+    assert [record.outcome for record in result.records] == [
+        Outcome.PASSED,
+        Outcome.PASSED,
+        Outcome.FAULT,
+    ]
+
+
+def test_no_gel_within_the_travel_is_a_fault(laboratory):
+    """A sensor that is not there: the search ends, the arm goes up again."""
+    lab = laboratory('protocol.search_travel="3 mm"', surface_offset_m=-0.003)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.reason.startswith("protocol.search_travel: nothing was touched")
+    assert OFF_GEL in result.reason
+
+
+def test_a_gel_that_is_too_soft_ends_at_the_depth_limit(laboratory):
+    """5 N at 1 N/mm would need 5 mm: the depth limit stops the press at 2 mm."""
+    lab = laboratory('protocol.force_targets=["5 N"]', gel=Gel(stiffness_n_m=1000.0))
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.reason.startswith("limits.max_depth 2 mm")
+    assert lab.world.force_n == 0.0
+
+
+def test_a_fault_before_the_first_trial_leaves_no_attempt(laboratory):
+    """Something touched in the air press: no attempt was begun."""
+    lab = laboratory()
+    lab.when_phase("air-press", lambda: bump(lab, fz=1.0), delay_s=1.0)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAULT
+    assert lab.sink.begun == []
+    assert "during air-press" in result.reason
+    assert "No trial has passed yet." in result.reason
+
+
+def test_starting_away_from_home_moves_nothing(laboratory):
+    """The programme refuses before the first motion."""
+    lab = laboratory()
+    lab.world.pose = lab.world.pose.shifted(x=0.02, z=0.055)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert "from home" in result.reason
+    assert lab.bench.arm.fastest_m_s == 0.0
+
+
+def test_a_camera_that_dies_during_the_retract_does_not_stop_it(laboratory):
+    """A second, lesser failure must not leave the indenter in the gel."""
+    lab = laboratory('protocol.force_targets=["4 N"]')
+    lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
+    lab.when_phase("dwell", lambda: fault(lab, "camera-silent"), delay_s=0.4)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert OFF_GEL in result.reason
+    assert lab.world.force_n == 0.0
+
+
+def test_a_sensor_that_dies_during_the_retract_stops_it(laboratory):
+    """Without force the retract ends and the arm holds."""
+    lab = laboratory('protocol.force_targets=["4 N"]')
+    lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
+    lab.when_phase("dwell", lambda: fault(lab, "force-silent"), delay_s=1.0)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert "the retract ended early" in result.reason
+    lab.world.clock.sleep(1.0)
+    lab.world.catch_up()
+    assert lab.world.velocity == (0.0,) * 6

@@ -1,0 +1,99 @@
+"""Six presses from preflight to verdict."""
+
+from __future__ import annotations
+
+from protocols.programme import fresh_plan, run_programme
+from tacauchy_rig.run import Outcome
+
+
+def test_six_trials_pass_within_tolerance(laboratory):
+    """All six targets are held with a mean inside the configured tolerance."""
+    lab = laboratory()
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED
+    assert [record.index for record in result.records] == [1, 2, 3, 4, 5, 6]
+    for record, target in zip(result.records, lab.config.protocol.force_targets, strict=True):
+        assert abs(record.force_measured_n - target) <= lab.config.protocol.force_tolerance
+        assert all(criterion.passed for criterion in record.criteria)
+
+
+def test_a_trial_goes_through_its_phases_in_order(laboratory):
+    """The journal names every phase once, in the order in which a person would do them."""
+    lab = laboratory('protocol.force_targets=["2 N"]')
+    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert lab.phases == [
+        "preflight",
+        "air-press",
+        "home",
+        "tare",
+        "reference",
+        "approach",
+        "search",
+        "press",
+        "dwell",
+        "retract",
+        "drift-check",
+        "verdict",
+    ]
+
+
+def test_what_was_measured_agrees_with_the_mock_world(laboratory):
+    """Contact height, depth, dwell length and drift are those of the world behind the mocks."""
+    lab = laboratory('protocol.force_targets=["2 N"]', surface_offset_m=0.0004)
+    record = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)).records[0]
+    assert abs(record.contact_z_m - (0.2 + 0.0004)) < 30e-6
+    stiffness = record.force_measured_n / record.depth_measured_m
+    assert 0.9 * 3500 < stiffness < 1.1 * 3500
+    assert record.dwell_end_ns - record.dwell_start_ns >= 1.2e9
+    assert record.reference_end_ns < record.dwell_start_ns
+    span_s = (record.tare_after.start_ns - record.tare_before.start_ns) * 1e-9
+    assert abs(record.force_drift_n - 0.0007 * span_s) < 0.005
+    assert record.rates["force_lost_count"] == 0
+    assert round(record.rates["force_rate_hz"]) == 100
+    assert round(record.rates["image_rate_hz"]) == 25
+
+
+def test_raw_force_is_recorded_untouched(laboratory):
+    """What goes to the record is what the sensor said: bias included, no sample missing."""
+    lab = laboratory('protocol.force_targets=["1.5 N"]')
+    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    counters = [sample.counter for sample in lab.sink.samples]
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
+    assert abs(lab.sink.samples[5].wrench.force[2] - 1.4) < 0.1
+
+
+def test_a_sensor_mounted_the_other_way_round_presses_all_the_same(laboratory):
+    """compression_sign = -1 turns raw tension into pressing force."""
+    lab = laboratory('protocol.force_targets=["2 N"]', "force_sensor.compression_sign=-1")
+    record = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)).records[0]
+    assert record.passed
+    assert abs(record.force_measured_n - 2.0) <= lab.config.protocol.force_tolerance
+
+
+def test_drift_beyond_its_limit_fails_the_trial_and_it_is_tried_again(laboratory):
+    """A wandering zero makes the attempt fail, with a remedy; the next attempt follows."""
+    lab = laboratory('protocol.force_targets=["2 N"]', drift_n_s=0.005)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAILED
+    assert lab.sink.begun == [(1, 1), (1, 2)]
+    missed = [c for c in result.records[0].criteria if not c.passed]
+    assert [criterion.name for criterion in missed] == ["force_drift"]
+    assert "warm up" in missed[0].remedy
+
+
+def test_a_noisy_tare_never_presses(laboratory):
+    """When the unloaded force is not quiet, nothing is pressed."""
+    lab = laboratory('protocol.force_targets=["2 N"]')
+    lab.when_phase("home", lambda: setattr(lab.world, "noise_n", 0.06))
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAILED
+    assert "press" not in lab.phases
+    assert "tare_deviation" in result.records[0].reason
+
+
+def test_the_guard_is_fed_and_the_speeds_are_kept(laboratory):
+    """The watchdog never bites and the arm is never faster than the configuration allows."""
+    lab = laboratory('protocol.force_targets=["2 N"]')
+    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert lab.bench.arm.watchdog_stops == 0
+    assert lab.bench.arm.fastest_m_s <= 1.01 * lab.config.robot.approach_speed
