@@ -24,6 +24,7 @@ from tacauchy_rig.errors import ConfigError
 RealArray = NDArray[np.floating]
 FORMAT = "tacauchy photometric model 1"
 INDENTATION_UNIT_M = 1e-3
+_BAND = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,12 +68,14 @@ class PhotometricModel:
         Returns:
             Red, green, blue, shape [3, point_count].
         """
-        steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
-        limit = tilt.dtype.type(self.tilt_limit)
-        bounded = tilt * (limit / np.maximum(steepness, limit))
+        bounded = _bounded(tilt, self.tilt_limit)
         depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
-        features = monomials(bounded, position, depth, self.exponents)
-        return np.asarray(self.coefficients.T.astype(tilt.dtype) @ features)
+        plan = _plan(self, tilt.dtype)
+        change = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
+        for start in range(0, tilt.shape[1], _BAND):
+            band = slice(start, start + _BAND)
+            _sum_terms(plan, bounded[:, band], position[:, band], depth[band], change[:, band])
+        return change
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
@@ -85,6 +88,46 @@ class PhotometricModel:
             indentation_limit_m=np.array(self.indentation_limit_m),
             provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Terms sorted by their power of place: weights [place_count * 3, surface_term_count]."""
+
+    surface: IntArray
+    places: list[tuple[int, int]]
+    weights: RealArray
+
+
+def _plan(model: PhotometricModel, dtype: np.dtype[np.floating]) -> _Plan:
+    surface, surface_of = np.unique(model.exponents[:, [0, 1, 4]], axis=0, return_inverse=True)
+    places, place_of = np.unique(model.exponents[:, [2, 3]], axis=0, return_inverse=True)
+    weights = np.zeros((len(places), 3, len(surface)), dtype=dtype)
+    weights[place_of, :, surface_of] = model.coefficients
+    exponents = np.zeros((len(surface), 5), dtype=np.int32)
+    exponents[:, [0, 1, 4]] = surface
+    return _Plan(exponents, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface)))
+
+
+def _bounded(tilt: RealArray, limit: float) -> RealArray:
+    squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
+    if squared.size == 0 or squared.max() <= limit * limit:
+        return tilt
+    bound = tilt.dtype.type(limit)
+    return np.asarray(tilt * (bound / np.maximum(np.sqrt(squared), bound)))
+
+
+def _sum_terms(
+    plan: _Plan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
+) -> None:
+    """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
+    parts = plan.weights @ monomials(tilt, position, depth, plan.surface)
+    out[...] = 0.0
+    for (c, d), part in zip(plan.places, parts.reshape(len(plan.places), 3, -1), strict=True):
+        for coordinate, power in ((position[0], c), (position[1], d)):
+            for _ in range(power):
+                part *= coordinate
+        out += part
 
 
 def load_photometric(path: Path) -> PhotometricModel:
@@ -154,19 +197,19 @@ def monomials(
 ) -> RealArray:
     """Return the terms' values, shape [term_count, point_count]; arguments as in ``evaluate``."""
     depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
-    variables = (*tilt, *position, depth)
     powers = [
         _powers(variable, int(exponents[:, i].max(initial=0)))
-        for i, variable in enumerate(variables)
+        for i, variable in enumerate((*tilt, *position, depth))
     ]
-    surface: dict[tuple[int, int, int], RealArray] = {}
     features = np.empty((len(exponents), tilt.shape[1]), dtype=tilt.dtype)
-    for row, (a, b, c, d, e) in zip(features, exponents.tolist(), strict=True):
-        if (a, b, e) not in surface:
-            surface[a, b, e] = powers[0][a] * powers[1][b] * powers[4][e]
-        np.multiply(surface[a, b, e], powers[2][c], out=row)
-        if d:
-            row *= powers[3][d]
+    for row, term in zip(features, exponents.tolist(), strict=True):
+        factors = [powers[i][power] for i, power in enumerate(term) if power]
+        if len(factors) < 2:
+            row[...] = factors[0] if factors else 1.0
+            continue
+        np.multiply(factors[0], factors[1], out=row)
+        for factor in factors[2:]:
+            row *= factor
     return features
 
 
