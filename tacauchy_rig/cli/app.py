@@ -10,7 +10,10 @@ import typer
 
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import config_commands, emulate, session
+from tacauchy_rig.cli.doctor import doctor
+from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.output import error_console, say
+from tacauchy_rig.cli.press import press
 from tacauchy_rig.errors import AbortedError, RigError
 
 app = typer.Typer(
@@ -23,6 +26,11 @@ app.command("dry-run")(session.dry_run)
 app.command("run")(session.run)
 app.command("resume")(session.resume)
 app.command("recover")(session.recover)
+app.command("replay")(replay)
+app.command("report")(report)
+app.command("export")(export)
+app.command("press")(press)
+app.command("doctor")(doctor)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(config_commands.app, name="config")
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import console, say, write_json
 from tacauchy_rig.config.load import example_text, load_config
+from tacauchy_rig.errors import ConfigError
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and write rig.toml.")
 
@@ -45,6 +46,11 @@ def example(
     if out is None:
         say(example_text())
         return
-    with out.open("x", encoding="utf-8") as file:
-        file.write(example_text())
+    try:
+        with out.open("x", encoding="utf-8") as file:
+            file.write(example_text())
+    except OSError as error:
+        raise ConfigError(
+            f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
+        ) from error
     say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")

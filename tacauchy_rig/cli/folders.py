@@ -1,0 +1,46 @@
+"""Commands on a run folder: ``replay``, ``report``, ``export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tacauchy_rig.cli.options import JsonFile, RunFolder
+from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.pipeline import replay_run, report_run
+from tacauchy_rig.store.export import ExportKind, export_run
+from tacauchy_rig.store.run_store import RunStore
+
+
+def replay(folder: RunFolder, json_file: JsonFile = None) -> None:
+    """Simulate the trials of a run again and write its report."""
+    store = RunStore.open(folder)
+    replay_run(store)
+    _report(store, json_file)
+
+
+def report(folder: RunFolder, json_file: JsonFile = None) -> None:
+    """Write the report of a run again from what was recorded and replayed."""
+    _report(RunStore.open(folder), json_file)
+
+
+def export(
+    folder: RunFolder,
+    out: Annotated[Path, typer.Argument(help="Folder to write to.")],
+    kind: Annotated[
+        ExportKind, typer.Option("--kind", help="Force and poses as CSV, or frames as JPEG.")
+    ] = ExportKind.CSV,
+    json_file: JsonFile = None,
+) -> None:
+    """Write a run's recordings for other tools."""
+    written = export_run(folder, out, kind=kind)
+    say(f"wrote {len(written)} files to {out}")
+    write_json(json_file, {"files": written})
+
+
+def _report(store: RunStore, json_file: Path | None) -> None:
+    summary = report_run(store)
+    write_json(json_file, summary.content)
+    raise typer.Exit(0 if summary.passed else 1)
