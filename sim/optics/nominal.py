@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.optics.photometric import PhotometricModel, polynomial_exponents
+from sim.optics.photometric import PhotometricModel
+from sim.optics.polynomial import polynomial_exponents
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

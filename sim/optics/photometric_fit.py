@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.photometric import PhotometricModel, monomials, polynomial_exponents
+from sim.optics.photometric import PhotometricModel
+from sim.optics.polynomial import monomials, polynomial_exponents
 from tacauchy_rig.errors import ConfigError
 
 BALL_EXPONENTS = polynomial_exponents(

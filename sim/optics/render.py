@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.optics.geometry import CameraGeometry, ImageArray
-from sim.optics.photometric import PhotometricModel, RealArray, normalised_positions
+from sim.optics.photometric import PhotometricModel, normalised_positions
+from sim.optics.polynomial import RealArray
 from sim.optics.tilt import surface_tilt
 from tacauchy_rig.errors import ConfigError
 

@@ -7,7 +7,8 @@ import numpy as np
 from sim.optics.ball_press import BallPress, Circle
 from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.geometry import CameraGeometry
-from sim.optics.photometric import PhotometricModel, polynomial_exponents
+from sim.optics.photometric import PhotometricModel
+from sim.optics.polynomial import polynomial_exponents
 from sim.optics.press_scene import PressScene
 
 HEIGHT, WIDTH = 150, 180

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.optics.nominal import Lamp, nominal_photometric
-from sim.optics.photometric import PhotometricModel, load_photometric, polynomial_exponents
+from sim.optics.photometric import PhotometricModel, load_photometric
+from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer, render_tactile_image
 from sim.optics.tilt import surface_tilt
 from tacauchy_rig.errors import ConfigError

@@ -1,0 +1,131 @@
+"""Polynomials in tilt, pixel position and indentation, and their fast evaluation over images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+
+RealArray = NDArray[np.floating]
+INDENTATION_UNIT_M = 1e-3
+_BAND = 4096
+
+
+def polynomial_exponents(
+    *,
+    tilt_degree: int,
+    position_degree: int,
+    indentation_degree: int = 0,
+    indentation_tilt_degree: int = 0,
+) -> IntArray:
+    """List the terms p^a q^b u^c v^d w^e of a model.
+
+    Terms without indentation have 1 <= a + b <= tilt_degree; terms with 1 <= e <=
+    indentation_degree have a + b <= indentation_tilt_degree; all have c + d <= position_degree.
+
+    Returns:
+        Exponents, shape [term_count, 5].
+    """
+    tilts = [
+        (a, total - a, e)
+        for e in range(indentation_degree + 1)
+        for total in range(0 if e else 1, (indentation_tilt_degree if e else tilt_degree) + 1)
+        for a in range(total, -1, -1)
+    ]
+    terms = [
+        (a, b, c, place - c, e)
+        for place in range(position_degree + 1)
+        for c in range(place, -1, -1)
+        for a, b, e in tilts
+    ]
+    return np.array(terms, dtype=np.int32).reshape(-1, 5)
+
+
+def monomials(
+    tilt: RealArray, position: RealArray, indentation_m: RealArray, exponents: IntArray
+) -> RealArray:
+    """Return the terms' values, shape [term_count, point_count]; arguments as in ``evaluate``."""
+    depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
+    powers = [
+        _powers(variable, int(exponents[:, i].max(initial=0)))
+        for i, variable in enumerate((*tilt, *position, depth))
+    ]
+    features = np.empty((len(exponents), tilt.shape[1]), dtype=tilt.dtype)
+    for row, term in zip(features, exponents.tolist(), strict=True):
+        factors = [powers[i][power] for i, power in enumerate(term) if power]
+        if len(factors) < 2:
+            row[...] = factors[0] if factors else 1.0
+            continue
+        np.multiply(factors[0], factors[1], out=row)
+        for factor in factors[2:]:
+            row *= factor
+    return features
+
+
+def evaluate_polynomial(
+    exponents: IntArray,
+    coefficients: FloatArray,
+    tilt: RealArray,
+    position: RealArray,
+    indentation_m: RealArray,
+) -> RealArray:
+    """Return the polynomials' values in bands of pixels that stay in the cache.
+
+    Args:
+        exponents: Of tilt (2), position (2) and indentation [mm], shape [term_count, 5].
+        coefficients: Shape [term_count, 3].
+        tilt: Shape [2, point_count].
+        position: Shape [2, point_count].
+        indentation_m: Shape [point_count].
+
+    Returns:
+        Shape [3, point_count], in the precision of ``tilt``.
+    """
+    plan = _plan(exponents, coefficients, tilt.dtype)
+    values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
+    for start in range(0, tilt.shape[1], _BAND):
+        band = slice(start, start + _BAND)
+        _sum_terms(plan, tilt[:, band], position[:, band], indentation_m[band], values[:, band])
+    return values
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Terms sorted by their power of place: weights [place_count * 3, surface_term_count]."""
+
+    surface: IntArray
+    places: list[tuple[int, int]]
+    weights: RealArray
+
+
+def _plan(exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]) -> _Plan:
+    surface, surface_of = np.unique(exponents[:, [0, 1, 4]], axis=0, return_inverse=True)
+    places, place_of = np.unique(exponents[:, [2, 3]], axis=0, return_inverse=True)
+    weights = np.zeros((len(places), 3, len(surface)), dtype=dtype)
+    weights[place_of, :, surface_of] = coefficients
+    level = np.zeros((len(surface), 5), dtype=np.int32)
+    level[:, [0, 1, 4]] = surface
+    return _Plan(level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface)))
+
+
+def _sum_terms(
+    plan: _Plan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
+) -> None:
+    """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
+    parts = plan.weights @ monomials(tilt, position, depth, plan.surface)
+    out[...] = 0.0
+    for (c, d), part in zip(plan.places, parts.reshape(len(plan.places), 3, -1), strict=True):
+        for coordinate, power in ((position[0], c), (position[1], d)):
+            for _ in range(power):
+                part *= coordinate
+        out += part
+
+
+def _powers(variable: RealArray, degree: int) -> list[RealArray]:
+    powers = [np.ones_like(variable)]
+    for _ in range(degree):
+        powers.append(powers[-1] * variable)
+    return powers
