@@ -110,6 +110,7 @@ def _ur5(config: RigConfig) -> Ur5:
         tcp_offset=(*robot.tcp_offset, 0.0, 0.0, 0.0),
         payload_kg=robot.payload,
         timeout_s=robot.connect_timeout,
+        stale_limit_s=config.limits.stale_robot,
         simulated=robot.driver is RobotDriver.EMULATED,
     )
 

@@ -225,9 +225,7 @@ class Emulation:
             arguments = ["drivers.emulators.pose_follower", "--host", self.follow_host]
             self._start("pose_follower", [*arguments, "--world", str(self.world_path)])
         if Device.FORCE_SENSOR in self.devices:
-            rate = f"{self.config.force_sensor.rate:.0f}"
-            arguments = ["drivers.emulators.m8128_box", "--rate", rate, *self._plant(truth)]
-            self._start("force_sensor", arguments)
+            self._start("force_sensor", self._box_arguments(truth))
         if Device.CAMERA in self.devices:
             self._start("camera", self._camera_arguments(truth))
         for name, process in self.processes.items():
@@ -252,6 +250,13 @@ class Emulation:
             *("drivers.emulators.ur_controller", "--host", host, "--model", robot.model.value),
             *("--folder", str(self.folder), f"--home={home}"),
             *("--seed", str(self.config.emulation.seed)),
+        ]
+
+    def _box_arguments(self, truth: Path) -> list[str]:
+        sensor = self.config.force_sensor
+        return [
+            *("drivers.emulators.m8128_box", "--rate", f"{sensor.rate:.0f}"),
+            *("--full-scale-n", f"{sensor.capacity:g}", *self._plant(truth)),
         ]
 
     def _camera_arguments(self, truth: Path) -> list[str]:

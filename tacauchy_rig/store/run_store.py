@@ -97,10 +97,19 @@ class RunStore:
     def set_devices(self, devices: Mapping[str, Any]) -> None:
         """Record who answered: name of the device to its DeviceIdentity.
 
+        A device that turns out to be a program on this computer makes the run a simulated one,
+        whatever driver the configuration names.
+
         Raises:
             RecordError: The disk is full or gone.
         """
-        self.description = {**self.description, "devices": to_json(devices)}
+        answered = to_json(devices)
+        self.simulated = self.simulated or any(d.get("simulated") for d in answered.values())
+        self.description = {
+            **self.description,
+            "devices": answered,
+            "simulated": self.simulated,
+        }
         write_atomically(self.paths.run_json, dumps(self.description))
 
     def attempts(self, trial: int) -> list[int]:
