@@ -6,10 +6,10 @@ import logging
 import time
 from collections import deque
 from enum import StrEnum
-from typing import Any
 
 from drivers.interfaces import DeviceIdentity
 from drivers.ur5_caps import MotionCaps
+from drivers.ur5_line import LineMove
 from drivers.ur5_link import UrLink
 from drivers.ur5_model import UrModel
 from drivers.ur5_probe import probe_controller, require_ready
@@ -22,7 +22,6 @@ _logger = logging.getLogger(__name__)
 _FEED_S = 0.25
 _STOP_S = 0.15
 _POLL_S = 0.002
-_MOVE_BEGINS_S = 0.5
 _RECORD_LIMIT = 100_000
 
 
@@ -87,9 +86,9 @@ class Ur5:
         self._simulated = simulated
         self._link: UrLink | None = None
         self._motion = _Motion.NONE
+        self._velocity: tuple[Vector6, float] = ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
         self._watchdog_armed = False
-        self._operation_before = -1
-        self._move_start_s = 0.0
+        self._line: LineMove | None = None
         self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
 
     def connect(self) -> DeviceIdentity:
@@ -169,12 +168,10 @@ class Ur5:
             DeviceError: The controller refused.
         """
         self._caps.require_line(self._device, target.as_vector(), speed, acceleration)
-        vector = list(target.as_vector())
         link = self._prepare_motion(_Motion.LINE)
-        _, self._operation_before = link.call("reading progress", _progress)
         self._motion = _Motion.LINE
-        self._move_start_s = time.monotonic()
-        link.command("starting a move", lambda c: c.moveL(vector, speed, acceleration, True))
+        self._line = LineMove(link)
+        self._line.start(target.as_vector(), speed=speed, acceleration=acceleration)
 
     def is_moving(self) -> bool:
         """Return True until the move started last has ended.
@@ -182,20 +179,11 @@ class Ur5:
         Raises:
             DeviceError: The move never began, or the arm is lost.
         """
-        if self._motion is _Motion.VELOCITY:
-            return True
-        if self._motion is _Motion.NONE:
-            return False
-        link = self._require_link()
-        running, operation = link.call("reading progress", _progress)
-        if running:
-            return True
-        if operation == self._operation_before:
-            if time.monotonic() - self._move_start_s > _MOVE_BEGINS_S:
-                raise link.health.lose("the move never began", "read the pendant's message")
-            return True
-        self._motion = _Motion.NONE
-        return False
+        if self._motion is _Motion.LINE and self._line is not None:
+            self._require_link()
+            if not self._line.is_running():
+                self._motion = _Motion.NONE
+        return self._motion is not _Motion.NONE
 
     def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
         """Set the tool velocity [m/s, rad/s]; holds until changed, stopped or the watchdog bites.
@@ -207,11 +195,8 @@ class Ur5:
         self._caps.require_velocity(self._device, velocity, acceleration)
         link = self._prepare_motion(_Motion.VELOCITY)
         self._motion = _Motion.VELOCITY
-        link.command(
-            "setting the velocity",
-            lambda c: c.speedL(list(velocity), acceleration, 0.0),
-            deadline_s=_FEED_S,
-        )
+        self._velocity = (velocity, acceleration)
+        self._send_velocity(link)
 
     def kick_watchdog(self) -> None:
         """Tell the controller that this program lives; call it at ``watchdog_hz`` or faster.
@@ -219,9 +204,13 @@ class Ur5:
         Raises:
             DeviceError: The arm is lost, so feeding it would only keep it moving.
         """
-        self._require_link().command(
-            "feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S
-        )
+        link = self._require_link()
+        if self._motion is _Motion.VELOCITY:
+            # A kick clears the command register: sent before the controller's next cycle it
+            # would swallow a new velocity. Repeating the velocity feeds the watchdog as well.
+            self._send_velocity(link)
+        else:
+            link.command("feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S)
 
     def stop(self) -> None:
         """End any motion. Never raises; returns within 0.2 s.
@@ -229,17 +218,13 @@ class Ur5:
         When the controller does not answer, the arm counts as lost and is fed no more, so that
         its watchdog stops it.
         """
-        link, deceleration = self._link, self._stop_deceleration
-        if link is None or self._motion is _Motion.NONE:
+        if self._link is None or self._motion is _Motion.NONE:
             return
         try:
             if self._motion is _Motion.VELOCITY:
-                if not link.call(
-                    "stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S
-                ):
-                    link.health.lose("did not take the stop", "see why its program ended")
-            else:
-                self._stop_line(link)
+                self._stop_velocity(self._link)
+            elif self._line is not None:
+                self._line.stop(self._stop_deceleration, deadline_s=_STOP_S)
         except DeviceError as error:
             _logger.error("%s", error)
         self._motion = _Motion.NONE
@@ -272,15 +257,18 @@ class Ur5:
             self._link.close()
             self._link = None
 
-    def _stop_line(self, link: UrLink) -> None:
-        # Only the asynchronous form brakes the tip at [m/s^2]; the other one is a stopj.
+    def _send_velocity(self, link: UrLink) -> None:
+        velocity, acceleration = self._velocity
+        link.command(
+            "setting the velocity",
+            lambda c: c.speedL(list(velocity), acceleration, 0.0),
+            deadline_s=_FEED_S,
+        )
+
+    def _stop_velocity(self, link: UrLink) -> None:
         deceleration = self._stop_deceleration
-        end_s = time.monotonic() + _STOP_S
-        link.call("stopping", lambda c: c.stopL(deceleration, True), deadline_s=_STOP_S)
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            if not link.call("reading progress", _progress, deadline_s=left_s + _POLL_S)[0]:
-                return
-            time.sleep(_POLL_S)
+        if not link.call("stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S):
+            raise link.health.lose("did not take the stop", "see why its program ended")
 
     def _prepare_motion(self, wanted: _Motion) -> UrLink:
         link = self._require_link()
@@ -304,9 +292,3 @@ class Ur5:
             raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
         self._link.health.require_alive()
         return self._link
-
-
-def _progress(control: Any) -> tuple[bool, int]:
-    """Return (whether an asynchronous operation runs, its number)."""
-    status = control.getAsyncOperationProgressEx()
-    return bool(status.isAsyncOperationRunning()), int(status.operationId())

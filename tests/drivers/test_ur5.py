@@ -85,6 +85,13 @@ def client_normal(host: str, model: str, _folder: str) -> None:
         arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
         time.sleep(0.004)
         pressing = arm.state().velocity[2]
+    # Feeding at once after a new velocity must not swallow it.
+    arm.set_velocity((0.0, 0.0, 0.001, 0.0, 0.0, 0.0), acceleration=0.4)
+    for _ in range(100):
+        arm.kick_watchdog()
+        time.sleep(0.0005)
+    time.sleep(0.02)
+    fed = arm.state().velocity[2]
     # A move right after a velocity: the driver ends the one before it starts the other.
     arm.start_move(home, speed=0.04, acceleration=0.4)
     arm.state()
@@ -113,6 +120,7 @@ def client_normal(host: str, model: str, _folder: str) -> None:
         error_m=math.dist(reached.position, target.position),
         halted=halted,
         pressing=pressing,
+        fed=fed,
         refusals=refusals,
         times=times,
         drained_twice=drained_twice,
@@ -260,6 +268,7 @@ def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: U
     assert found["error_m"] < 1e-9
     assert found["halted"] == 0.0
     assert found["pressing"] == pytest.approx(-_PRESS_M_S)
+    assert found["fed"] == pytest.approx(0.001)
     assert [message.split(" mm/s")[0] for message in found["refusals"]] == [
         f"robot {robot.host}: speed {speed}" for speed in ("60", "nan", "-10")
     ]
