@@ -1,0 +1,78 @@
+"""The mock force sensor and camera stream as the interfaces promise, and fail on demand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from drivers.mock.fault_plan import plan_faults
+from tacauchy_rig.errors import DeviceError
+
+
+def test_force_comes_at_its_rate_with_gapless_counters(bench):
+    """100 samples a second, numbered, once each."""
+    bench.force_sensor.drain()
+    bench.world.clock.sleep(1.0)
+    counters = [sample.counter for sample in bench.force_sensor.drain()]
+    assert 99 <= len(counters) <= 101
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
+    assert bench.force_sensor.drain() == []
+    assert bench.force_sensor.health().rate_hz == pytest.approx(100.0)
+
+
+def test_force_feels_the_gel(bench):
+    """Half a millimetre into the gel raises the raw force by its stiffness times depth."""
+    bench.world.noise_n = 0.0
+    bench.world.pose = bench.world.pose.shifted(
+        z=bench.world.surface_z_m - 0.0005 - bench.world.pose.position[2]
+    )
+    bench.world.clock.sleep(0.02)
+    newest = bench.force_sensor.drain()[-1]
+    expected = bench.world.bias[2] + bench.world.gel.stiffness_n_m * 0.0005
+    assert newest.wrench.force[2] == pytest.approx(expected, rel=0.01)
+
+
+def test_frames_come_at_their_rate(bench):
+    """25 JPEG images a second."""
+    bench.camera.drain()
+    bench.world.clock.sleep(2.0)
+    frames = bench.camera.drain()
+    assert 49 <= len(frames) <= 51
+    assert all(frame.jpeg[:2] == b"\xff\xd8" for frame in frames)
+
+
+@pytest.mark.parametrize(
+    ("plan", "age_s"), [("force_sensor:stall@1s", 1.0), ("force_sensor:stall@1s+500ms", 0.0)]
+)
+def test_planned_faults_begin_and_end(bench, plan, age_s):
+    """Written as for the emulators: what stalls for half a second comes back."""
+    plan_faults(bench.world, [plan])
+    bench.world.clock.sleep(2.0 - bench.world.elapsed_s)
+    assert bench.force_sensor.health().age_s == pytest.approx(age_s, abs=0.02)
+
+
+def test_failures_show_as_on_real_devices(bench):
+    """NaN, saturation, repeats, losses and unplugging."""
+    sensor, faults = bench.force_sensor, bench.world.faults
+
+    def newest():
+        bench.world.clock.sleep(0.5)
+        return sensor.drain()
+
+    faults.add("force-nan")
+    assert math.isnan(newest()[-1].wrench.force[2])
+    faults.add("force-saturated")
+    faults.remove("force-nan")
+    assert newest()[-1].wrench.force[0] == bench.world.config.force_sensor.capacity
+    faults.add("force-stuck")
+    assert len({sample.wrench for sample in newest()[1:]}) == 1
+    faults.add("force-lossy")
+    newest()
+    assert sensor.health().lost_count == 5
+    faults.add("force-unplugged")
+    with pytest.raises(DeviceError):
+        sensor.drain()
+    faults.add("camera-unplugged")
+    with pytest.raises(DeviceError):
+        bench.camera.drain()
