@@ -100,6 +100,7 @@ class Port:
 
     def __init__(self, host: str, number: int) -> None:
         self.number = number
+        self._delay_s = 0.0
         self.connections: list[Connection] = []
         self._address = (host, number)
         self._listener: socket.socket | None = None
@@ -114,6 +115,12 @@ class Port:
             listener.listen(8)
             listener.setblocking(False)
             self._listener = listener
+
+    def delay(self, delay_s: float) -> None:
+        """Delay both directions of every connection, those to come included, by ``delay_s`` [s]."""
+        self._delay_s = delay_s
+        for connection in self.connections:
+            connection.delay_s = delay_s
 
     def drop(self) -> None:
         """Break every connection and refuse new ones until ``open``."""
@@ -136,7 +143,9 @@ class Port:
                 link, _ = self._listener.accept()
             except OSError:
                 break
-            fresh.append(Connection(link))
+            connection = Connection(link)
+            connection.delay_s = self._delay_s
+            fresh.append(connection)
         self.connections += fresh
         return fresh
 

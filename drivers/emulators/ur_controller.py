@@ -232,8 +232,7 @@ class UrController:
 
     def _delay(self, delay_s: float) -> None:
         for port in self._ports:
-            for connection in port.connections:
-                connection.delay_s = delay_s
+            port.delay(delay_s)
 
     def _draw_repeatability(self) -> None:
         # A new error for each move, drawn when it ends its line; slow presses keep theirs.
