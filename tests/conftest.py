@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run, and no deadline: how long one takes is the machine's matter.
+settings.register_profile("rig", derandomize=True, deadline=None)
+settings.load_profile("rig")
 
 for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -29,7 +34,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _has_cuda() -> bool:
-    import warp as wp
+    import warp as wp  # noqa: PLC0415 - a second of start-up, for GPU tests only
 
     wp.config.quiet = True
     return bool(wp.is_cuda_available())
