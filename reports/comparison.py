@@ -81,7 +81,10 @@ def _compare_trial(
     }
     criteria = judge_trial(trial, evidence.thresholds, scores=scores, discriminates=discriminates)
     force = compare_force(
-        trial, tolerance_n=evidence.thresholds.max_force_mismatch_n, model=evidence.model
+        trial,
+        tolerance_n=evidence.thresholds.max_force_mismatch_n,
+        model=evidence.model,
+        contact_force_n=evidence.contact_force_n,
     )
     return TrialResult(
         index=trial.index,

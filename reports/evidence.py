@@ -168,6 +168,7 @@ class RunEvidence:
         simulated: True when any device was emulated or mocked.
         provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
             and whatever else says where the numbers come from; plain JSON values.
+        contact_force_n: Force at which a press calls the gel touched: depth counts from there.
         model: The replay's model, units in the keys.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
@@ -180,6 +181,7 @@ class RunEvidence:
     geometry: ImageGeometry = field(default_factory=ImageGeometry)
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
+    contact_force_n: float = 0.0
     model: dict[str, Any] = field(default_factory=dict)
     sync_mode: str = "host_clock"
     world: EmulatedWorld | None = None

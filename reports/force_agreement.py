@@ -50,7 +50,9 @@ class ForceAgreement:
         mismatch_n: Simulated minus measured at the accepted depth [N]; by construction small.
         force_predicted_n: Simulated force at the measured depth [N]; None outside the curve.
         prediction_error_n: Predicted minus measured [N], E = S - D of ASME V&V 20.
-        depth_error_m: Simulated minus measured depth at equal force [m].
+        depth_error_m: Simulated minus measured depth at equal force [m], both from first touch.
+        touch_depth_m: Depth of the simulator at the force that the press called contact [m];
+            added to the measured depth.
         known_uncertainty_n: Root sum of squares of the known terms of ``budget`` [N].
         budget_complete: False when any term is unknown: u_val is then larger than shown.
     """
@@ -61,6 +63,7 @@ class ForceAgreement:
     prediction_error_n: float | None
     prediction_error_relative: float | None
     depth_error_m: float | None
+    touch_depth_m: float | None
     known_uncertainty_n: float | None
     budget_complete: bool
     budget: tuple[UncertaintyTerm, ...]
@@ -81,6 +84,24 @@ def force_at_depth(curve: FloatArray, depth_m: float) -> float | None:
     return float(np.interp(depth_m, curve[:, 0], curve[:, 1]))
 
 
+def depth_at_force(curve: FloatArray, force_n: float) -> float | None:
+    """Interpolate the depth [m] at which the simulator first reaches ``force_n`` [N].
+
+    Args:
+        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
+        force_n: Pressing force [N].
+
+    Returns:
+        None above the forces that were simulated.
+    """
+    reached = np.flatnonzero(curve[:, 1] >= force_n)
+    if len(curve) < 2 or not len(reached):
+        return None
+    last = max(int(reached[0]), 1)
+    (d0, f0), (d1, f1) = curve[last - 1], curve[last]
+    return float(d0 + (d1 - d0) * (force_n - f0) / (f1 - f0)) if f1 > f0 else float(d0)
+
+
 def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> FloatArray | None:
     """Merge the evaluations of all trials' searches into one curve from first touch on.
 
@@ -96,7 +117,11 @@ def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> Float
 
 
 def compare_force(
-    trial: TrialEvidence, *, tolerance_n: float, model: Mapping[str, Any]
+    trial: TrialEvidence,
+    *,
+    tolerance_n: float,
+    model: Mapping[str, Any],
+    contact_force_n: float = 0.0,
 ) -> ForceAgreement:
     """Compare the forces of one trial under both claims.
 
@@ -104,16 +129,21 @@ def compare_force(
         trial: Record and replay of the trial; what is missing gives None.
         tolerance_n: Largest mismatch that counts as matched [N].
         model: The replay's model; ``young_uncertainty_relative`` enters the budget when present.
+        contact_force_n: Force at which the press called the gel touched [N]. The simulator is a
+            little deep at that force, and measured depth counts from there.
     """
     record, replay = trial.record, trial.replay
     measured = None if record is None else record.force_measured_n
     depth = None if record is None else record.depth_measured_m
     simulated = None if replay is None else replay.force_simulated_n
-    predicted = None
-    if trial.force_depth_simulated is not None and depth is not None:
-        predicted = force_at_depth(trial.force_depth_simulated, depth)
+    curve, predicted, touched = trial.force_depth_simulated, None, None
+    if curve is not None and depth is not None:
+        touched = depth_at_force(curve, contact_force_n)
+    if curve is not None and depth is not None and touched is not None:
+        depth += touched
+        predicted = force_at_depth(curve, depth)
     error = _difference(predicted, measured)
-    budget = uncertainty_budget(trial, model)
+    budget = uncertainty_budget(trial, model, touched_m=touched)
     known = [term.value_n for term in budget if term.value_n is not None]
     return ForceAgreement(
         tolerance_n=tolerance_n,
@@ -122,6 +152,7 @@ def compare_force(
         prediction_error_n=error,
         prediction_error_relative=error / measured if error is not None and measured else None,
         depth_error_m=_difference(None if replay is None else replay.depth_simulated_m, depth),
+        touch_depth_m=touched,
         known_uncertainty_n=math.hypot(*known) if known else None,
         budget_complete=all(term.value_n is not None for term in budget),
         budget=budget,
@@ -129,10 +160,37 @@ def compare_force(
 
 
 def uncertainty_budget(
-    trial: TrialEvidence, model: Mapping[str, Any]
+    trial: TrialEvidence, model: Mapping[str, Any], *, touched_m: float | None = None
 ) -> tuple[UncertaintyTerm, ...]:
-    """List what is known and what is not of the uncertainty of simulated minus measured force."""
-    return (*_numerics(trial), *_inputs(trial, model), *_data(trial))
+    """List what is known and what is not of the uncertainty of simulated minus measured force.
+
+    Args:
+        trial: Record and replay of the trial.
+        model: The replay's model.
+        touched_m: Depth of the simulator at the contact force [m].
+    """
+    return (
+        *_numerics(trial),
+        *_inputs(trial, model),
+        _contact_height(trial, touched_m),
+        *_data(trial),
+    )
+
+
+def _contact_height(trial: TrialEvidence, touched_m: float | None) -> UncertaintyTerm:
+    curve, value = trial.force_depth_simulated, None
+    depth = None if trial.record is None else trial.record.depth_measured_m
+    if curve is not None and depth is not None and touched_m is not None and len(curve) > 1:
+        stiffness = np.interp(depth, curve[:, 0], np.gradient(curve[:, 1], curve[:, 0]))
+        value = 0.5 * touched_m * float(stiffness)
+    return UncertaintyTerm(
+        name="height of first contact",
+        group=TermGroup.INPUTS,
+        value_n=value,
+        basis="half of the simulator's depth at the contact force, times its stiffness"
+        if value is not None
+        else "unknown: no simulated curve",
+    )
 
 
 def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
@@ -166,10 +224,10 @@ def _inputs(trial: TrialEvidence, model: Mapping[str, Any]) -> tuple[Uncertainty
             else "unknown: the material states no uncertainty for this unit",
         ),
         UncertaintyTerm(
-            name="height of first contact and tilt",
+            name="tilt and place of the indenter",
             group=TermGroup.INPUTS,
             value_n=None,
-            basis="unknown: not measured independently of the force sensor",
+            basis="unknown: not measured",
         ),
     )
 

@@ -78,6 +78,7 @@ def load_evidence(
         geometry=geometry,
         provenance=_provenance(store, replay),
         journal=summarize_journal(read_journal(store.paths.journal)),
+        contact_force_n=config.protocol.contact_force,
         model={} if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
         world=_world(store, records),

@@ -97,7 +97,7 @@ def _discrimination(matrices: Sequence[WrongForceMatrix]) -> Iterator[str]:
         return
     full = [NAMES[m] for m in Metric if m in won and won[m.value][0] == won[m.value][1]]
     partly = [
-        f"{NAMES[m]} ({won[m.value][0]} of {won[m.value][1]})"
+        f"{NAMES[m]} (right in {won[m.value][0]} of {won[m.value][1]} trials)"
         for m in Metric
         if m in won and won[m.value][0] < won[m.value][1]
     ]
@@ -105,7 +105,7 @@ def _discrimination(matrices: Sequence[WrongForceMatrix]) -> Iterator[str]:
         yield f"The right force beats every wrong force in all trials by {_join(full)}."
     if partly:
         yield (
-            f"A wrong force sometimes scores as well or better by {_join(partly)} trials won:"
+            f"A wrong force sometimes scores as well or better by {_join(partly)}:"
             " there the score does not tell which force was simulated."
         )
     if CONTACT_RESIDUAL in won:

@@ -103,23 +103,47 @@ def _draw_survival(axes: Axes, intervals_ms: FloatArray, color: str) -> None:
 
 
 def draw_truth(report: ValidationReport) -> Figure:
-    """Draw recovered minus true values of the emulated world, relative to the true value."""
-    rows = [c for c in report.truth if c.true != 0.0 and math.isfinite(c.recovered)]
-    names = list(dict.fromkeys(c.name for c in rows))
-    height = 0.75 + 0.2 * max(len(names), 1)
-    figure = new_figure(COLUMN_IN, height, simulated=report.evidence.simulated)
-    axes = figure.subplots()
+    """Draw recovered minus true values of the emulated world: lengths in um, the rest in %."""
+    lengths = [(c.name, 1e3 * (c.recovered - c.true)) for c in report.truth if c.unit == "mm"]
+    others = [
+        (c.name, 100.0 * (c.recovered - c.true) / abs(c.true))
+        for c in report.truth
+        if c.unit != "mm" and c.true != 0.0
+    ]
+    panels = [
+        (rows, label)
+        for rows, label in ((others, "Recovered − true (%)"), (lengths, "Recovered − true (µm)"))
+        if rows
+    ]
+    counts = [len({name for name, _ in rows}) for rows, _ in panels]
+    figure = new_figure(
+        COLUMN_IN,
+        0.55 * len(panels) + 0.19 * sum(counts),
+        simulated=report.evidence.simulated,
+    )
+    grid = figure.subplots(len(panels), 1, squeeze=False, height_ratios=counts)
+    for axes, (rows, label) in zip(grid[:, 0], panels, strict=True):
+        _draw_errors(axes, rows, label)
+    return figure
+
+
+def _draw_errors(axes: Axes, rows: Sequence[tuple[str, float]], label: str) -> None:
+    names = list(dict.fromkeys(name for name, _ in rows))
     axes.axvline(0.0, color=GREY, linewidth=0.6)
-    for row, name in enumerate(names):
-        errors = [100.0 * (c.recovered - c.true) / abs(c.true) for c in rows if c.name == name]
-        axes.plot(
-            errors, [row] * len(errors), color=BLUE, marker="o", markersize=3, ls="none", alpha=0.7
-        )
+    axes.plot(
+        [error for _, error in rows],
+        [names.index(name) for name, _ in rows],
+        color=BLUE,
+        marker="o",
+        markersize=3,
+        markeredgewidth=0,
+        alpha=0.6,
+        ls="none",
+    )
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.set_xlabel("Recovered − true (% of true)")
+    axes.set_xlabel(label)
     axes.grid(axis="x")
-    return figure
 
 
 def _number(value: float | None) -> float:

@@ -121,8 +121,9 @@ _PLANS = (
     ),
     _Plan(
         name="truth",
-        caption="What the pipeline recovered of the emulated world, which it could not see.",
+        caption="What the pipeline recovered of the emulated world, which it could not see: one"
+        " dot a press, or one for the run.",
         draw=draw_truth,
-        wanted=lambda report: any(c.true != 0.0 for c in report.truth),
+        wanted=lambda report: any(c.unit == "mm" or c.true != 0.0 for c in report.truth),
     ),
 )

@@ -39,6 +39,8 @@ def draw_time_curves(report: ValidationReport) -> Figure:
         _draw_curve(depth, trial.depth_curve, GREEN, 1e3)
         force.axhline(trial.force_target_n, color=ORANGE, linestyle="--", linewidth=0.7)
         force.set_title(f"{force_label(trial)} N")
+        if trial.force_curve is None:
+            depth.text(0.5, 0.5, "not recorded", transform=depth.transAxes, ha="center", color=GREY)
         depth.axhline(0.0, color=GREY, linewidth=0.4)
         if trial.dwell_s is not None:
             for axes in (force, depth):

@@ -12,6 +12,7 @@ from reports.evidence import RunEvidence
 from reports.force_agreement import (
     TermGroup,
     compare_force,
+    depth_at_force,
     force_at_depth,
     merge_histories,
 )
@@ -25,6 +26,20 @@ def test_force_is_interpolated_and_never_extrapolated() -> None:
     assert force_at_depth(CURVE, 2.1e-4) is None
     assert force_at_depth(CURVE, -1e-6) is None
     assert force_at_depth(CURVE[:1], 0.0) is None
+
+
+def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
+    """A press that calls contact at 0.0707 N is 10 um deep already on a 7.07 kN/m simulator."""
+    trial = evidence.trials[2]
+    assert trial.record is not None
+    assert trial.record.depth_measured_m is not None
+    force = compare_force(trial, tolerance_n=0.08, model={}, contact_force_n=0.0707)
+    assert force.touch_depth_m == pytest.approx(1e-5)
+    assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
+    height = next(t for t in force.budget if t.name == "height of first contact")
+    assert height.value_n == pytest.approx(0.5 * 0.0707)
+    assert depth_at_force(CURVE, 2.0) == pytest.approx(1.5e-4)
+    assert depth_at_force(CURVE, 3.1) is None
 
 
 def test_histories_of_all_trials_are_one_curve() -> None:

@@ -67,6 +67,7 @@ def test_incomplete_run_is_written_without_nan(
     page = paths.html.read_text("utf-8")
     assert "What was missed, and what to do" in page
     assert "tacauchy-rig resume RUN" in page
+    assert "Trial 4 was not pressed" in page
     assert "camera &lt;went&gt; away" in page
     assert "SIMULATED" not in page
 
