@@ -7,6 +7,7 @@ its ports are open, then serves until it is told to end.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import logging
 import os
@@ -27,7 +28,7 @@ from drivers.emulators.ur_rtde_port import RtdePort
 from drivers.emulators.ur_settings import ControllerSettings, parse_arguments
 from drivers.emulators.ur_text_ports import DashboardPort, ScriptPort
 from drivers.ur5_safety import RuntimeState
-from tacauchy_rig.errors import DeviceError, RigError
+from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Pose, Vector3, Vector6
 
 _logger = logging.getLogger(__name__)
@@ -266,6 +267,18 @@ class StopFlag:
         self.is_set = True
 
 
+def _refusal(settings: ControllerSettings, error: OSError) -> DeviceError:
+    if error.errno == errno.EADDRINUSE:
+        remedy = "another emulator has that address: choose a free one such as 127.0.0.6"
+    elif error.errno == errno.EADDRNOTAVAIL:
+        remedy = "choose a loopback address such as 127.0.0.6"
+    else:
+        remedy = f"see that {settings.folder} can be created and written"
+    return DeviceError(
+        f"emulated robot at {settings.host}: {error.strerror or error}", remedy=remedy
+    )
+
+
 def main() -> int:
     """Serve as an emulated controller until told to end."""
     settings = parse_arguments(sys.argv[1:])
@@ -276,12 +289,8 @@ def main() -> int:
     try:
         controller = UrController(settings)
     except OSError as error:
-        refusal = DeviceError(
-            f"emulated robot at {settings.host}: {error.strerror or error}",
-            remedy="another emulator has that address: choose a free one such as 127.0.0.6",
-        )
-        print(refusal, file=sys.stderr)
-        return RigError.exit_code
+        print(_refusal(settings, error), file=sys.stderr)
+        return DeviceError.exit_code
     try:
         print(controller.ready_line(), flush=True)
         controller.serve_until(stop)
