@@ -64,7 +64,9 @@ def replay_run(store: RunStore) -> Replay:
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    replay = replace(replay, trials=trials)
+    young = sensor.numbers["material.young"]
+    stated = {"young_uncertainty_relative": young.uncertainty / young.value}
+    replay = replace(replay, trials=trials, model={**replay.model, **stated})
     model = photometric_model(store, camera_geometry(sensor))
     kept = {
         record.index: _with_image(store, sensor, record, trial_fields, model)

@@ -1,0 +1,44 @@
+"""``config show`` and ``config example`` as an operator calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tacauchy_rig.cli.app import app
+from tacauchy_rig.config.load import load_config
+from tacauchy_rig.errors import ConfigError
+
+runner = CliRunner()
+
+
+def test_show_names_the_source_of_each_value(tmp_path: Path) -> None:
+    """A value from the file is told from a built-in default and from --set."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npress_speed = "0.2 mm/s"\n')
+    out = tmp_path / "show.json"
+    arguments = ["config", "show", str(path), "--set", "camera.width=1280", "--json", str(out)]
+    assert runner.invoke(app, arguments).exit_code == 0
+    sources = {row["field"]: row["source"] for row in json.loads(out.read_text())["fields"]}
+    assert sources["robot.press_speed"] == str(path)
+    assert sources["camera.width"] == "--set"
+    assert sources["camera.height"] == "built-in default"
+
+
+def test_example_is_accepted_as_it_is(tmp_path: Path) -> None:
+    """The commented example is a valid configuration of a real rig."""
+    path = tmp_path / "rig.toml"
+    assert runner.invoke(app, ["config", "example", str(path)]).exit_code == 0
+    assert load_config(path).config.moves_real_hardware
+
+
+def test_example_overwrites_nothing(tmp_path: Path) -> None:
+    """A rig.toml that somebody filled in is not lost to a second call."""
+    path = tmp_path / "rig.toml"
+    path.write_text("precious")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        runner.invoke(app, ["config", "example", str(path)], catch_exceptions=False)
+    assert path.read_text() == "precious"

@@ -1,0 +1,53 @@
+"""Pads, indenters and contacts as text."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim.indenter import Cylinder, Plane, Sphere
+from sim.pad import BoxPad, DiscPad
+from sim.scene import ContactMode
+from tacauchy_rig.cli.press_terms import parse_contact, parse_indenter, parse_pad
+from tacauchy_rig.errors import ConfigError
+
+
+def test_box_with_one_unit_for_all_sizes() -> None:
+    """The last size carries the unit of all three."""
+    pad = parse_pad("box:20.75x25.25x4.5mm")
+    assert isinstance(pad, BoxPad)
+    assert (pad.size_x_m, pad.size_y_m, pad.height_m) == pytest.approx((20.75e-3, 25.25e-3, 4.5e-3))
+
+
+def test_disc_and_indenters() -> None:
+    """Sizes come by name and are SI inside."""
+    disc = parse_pad("disc:radius=12mm,height=4.5mm")
+    assert isinstance(disc, DiscPad)
+    assert (disc.radius_m, disc.height_m) == pytest.approx((12e-3, 4.5e-3))
+    cylinder = parse_indenter("cylinder:diameter=5mm,fillet=0.1mm")
+    assert isinstance(cylinder, Cylinder)
+    assert (cylinder.diameter_m, cylinder.fillet_m) == pytest.approx((5e-3, 1e-4))
+    assert parse_indenter("sphere:diameter=15mm") == Sphere(diameter_m=0.015)
+    assert parse_indenter("plane") == Plane()
+    assert parse_contact("bonded") is ContactMode.BONDED
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ball:diameter=5mm", "no such indenter"),
+        ("cylinder:radius=5mm", "unknown size 'radius'"),
+        ("cylinder:diameter=5", "has no unit"),
+        ("sphere", "no diameter"),
+    ],
+)
+def test_wrong_indenters_are_explained(text: str, message: str) -> None:
+    """The message names what is wrong with the text."""
+    with pytest.raises(ConfigError, match=message):
+        parse_indenter(text)
+
+
+@pytest.mark.parametrize("text", ["box:20x20mm", "box:20x20x4", "cube:4mm", "disc:radius=3mm"])
+def test_wrong_pads_are_refused(text: str) -> None:
+    """A pad without three sizes or without a unit is no pad."""
+    with pytest.raises(ConfigError):
+        parse_pad(text)
