@@ -1,4 +1,8 @@
-"""Slope of a triangulated height field at its nodes, from quadratic fits to neighbouring nodes."""
+"""Slope of a height field on a mesh at its nodes.
+
+From linear facets by quadratic fits to neighbouring nodes, from quadratic faces by averaging the
+faces' own slopes, which keeps to one ring where a graded mesh gets coarse.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,19 @@ from scipy import sparse
 from sim.arrays import FloatArray, IntArray
 
 _QUADRATIC_TERMS = 5
+_FLAT_M2 = 1e-18
+
+
+def node_gradients(
+    positions: FloatArray,
+    triangles: IntArray,
+    triangles6: IntArray | None,
+    touching: NDArray[np.bool_] | None,
+) -> FloatArray:
+    """Return dz/dx and dz/dy at the nodes by what suits the element, shape [node_count, 2]."""
+    if triangles6 is None:
+        return recover_gradients(positions, triangles, touching=touching)
+    return average_face_gradients(positions, triangles6, touching=touching)
 
 
 def recover_gradients(
@@ -16,10 +33,9 @@ def recover_gradients(
 ) -> FloatArray:
     """Fit z = z_i + g (x - x_i) + quadratic through two rings of neighbours of each node.
 
-    The fit is exact for quadratic surfaces, so that linear and quadratic elements are treated
-    alike: a quadratic face comes as its four linear facets, mid-edge nodes included. Nodes inside
-    the contact patch are no neighbours of nodes on its edge or outside, because the slope jumps at
-    a sharp rim: there the slope is that of the free gel.
+    The fit is exact for quadratic surfaces. Nodes inside the contact patch are no neighbours of
+    nodes on its edge or outside, because the slope jumps at a sharp rim: there the slope is that
+    of the free gel.
 
     Args:
         positions: Deformed nodes [m], shape [node_count, 3].
@@ -53,6 +69,49 @@ def recover_gradients(
     ridge = trace * np.array([1e-9, 1e-9, 1e-6, 1e-6, 1e-6])
     normal[:, range(_QUADRATIC_TERMS), range(_QUADRATIC_TERMS)] += ridge
     return np.asarray(np.linalg.solve(normal, load[:, :, None])[:, :2, 0])
+
+
+def average_face_gradients(
+    positions: FloatArray, triangles6: IntArray, *, touching: NDArray[np.bool_] | None = None
+) -> FloatArray:
+    """Average the slopes of the quadratic faces at each node, weighted by their areas.
+
+    Faces that touch with all their nodes do not count at the edge of the contact.
+
+    Args:
+        positions: Deformed nodes [m], shape [node_count, 3].
+        triangles6: Faces: corners, then nodes on the edges 01, 12, 20, shape [face_count, 6].
+        touching: True for nodes on the indenter, shape [node_count].
+
+    Returns:
+        dz/dx and dz/dy at each node, shape [node_count, 2]; zero at nodes of no face.
+    """
+    node_count = len(positions)
+    nodes = positions[triangles6]
+    along = np.einsum("qkn,fnd->fqkd", _shape_derivatives(), nodes)
+    determinant = along[:, :, 0, 0] * along[:, :, 1, 1] - along[:, :, 0, 1] * along[:, :, 1, 0]
+    safe = np.where(np.abs(determinant) > _FLAT_M2, determinant, np.inf)
+    dx = (along[:, :, 1, 1] * along[:, :, 0, 2] - along[:, :, 0, 1] * along[:, :, 1, 2]) / safe
+    dy = (along[:, :, 0, 0] * along[:, :, 1, 2] - along[:, :, 1, 0] * along[:, :, 0, 2]) / safe
+    weight = np.abs(determinant)
+    if touching is not None:
+        pressed = np.all(touching[triangles6], axis=1, keepdims=True)
+        free = nodes_of(triangles6[np.flatnonzero(~pressed)], node_count)
+        weight = np.where(pressed & free[triangles6], 0.0, weight)
+    flat = triangles6.ravel()
+    total = np.maximum(np.bincount(flat, weight.ravel(), minlength=node_count), _FLAT_M2**2)
+    sums = [np.bincount(flat, (weight * g).ravel(), minlength=node_count) for g in (dx, dy)]
+    return np.stack(sums, axis=1) / total[:, None]
+
+
+def _shape_derivatives() -> FloatArray:
+    """Return d(shape functions)/d(s, t) at the six nodes, shape [6 nodes, 2, 6 functions]."""
+    places = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+    s, t = places.T
+    rest, zero = 1.0 - s - t, np.zeros(6)
+    by_s = [1 - 4 * rest, 4 * s - 1, zero, 4 * (rest - s), 4 * t, -4 * t]
+    by_t = [1 - 4 * rest, zero, 4 * t - 1, -4 * s, 4 * s, 4 * (rest - t)]
+    return np.stack([np.stack(by_s, axis=1), np.stack(by_t, axis=1)], axis=1)
 
 
 def nodes_of(triangles: IntArray, node_count: int) -> NDArray[np.bool_]:

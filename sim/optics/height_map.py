@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.contact_bound import indenter_height, indenter_slope
+from sim.optics.contact_bound import indenter_height
+from sim.optics.contact_edge import close_contact, corner_slopes
 from sim.optics.geometry import CameraGeometry
-from sim.optics.gradient_recovery import nodes_of, recover_gradients
+from sim.optics.gradient_recovery import node_gradients
 from sim.optics.rasterise import rasterise
 from sim.optics.smooth_interpolation import CloughTocherPatches
 from sim.surface import SurfaceState
@@ -52,18 +53,28 @@ def height_maps(
         ConfigError: The mesh covers no pixel.
     """
     ceiling = indenter_height(surface, *geometry.pad_grid())
-    nodes, gradients, touching = _closed_contact(surface, contact_gap_m)
-    gel, under = _rasterised(nodes, surface.triangles, gradients, touching, geometry)
+    nodes, gradients, touching = close_contact(surface, contact_gap_m)
+    corner_gradients = corner_slopes(nodes, surface.triangles, gradients, touching)
+    pressed = np.all(touching[surface.triangles], axis=1, keepdims=True)[:, 0]
+    foot = np.any(touching[surface.triangles], axis=1, keepdims=True)[:, 0]
+    floor = np.where(foot, nodes[surface.triangles, 2].min(axis=1), -np.inf)
+    gel, under = _rasterised(nodes, surface.triangles, corner_gradients, pressed, floor, geometry)
     loaded = np.where(under & np.isfinite(ceiling), ceiling, np.minimum(gel, ceiling))
     return HeightMaps(
         loaded=loaded,
-        rest=interpolate_height(surface.positions_rest, surface.triangles, geometry),
+        rest=interpolate_height(
+            surface.positions_rest, surface.triangles, geometry, triangles6=surface.triangles6
+        ),
         contact=np.isfinite(ceiling) & (ceiling - loaded <= contact_gap_m),
     )
 
 
 def interpolate_height(
-    positions: FloatArray, triangles: IntArray, geometry: CameraGeometry
+    positions: FloatArray,
+    triangles: IntArray,
+    geometry: CameraGeometry,
+    *,
+    triangles6: IntArray | None = None,
 ) -> FloatArray:
     """Interpolate z of a triangulated surface at every pixel, with continuous slope.
 
@@ -74,6 +85,7 @@ def interpolate_height(
         positions: Nodes [m], shape [node_count, 3].
         triangles: Facets, shape [facet_count, 3].
         geometry: Pixels.
+        triangles6: The quadratic faces that the facets are of, shape [face_count, 6].
 
     Returns:
         Heights [m], shape [geometry.height, geometry.width].
@@ -81,54 +93,39 @@ def interpolate_height(
     Raises:
         ConfigError: The mesh covers no pixel.
     """
-    gradients = recover_gradients(positions, triangles)
-    free = np.zeros(len(positions), dtype=np.bool_)
-    return _rasterised(positions, triangles, gradients, free, geometry)[0]
-
-
-def _closed_contact(
-    surface: SurfaceState, contact_gap_m: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return nodes with the solver's gap closed, the slope at each, and which touch.
-
-    Under a smooth part of the indenter the gel has the indenter's slope; at its rim, where nodes
-    next to a touching one lie beside the indenter, that of the free gel.
-    """
-    nodes = surface.positions.copy()
-    ceiling = indenter_height(surface, nodes[:, 0], nodes[:, 1])
-    touching = ceiling - nodes[:, 2] <= contact_gap_m
-    nodes[touching, 2] = ceiling[touching]
-    gradients = recover_gradients(nodes, surface.triangles, touching=touching)
-    half_covered = ~np.isfinite(ceiling)[surface.triangles].all(axis=1)
-    at_rim = nodes_of(surface.triangles[half_covered], len(nodes))
-    slope = indenter_slope(surface, nodes[:, 0], nodes[:, 1])
-    follows = touching & ~at_rim & np.isfinite(slope).all(axis=1)
-    return nodes, np.where(follows[:, None], slope, gradients), touching
+    gradients = node_gradients(positions, triangles, triangles6, None)
+    free = np.zeros(len(triangles), dtype=np.bool_)
+    bottomless = np.full(len(triangles), -np.inf)
+    return _rasterised(positions, triangles, gradients[triangles], free, bottomless, geometry)[0]
 
 
 def _rasterised(
     positions: FloatArray,
     triangles: IntArray,
-    gradients: FloatArray,
-    touching: NDArray[np.bool_],
+    corner_gradients: FloatArray,
+    pressed: NDArray[np.bool_],
+    floor: FloatArray,
     geometry: CameraGeometry,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the height per pixel and which pixels see a facet that touches with every node."""
-    pixels = geometry.to_pixels(positions[:, :2])
-    cover = rasterise(pixels[triangles], height=geometry.height, width=geometry.width)
+    """Return the height per pixel, and which pixels see one of the pressed facets.
+
+    ``floor`` is the lowest height of each facet [m]: beside the contact the gel only rises, which a
+    cubic over a coarse facet may not know.
+    """
+    corners = positions[triangles]
+    pixels = geometry.to_pixels(corners[..., :2])
+    cover = rasterise(pixels, height=geometry.height, width=geometry.width)
     if len(cover.pixel) == 0:
         raise ConfigError(
             f"the gel's surface covers none of the {geometry.width} x {geometry.height} pixels",
             remedy="check the camera's centre and mm per pixel, and that the mesh is in metres",
         )
-    patches = CloughTocherPatches(
-        positions[triangles][..., :2], positions[triangles][..., 2], gradients[triangles]
-    )
+    patches = CloughTocherPatches(corners[..., :2], corners[..., 2], corner_gradients)
     flat = np.full(geometry.width * geometry.height, np.inf)
-    np.minimum.at(flat, cover.pixel, patches.evaluate(cover.facet, cover.barycentric))
+    heights = np.maximum(patches.evaluate(cover.facet, cover.barycentric), floor[cover.facet])
+    np.minimum.at(flat, cover.pixel, heights)
     under = np.zeros(len(flat), dtype=np.bool_)
-    touches_whole = np.all(touching[triangles], axis=1, keepdims=True)[:, 0]
-    under[cover.pixel[touches_whole[cover.facet]]] = True
+    under[cover.pixel[pressed[cover.facet]]] = True
     shape = (geometry.height, geometry.width)
     return _extend(flat.reshape(shape)), under.reshape(shape)
 

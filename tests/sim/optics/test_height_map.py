@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.optics.contact_bound import indenter_height
+from sim.optics.gradient_recovery import average_face_gradients
 from sim.optics.height_map import height_maps, interpolate_height
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import (
@@ -31,6 +32,51 @@ def test_quadratic_surface_is_exact() -> None:
     geometry = camera()
     z = interpolate_height(np.c_[points, height(points[:, 0], points[:, 1])], triangles, geometry)
     np.testing.assert_allclose(z, height(*geometry.pad_grid()), atol=1e-9)
+
+
+def test_quadratic_faces_give_their_own_slope() -> None:
+    """Slopes of six-node faces of a quadratic surface are exact, with nodes moved sideways too."""
+    points, corners = irregular_mesh(1.5e-3)
+    points, triangles, triangles6 = _with_edge_nodes(points, corners)
+
+    def height(x, y):  # type: ignore[no-untyped-def]
+        return APEX_M + 3.0 * x * x - 5.0 * x * y + y * y + 0.1 * x
+
+    nodes = np.c_[points, height(points[:, 0], points[:, 1])]
+    gradients = average_face_gradients(nodes, triangles6)
+    x, y = points.T
+    expected = np.stack([6.0 * x - 5.0 * y + 0.1, 2.0 * y - 5.0 * x], axis=1)
+    np.testing.assert_allclose(gradients, expected, atol=1e-9)
+    z = interpolate_height(nodes, triangles, camera(), triangles6=triangles6)
+    np.testing.assert_allclose(z, height(*camera().pad_grid()), atol=1e-9)
+
+
+def _with_edge_nodes(points, corners):  # type: ignore[no-untyped-def]
+    """Add a node on every edge; returns points, linear facets and six-node faces."""
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, index = np.unique(edges, axis=0, return_inverse=True)
+    middle = index.reshape(-1, 3).astype(np.int32) + len(points)
+    triangles6 = np.concatenate([corners, middle], axis=1)
+    parts = triangles6[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
+    return np.concatenate([points, points[unique].mean(axis=1)]), parts, triangles6
+
+
+@pytest.mark.parametrize("edge", [2e-4, 5e-4])
+def test_no_dip_at_a_sharp_rim(edge: float) -> None:
+    """Around a flat punch the gel rises from the rim at once: no pixel falls below the punch."""
+    radius, tip = 2.5e-3, APEX_M - 8e-4
+
+    def punched(x, y):  # type: ignore[no-untyped-def]
+        beyond = np.maximum(np.hypot(x, y) - radius, 0.0)
+        return tip + 8e-4 * (1.0 - np.exp(-np.sqrt(beyond / 3e-4)))
+
+    surface = pressed_surface(
+        punched, indenter=Cylinder(diameter_m=2 * radius), tip=(0.0, 0.0, tip), edge_m=edge
+    )
+    loaded = height_maps(surface, camera()).loaded
+    assert loaded.min() > tip - 1e-9
+    r = np.hypot(*camera().pad_grid())
+    np.testing.assert_allclose(loaded[r < radius - edge], tip, atol=2e-5)
 
 
 def test_error_falls_with_the_third_power_of_the_edge() -> None:

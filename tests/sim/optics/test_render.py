@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.optics.nominal import Lamp, nominal_photometric
+from sim.optics.nominal import Lamp, nominal_photometric, three_lamps
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer, render_tactile_image
@@ -80,6 +80,19 @@ def test_nominal_model_is_lambert() -> None:
         change = model.evaluate(tilt, np.zeros((2, 1), np.float32), np.zeros(1, np.float32))
         expected = 40.0 * (math.sin(0.3 + angle) - math.sin(0.3))
         assert change[0, 0] == pytest.approx(expected, abs=0.2)
+
+
+def test_three_lamps_light_their_own_flanks() -> None:
+    """Each colour is brightest where the dent faces its lamp, 120 degrees apart."""
+    model = nominal_photometric(three_lamps())
+    flat = np.full((96, 128), APEX_M)
+    background = np.full((96, 128, 3), 100, np.uint8)
+    image = render_tactile_image(_dent(), flat, background, model, geometry=camera()).astype(float)
+    rows, columns = np.mgrid[:96, :128]
+    for channel, azimuth in enumerate((-60.0, 60.0, 180.0)):
+        excess = np.maximum(image[..., channel] - 100.0, 0.0)
+        x, y = np.sum(excess * (columns - 63.5)), np.sum(excess * (rows - 47.5))
+        assert math.cos(math.atan2(y, x) - math.radians(azimuth)) > 0.99
 
 
 def test_steeper_than_fitted_is_rendered_as_the_limit() -> None:
