@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from sim.contact_body import Body, local_point, signed_distance
+from sim.contact_body import Body, distance_curvature, local_point, signed_distance
 
 
 @wp.struct
@@ -162,6 +162,7 @@ def force(
     positions: wp.array(dtype=wp.vec3d),
     anchored: wp.array2d(dtype=wp.int32),
     anchors: wp.array2d(dtype=wp.vec3d),
+    curved: wp.bool,
     # Data out:
     point_out: wp.array2d(dtype=wp.vec3d),
     force_out: wp.array2d(dtype=wp.vec3d),
@@ -169,8 +170,8 @@ def force(
 ):
     """Give each point's position [m], the energy's gradient [N] and its stiffness [N/m].
 
-    The gradient is the force on the indenter. The indenter's curvature is left out of the
-    stiffness, which keeps it positive semidefinite.
+    The gradient is the force on the indenter. With ``curved`` the stiffness is exact; without, the
+    indenter's curvature is left out, which keeps it positive semidefinite.
     """
     f, q = wp.tid()
     x = surface_point(faces, face_values, positions, f, q)
@@ -181,9 +182,11 @@ def force(
         s = distance / settings.distance
         scale = areas[f, q] * settings.stiffness / settings.distance
         pull = n * (scale * _barrier_slope(s, settings.extension))
-        stiffness = wp.outer(n, n) * (
-            scale / settings.distance * _barrier_curvature(s, settings.extension)
-        )
+        along = scale / settings.distance * _barrier_curvature(s, settings.extension)
+        stiffness = wp.outer(n, n) * along
+        if curved:
+            slope = scale * _barrier_slope(s, settings.extension)
+            stiffness += distance_curvature(body, x) * slope
     if anchored[f, q] == 1:
         k = areas[f, q] * settings.tangential
         t = tangential_part(body.rotation * (local_point(body, x) - anchors[f, q]), n)
@@ -226,7 +229,7 @@ def hessian(
     f, i = wp.tid()
     active = wp.bool(False)
     for q in range(stiffness.shape[1]):
-        if wp.trace(stiffness[f, q]) > wp.float64(0.0):
+        if wp.ddot(stiffness[f, q], stiffness[f, q]) > wp.float64(0.0):
             active = True
     if active:
         for j in range(i, blocks.shape[2]):

@@ -78,3 +78,35 @@ def signed_distance(body: Body, x: wp.vec3d):
             gap = side - body.fillet
             n = outward
     return gap, body.rotation * n
+
+
+@wp.func
+def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
+    """Return the second derivative of the gap [1/m] in the pad's frame.
+
+    A sharp rim's infinite curvature across the rim is left out: the gel's own stiffness decides there.
+    """
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    p = local_point(body, x)
+    H = wp.mat33d()
+    if body.shape == SPHERE:
+        c = p - wp.vec3d(zero, zero, body.radius)
+        length = wp.max(wp.length(c), wp.float64(1.0e-30))
+        n = c / length
+        H = (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * (one / length)
+    if body.shape == CYLINDER:
+        r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
+        side = r - (body.radius - body.fillet)
+        below = body.fillet - p[2]
+        outward = wp.vec3d(p[0] / r, p[1] / r, zero)
+        around = wp.vec3d(-outward[1], outward[0], zero)
+        if side > zero and below > zero:
+            corner = wp.max(wp.sqrt(side * side + below * below), wp.float64(1.0e-30))
+            H = wp.outer(around, around) * (side / (corner * r))
+            if body.fillet > zero:
+                t = (outward * below + wp.vec3d(zero, zero, side)) / corner
+                H += wp.outer(t, t) * (one / corner)
+        elif side > below:
+            H = wp.outer(around, around) * (one / r)
+    return body.rotation * H * wp.transpose(body.rotation)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.elements import linear_facets
+from sim.fold import Unfolding
 from sim.loading import LoadingPath, PathPoint
 from sim.model import Model
 from sim.stress import nodal_contact, surface_stress
@@ -37,53 +38,50 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     model = path.model
     stress = surface_stress(model, point.state.positions)
     contact = nodal_contact(model, point)
-    nodes = np.unique(model.faces)
-    local = np.zeros(len(model.nodes), dtype=np.int32)
-    local[nodes] = np.arange(len(nodes), dtype=np.int32)
-    faces = local[model.faces]
+    nodes, faces = _renumbered(model.faces, len(model.nodes))
+    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    positions = whole.vectors(point.state.positions[nodes])
+    faces = whole.faces(faces)
     at_nodes = {
-        "displacement_m": (point.state.positions - model.nodes)[nodes],
-        "contact_force_n": contact.force_n[nodes],
-        "contact_normal_force_n": contact.normal_n[nodes],
-        "contact_tangential_force_n": contact.tangential_n[nodes],
-        "contact_pressure_pa": contact.pressure_pa[nodes],
+        "displacement_m": whole.vectors((point.state.positions - model.nodes)[nodes]),
+        "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
+        "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
+        "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
+        "contact_pressure_pa": whole.scalars(contact.pressure_pa[nodes]),
     }
     at_faces = {
-        "traction_pa": stress.traction_pa,
-        "normal_traction_pa": stress.normal_pa,
-        "tangential_traction_pa": stress.tangential_pa,
+        "traction_pa": whole.face_vectors(stress.traction_pa),
+        "normal_traction_pa": whole.face_scalars(stress.normal_pa),
+        "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),
     }
     kind = QUADRATIC_TRIANGLE if faces.shape[1] == 6 else TRIANGLE
     return TrialFields(
         arrays={
-            "node_rest_m": model.nodes[nodes],
-            "node_m": point.state.positions[nodes],
+            "node_rest_m": whole.vectors(model.nodes[nodes]),
+            "node_m": positions,
             "faces": faces,
-            "face_area_m2": stress.areas_m2,
-            "face_normal": stress.normals,
+            "face_area_m2": whole.face_scalars(stress.areas_m2),
+            "face_normal": whole.face_vectors(stress.normals),
             "indenter_tip_m": point.state.tip,
             **at_nodes,
             **at_faces,
         },
         surface=surface_state(path, point),
-        surface_vtu=vtu_bytes(
-            point.state.positions[nodes], faces, kind, point_data=at_nodes, cell_data=at_faces
-        ),
+        surface_vtu=vtu_bytes(positions, faces, kind, point_data=at_nodes, cell_data=at_faces),
     )
 
 
 def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     """Hand over the contact surface: the faces that look up at rest."""
     model = path.model
-    faces = model.faces[top_faces(model)]
-    nodes = np.unique(faces)
-    local = np.zeros(len(model.nodes), dtype=np.int32)
-    local[nodes] = np.arange(len(nodes), dtype=np.int32)
+    nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
+    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    faces = whole.faces(faces)
     return SurfaceState(
-        positions_rest=model.nodes[nodes],
-        positions=point.state.positions[nodes],
-        triangles=linear_facets(local[faces]),
-        triangles6=local[faces] if faces.shape[1] == 6 else None,
+        positions_rest=whole.vectors(model.nodes[nodes]),
+        positions=whole.vectors(point.state.positions[nodes]),
+        triangles=linear_facets(faces),
+        triangles6=faces if faces.shape[1] == 6 else None,
         indenter=path.indenter,
         indenter_position=point.state.tip.copy(),
         indenter_rotation=point.state.rotation.copy(),
@@ -96,3 +94,11 @@ def top_faces(model: Model) -> NDArray[np.bool_]:
     a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
     normals: FloatArray = np.cross(b - a, c - a)
     return np.asarray(normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1))
+
+
+def _renumbered(faces: IntArray, node_count: int) -> tuple[IntArray, IntArray]:
+    """Return the nodes that faces use, and the faces in their numbering."""
+    nodes = np.unique(faces)
+    local = np.zeros(node_count, dtype=np.int32)
+    local[nodes] = np.arange(len(nodes), dtype=np.int32)
+    return nodes, local[faces]

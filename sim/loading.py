@@ -63,7 +63,7 @@ class LoadingPath:
     indenter: Indenter
     centre_m: tuple[float, float] = (0.0, 0.0)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    step_max_m: float = 0.25e-3
+    step_max_m: float = 0.05e-3
     options: NewtonOptions = field(default_factory=NewtonOptions)
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
@@ -160,7 +160,7 @@ class LoadingPath:
             self.solver.factorise(data)
         self.counts.newton_iterations += found.iterations
         self.counts.increments += 1
-        force = found.contact.forces.reshape(-1, 3).sum(axis=0)
+        force = self.model.mesh.fold.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
         _, stiffness = self._response(found)
         return PathPoint(
             depth_m=depth_m,
@@ -174,10 +174,10 @@ class LoadingPath:
         """Return dx/d(depth), shape [node_count, 3], and dF_z/d(depth) [N/m]."""
         pulled = -found.contact.stiffness[..., 2]
         nodal = self.model.scatter(pulled)
-        free = self.model.pattern.free_nodes
-        motion = np.zeros_like(nodal)
-        motion[free] = self.solver.solve(nodal[free].reshape(-1)).reshape(-1, 3)
-        stiffness = float(-pulled[..., 2].sum() - np.sum(nodal * motion))
+        pattern = self.model.pattern
+        motion = pattern.nodal(self.solver.solve(pattern.unknowns(nodal)))
+        part = float(-pulled[..., 2].sum() - np.sum(nodal * motion))
+        stiffness = self.model.mesh.fold.copies * part
         return motion, stiffness
 
     def _increment(self, point: PathPoint, advance_m: float, target_m: float) -> PathPoint:

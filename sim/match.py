@@ -13,6 +13,8 @@ from sim.loading import LoadingPath, PathPoint
 from tacauchy_rig.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40
+_FIRST_DEPTH_M = 0.05e-3
+_GUESS_MAX_M = 0.25e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,28 +32,19 @@ class ForceMatch:
     newton_iterations: int
 
 
-def find_force(
-    path: LoadingPath,
-    force_n: float,
-    *,
-    tolerance_n: float,
-    step_max_m: float = 0.25e-3,
-) -> ForceMatch:
-    """Search for the depth at which F_z equals ``force_n`` within ``tolerance_n``.
-
-    Args:
-        step_max_m: No guess moves the indenter further than this [m].
+def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> ForceMatch:
+    """Search for the depth at which F_z equals ``force_n`` within ``tolerance_n``, both [N].
 
     Raises:
         ConvergenceError: The force was not reached.
     """
     before = path.counts.newton_iterations
-    point = path.last or path.advance(step_max_m)
-    history = [(point.depth_m, float(point.force_n[2]))]
+    point = path.last or path.advance(_FIRST_DEPTH_M)
+    history = [(point.depth_m, _force(point))]
     low: PathPoint | None = None
     high: PathPoint | None = None
-    for _ in range(_EVALUATIONS_MAX):
-        missing = force_n - float(point.force_n[2])
+    while len(history) <= _EVALUATIONS_MAX:
+        missing = force_n - _force(point)
         if abs(missing) <= tolerance_n:
             return ForceMatch(
                 point=point,
@@ -59,26 +52,33 @@ def find_force(
                 newton_iterations=path.counts.newton_iterations - before,
             )
         low, high = (point, high) if missing > 0.0 else (low, point)
-        depth = _next_depth(point, missing, low, high, step_max_m)
+        depth = _tangent_guess(point, missing)
+        if low is not None and high is not None:
+            depth = _bracketed(depth, low, high, force_n, halved=len(history) % 4 == 0)
         point = path.advance(depth, start=point)
-        history.append((point.depth_m, float(point.force_n[2])))
+        history.append((point.depth_m, _force(point)))
+    depth, nearest = min(history, key=lambda pair: abs(pair[1] - force_n))
     raise ConvergenceError(
         f"F_z = {force_n:.4f} N was not met within {tolerance_n:g} N after {_EVALUATIONS_MAX} "
-        f"evaluations; the nearest was {history[-1][1]:.4f} N at {history[-1][0] * 1e3:.4f} mm",
+        f"evaluations; the nearest was {nearest:.4f} N at {depth * 1e3:.4f} mm",
         remedy="loosen the force tolerance, or check the indenter's position over the pad",
     )
 
 
-def _next_depth(
-    point: PathPoint,
-    missing_n: float,
-    low: PathPoint | None,
-    high: PathPoint | None,
-    step_max_m: float,
+def _force(point: PathPoint) -> float:
+    return float(point.force_n[2])
+
+
+def _tangent_guess(point: PathPoint, missing_n: float) -> float:
+    step = missing_n / max(point.stiffness_n_m, 1e-30)
+    return point.depth_m + min(max(step, -_GUESS_MAX_M), _GUESS_MAX_M)
+
+
+def _bracketed(
+    depth_m: float, low: PathPoint, high: PathPoint, force_n: float, *, halved: bool
 ) -> float:
-    stiffness = max(point.stiffness_n_m, 1e-30)
-    step = min(max(missing_n / stiffness, -step_max_m), step_max_m)
-    depth = point.depth_m + step
-    if low is not None and high is not None and not low.depth_m < depth < high.depth_m:
-        depth = 0.5 * (low.depth_m + high.depth_m)
-    return depth
+    """Keep a guess inside the bracket; ``halved`` bisects, so that the bracket shrinks for sure."""
+    if low.depth_m < depth_m < high.depth_m and not halved:
+        return depth_m
+    share = 0.5 if halved else (force_n - _force(low)) / (_force(high) - _force(low))
+    return low.depth_m + share * (high.depth_m - low.depth_m)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.elements import boundary_faces
+from sim.fold import Fold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,11 +20,13 @@ class TetMesh:
         vertices: Positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0.
         tets: Shape [tet_count, 4].
         name: Where it came from, for reports.
+        fold: The symmetry by which these tetrahedra stand for the whole pad.
     """
 
     vertices: FloatArray
     tets: IntArray
     name: str
+    fold: Fold = field(default_factory=Fold)
 
     @property
     def content_hash(self) -> str:
@@ -33,7 +36,9 @@ class TetMesh:
         return digest.hexdigest()[:16]
 
 
-def oriented(vertices: FloatArray, tets: IntArray, *, name: str) -> TetMesh:
+def oriented(
+    vertices: FloatArray, tets: IntArray, *, name: str, fold: Fold | None = None
+) -> TetMesh:
     """Return a mesh with unused vertices dropped and every tetrahedron turned positive."""
     used, inverse = np.unique(tets, return_inverse=True)
     tets = inverse.reshape(-1, 4).astype(np.int32)
@@ -41,7 +46,7 @@ def oriented(vertices: FloatArray, tets: IntArray, *, name: str) -> TetMesh:
     corners = vertices[tets]
     negative = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return TetMesh(vertices=vertices, tets=tets, name=name)
+    return TetMesh(vertices=vertices, tets=tets, name=name, fold=fold or Fold())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -120,10 +120,13 @@ class Model:
         else:
             self.nodes, self.elements = mesh.vertices, mesh.tets
         faces, parents = boundary_faces(self.elements)
-        on_base = np.all(self._on_base(self.nodes)[faces[:, :3]], axis=1)
-        self.faces, self.face_parents = faces[~on_base], parents[~on_base]
-        self.clamped = self._on_base(self.nodes)
-        self.pattern: SparsePattern = sparse_pattern(self.elements, self.clamped)
+        self.clamped = self.nodes[:, 2] <= 1e-6 * mesh.vertices[:, 2].max()
+        held = mesh.fold.on_plane(self.nodes, float(np.abs(mesh.vertices).max()))
+        outer = ~self.clamped[faces[:, :3]].all(axis=1)
+        outer &= ~held[faces[:, :3]].all(axis=1).any(axis=1)
+        self.faces, self.face_parents = faces[outer], parents[outer]
+        fixed = held | self.clamped[:, None]
+        self.pattern: SparsePattern = sparse_pattern(self.elements, fixed)
         self._kernels = elasticity.elastic_kernels(law)
         self._upload()
 
@@ -209,11 +212,14 @@ class Model:
         return float(out.numpy().sum())
 
     def contact_forces(
-        self, positions: FloatArray, indenter: Indenter, state: State
+        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
-        """Return the contact at every point of the surface."""
+        """Return the contact at every point of the surface.
+
+        The stiffness is exact if ``curved``, else positive semidefinite.
+        """
         out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
-        inputs = self._contact_inputs(positions, indenter, state)
+        inputs = [*self._contact_inputs(positions, indenter, state), curved]
         self._launch(contact.force, self._face_shape, inputs, out)
         points, forces, stiffness = (np.asarray(array.numpy()) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
@@ -251,9 +257,6 @@ class Model:
     def contact_areas(self) -> FloatArray:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
         return np.asarray(self._areas.numpy())
-
-    def _on_base(self, nodes: FloatArray) -> Any:
-        return nodes[:, 2] <= 1e-6 * self.mesh.vertices[:, 2].max()
 
     def _upload(self) -> None:
         corners = self.nodes[self.elements[:, :4]]

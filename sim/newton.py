@@ -22,6 +22,7 @@ logger = logging.getLogger(__name__)
 
 OVERLAP_MAX_M = 2e-5
 _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
+_SLOPE_LEFT = 0.3
 _SHIFTS = (0.0, 1e-3, 1e-1)
 
 
@@ -94,12 +95,11 @@ def _solve(
     options: NewtonOptions,
     spent: int,
 ) -> Equilibrium:
-    free = model.pattern.free_nodes
     iterations = spent
     while True:
         forces = model.contact_forces(state.positions, indenter, state)
         elastic = model.elastic_gradient(state.positions)
-        gradient = (elastic + model.scatter(forces.forces))[free]
+        gradient = model.pattern.unknowns(elastic + model.scatter(forces.forces))
         residual = float(np.linalg.norm(gradient))
         scale = float(np.linalg.norm(forces.forces.reshape(-1, 3).sum(axis=0)))
         if not np.isfinite(residual):
@@ -122,7 +122,7 @@ def _solve(
                 f"{residual:.3g} N at a contact force of {scale:.4g} N",
                 remedy="press in smaller steps, or refine the mesh near the indenter's rim",
             )
-        step = _newton_step(model, solver, state, forces, gradient)
+        step = _newton_step(model, solver, indenter, state, forces, gradient)
         iterations += 1
         fraction = _search(model, indenter, state, step, gradient)
         logger.debug(
@@ -135,20 +135,26 @@ def _solve(
 
 
 def _newton_step(
-    model: Model, solver: LinearSolver, state: State, forces: ContactForces, gradient: FloatArray
+    model: Model,
+    solver: LinearSolver,
+    indenter: Indenter,
+    state: State,
+    forces: ContactForces,
+    gradient: FloatArray,
 ) -> FloatArray:
-    """Return the Newton step of the free nodes [m], shape [free_count, 3]."""
+    """Return the Newton step of the unknowns [m], shape [dof_count]."""
+    x = state.positions
     for attempt, shift in enumerate((0.0, *_SHIFTS)):
-        data = model.hessian_data(state.positions, forces.stiffness, projected=attempt > 0)
-        if shift > 0.0:
-            diagonal = model.pattern.indptr[:-1]
-            data[diagonal] *= 1.0 + shift
+        if attempt == 1:
+            forces = model.contact_forces(x, indenter, state, curved=False)
+        data = model.hessian_data(x, forces.stiffness, projected=attempt > 0)
+        data[model.pattern.indptr[:-1]] *= 1.0 + shift
         try:
             solver.factorise(data)
         except NotPositiveDefiniteError:
             logger.debug("Hessian not positive definite (attempt %d)", attempt)
             continue
-        return -solver.solve(gradient.reshape(-1)).reshape(-1, 3)
+        return -solver.solve(gradient)
     raise ConvergenceError(
         "the stiffness matrix is not positive definite even when projected and shifted",
         remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
@@ -159,22 +165,29 @@ def _search(
     model: Model, indenter: Indenter, state: State, step: FloatArray, gradient: FloatArray
 ) -> float:
     """Move ``state.positions`` along the step as far as overlap and energy allow."""
-    full = np.zeros_like(state.positions)
-    full[model.pattern.free_nodes] = step
+    full = model.pattern.nodal(step)
     start = state.positions
-    slope = float(np.sum(gradient * step))
+    slope = float(gradient @ step)
     fraction = overlap_fraction(model, indenter, state, state.tip, full)
     energy = model.elastic_energy(start)[0] + model.contact_energy(start, indenter, state)
     # Rounding of the summed energy: below it only the gradient can tell which way is down.
     noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
     for _ in range(40):
-        trial = start + fraction * full
-        elastic, _ = model.elastic_energy(trial)
-        change = elastic + model.contact_energy(trial, indenter, state) - energy
-        if change <= 1e-4 * fraction * slope + noise:
-            state.positions = trial
+        state.positions = start + fraction * full
+        elastic, _ = model.elastic_energy(state.positions)
+        change = elastic + model.contact_energy(state.positions, indenter, state) - energy
+        if abs(change) <= noise:
+            forces = model.contact_forces(state.positions, indenter, state).forces
+            elastic_gradient = model.elastic_gradient(state.positions)
+            ahead = float(model.pattern.unknowns(elastic_gradient + model.scatter(forces)) @ step)
+            if ahead <= _SLOPE_LEFT * abs(slope):
+                return fraction
+            fraction *= max(0.1, abs(slope) / (abs(slope) + ahead))
+        elif change <= 1e-4 * fraction * slope:
             return fraction
-        fraction *= 0.5
+        else:
+            fraction *= 0.5
+    state.positions = start
     raise ConvergenceError(
         f"the line search found no descent along a direction of slope {slope:.3g} J",
         remedy="press in smaller steps",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,23 +44,32 @@ class BoxPad:
             self.height_m - 0.5 * x**2 / self.dome_radius_x_m - 0.5 * y**2 / self.dome_radius_y_m
         )
 
-    def sectors(self, centre: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return about ``count`` directions from a point, corners among them.
+    def sectors(
+        self, centre: FloatArray, count: int, *, start_rad: float, end_rad: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return directions from a point, corners among them, both ends included.
+
+        Args:
+            centre: The point, x and y [m], shape [2].
+            count: About how many sectors a full turn has.
+            start_rad: First direction [rad].
+            end_rad: Last direction [rad], at most a full turn on.
 
         Returns:
             Angles [rad] and the distance to the outline in each [m].
         """
         half = np.array([self.size_x_m, self.size_y_m]) / 2.0
         corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * half - centre
-        middles = np.array([[half[0], centre[1]], [centre[0], half[1]]])
-        middles = np.concatenate([middles, [[-half[0], centre[1]], [centre[0], -half[1]]]]) - centre
-        marks = np.sort(np.arctan2(*np.concatenate([corners, middles]).T[::-1]))
-        marks = np.append(marks, marks[0] + 2.0 * np.pi)
+        turns = np.mod(np.arctan2(corners[:, 1], corners[:, 0]) - start_rad, 2.0 * np.pi)
+        middles = np.arange(4) * 0.5 * np.pi
+        span = end_rad - start_rad
+        inner = [turn for turn in (*turns, *middles) if 1e-9 < turn < span - 1e-9]
+        marks = start_rad + np.array([0.0, *sorted(inner), span])
         parts = [
             np.linspace(a, b, max(1, round(count * (b - a) / (2.0 * np.pi))), endpoint=False)
-            for a, b in zip(marks[:-1], marks[1:], strict=True)
+            for a, b in pairwise(marks)
         ]
-        angles = np.concatenate(parts)
+        angles = np.append(np.concatenate(parts), marks[-1])
         direction = np.column_stack([np.cos(angles), np.sin(angles)])
         room = np.where(direction >= 0.0, half - centre, half + centre)
         reach = (room / np.maximum(np.abs(direction), 1e-12)).min(axis=1)
@@ -85,9 +95,12 @@ class DiscPad:
         """Return the height of the top at rest [m]."""
         return np.full(np.broadcast(x, y).shape, self.height_m)
 
-    def sectors(self, centre: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return ``count`` directions from a point [rad] and the distance to the outline [m]."""
-        angles = 2.0 * np.pi * np.arange(count) / count
+    def sectors(
+        self, centre: FloatArray, count: int, *, start_rad: float, end_rad: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return evenly spaced directions from a point; see ``BoxPad.sectors``."""
+        part = max(1, round(count * (end_rad - start_rad) / (2.0 * np.pi)))
+        angles = np.linspace(start_rad, end_rad, part + 1)
         along = np.cos(angles) * centre[0] + np.sin(angles) * centre[1]
         squared = self.radius_m**2 - float(centre @ centre)
         return angles, np.sqrt(along**2 + squared) - along

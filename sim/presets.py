@@ -23,6 +23,7 @@ class _Resolution:
     sector_count: int
 
 
+_FILLET_SHARE = 0.5
 _RESOLUTIONS = {
     Preset.FAST: _Resolution(size_share=0.08, growth=2.0, sector_count=16),
     Preset.BALANCED: _Resolution(size_share=0.04, growth=1.8, sector_count=16),
@@ -48,10 +49,13 @@ def mesh_for(scene: Scene) -> TetMesh:
     """Return the mesh of a scene's preset."""
     resolution = _RESOLUTIONS[scene.preset]
     start, end = _fine_stretch(scene)
+    size = resolution.size_share * end
+    if end > start > 0.0:
+        size = min(size, _FILLET_SHARE * (end - start))
     grading = Grading(
         start_m=start,
         end_m=end,
-        size_m=resolution.size_share * end,
+        size_m=size,
         growth=resolution.growth,
     )
     return revolved_mesh(
@@ -66,7 +70,7 @@ def mesh_for(scene: Scene) -> TetMesh:
 def _fine_stretch(scene: Scene) -> tuple[float, float]:
     """Return the radii between which the contact's edge is expected [m]."""
     if isinstance(scene.indenter, Cylinder):
-        return scene.indenter.radius_m, scene.indenter.radius_m
+        return scene.indenter.radius_m - scene.indenter.fillet_m, scene.indenter.radius_m
     if isinstance(scene.indenter, Sphere):
         return 0.0, 0.5 * scene.indenter.radius_m
     return 0.0, 0.25 * scene.pad.height_m

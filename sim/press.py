@@ -94,7 +94,9 @@ def measure(
     """Evaluate an equilibrium."""
     model = path.model
     contact = contact_measures(path, point)
-    reaction = -point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    reaction = -model.mesh.fold.whole_force(
+        point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    )
     balance = float(np.linalg.norm(point.force_n + reaction))
     size = float(np.linalg.norm(point.force_n))
     error, basis = force_error_estimate(scene, point.depth_m)
@@ -137,6 +139,7 @@ class ContactMeasures:
 def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     """Sum moment, area and pressure over the contact points."""
     model, contact = path.model, point.equilibrium.contact
+    fold = model.mesh.fold
     normals = model.deformed_area_vectors(point.state.positions)
     areas = np.linalg.norm(normals, axis=2)
     strength = np.linalg.norm(contact.forces, axis=2)
@@ -145,9 +148,9 @@ def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     pressure = strength[touching] / areas[touching]
     gaps = model.gaps(point.state.positions, path.indenter, point.state)
     return ContactMeasures(
-        moment_nm=np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0),
-        area_m2=float(areas[touching].sum()),
-        area_seen_m2=float(np.abs(normals[..., 2])[touching].sum()),
+        moment_nm=fold.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
+        area_m2=fold.copies * float(areas[touching].sum()),
+        area_seen_m2=fold.copies * float(np.abs(normals[..., 2])[touching].sum()),
         pressure_max_pa=float(pressure.max()) if touching.any() else 0.0,
         gap_min_m=float(gaps.min()),
     )

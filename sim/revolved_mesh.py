@@ -8,8 +8,10 @@ Neighbouring sectors are mirror images, so a centred press meets a mirror-symmet
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
+from sim.fold import Fold
 from sim.graded_plane import Grading, triangulate_half_section
 from sim.mesh import TetMesh, oriented
 from sim.pad import Pad
@@ -23,12 +25,14 @@ def revolved_mesh(
     centre_m: tuple[float, float],
     sector_count: int,
     name: str,
+    folded: bool = True,
 ) -> TetMesh:
     """Mesh a pad.
 
     Args:
         centre_m: Axis of revolution, x and y [m], inside the pad.
         sector_count: Sectors of a full turn.
+        folded: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
 
     Raises:
         ConfigError: The axis stands outside the pad.
@@ -42,7 +46,11 @@ def revolved_mesh(
             f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
             remedy="move the indenter inwards, or use preset paper",
         )
-    angles, reaches = pad.sectors(centre, sector_count)
+    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
+    start, end = _turn(fold)
+    angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
+    if fold.copies == 1:
+        angles, reaches = angles[:-1], reaches[:-1]
     mean_reach = float(reaches.mean())
     points, triangles = triangulate_half_section(mean_reach, pad.height_m, grading)
     rings = np.stack(
@@ -54,8 +62,20 @@ def revolved_mesh(
     plan = rings + centre
     heights = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
     vertices = np.concatenate([plan, heights[..., None]], axis=2)
-    tets = _revolve(triangles, points[:, 0] <= 1e-12, len(angles))
-    return oriented(vertices.reshape(-1, 3), tets, name=name)
+    sectors = len(angles) if fold.copies == 1 else len(angles) - 1
+    tets = _revolve(triangles, points[:, 0] <= 1e-12, sectors, len(angles))
+    vertices = vertices.reshape(-1, 3)
+    vertices[fold.on_plane(vertices, mean_reach)] = 0.0
+    return oriented(vertices, tets, name=name, fold=fold)
+
+
+def _turn(fold: Fold) -> tuple[float, float]:
+    """Return the first and last direction of the modelled part [rad]."""
+    if fold.mirror_x and fold.mirror_y:
+        return 0.0, 0.5 * np.pi
+    if fold.mirror_x:
+        return -0.5 * np.pi, 0.5 * np.pi
+    return (0.0, np.pi) if fold.mirror_y else (0.0, 2.0 * np.pi)
 
 
 def _plan(
@@ -68,14 +88,14 @@ def _plan(
 
 
 def _revolve(
-    triangles: IntArray, on_axis: np.ndarray[tuple[int], np.dtype[np.bool_]], sectors: int
+    triangles: IntArray, on_axis: NDArray[np.bool_], sectors: int, angle_count: int
 ) -> IntArray:
     """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out."""
     count = len(on_axis)
     a, b, c = np.sort(triangles, axis=1).T
     tets = []
     for sector in range(sectors):
-        near, far = sector, (sector + 1) % sectors
+        near, far = sector, (sector + 1) % angle_count
         if sector % 2:
             near, far = far, near
         low = [np.where(on_axis[p], p, p + near * count) for p in (a, b, c)]

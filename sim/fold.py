@@ -1,0 +1,104 @@
+"""Mirror symmetry: half or a quarter of a pad stands for the whole when the scene allows it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+
+_SAME_POINT = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fold:
+    """Which coordinate planes mirror the modelled part.
+
+    Attributes:
+        mirror_x: The part lies at x >= 0 and the plane x = 0 mirrors it.
+        mirror_y: The part lies at y >= 0 and the plane y = 0 mirrors it.
+    """
+
+    mirror_x: bool = False
+    mirror_y: bool = False
+
+    @property
+    def copies(self) -> int:
+        """How many of the part make the whole."""
+        return (2 if self.mirror_x else 1) * (2 if self.mirror_y else 1)
+
+    def on_plane(self, points: FloatArray, size_m: float) -> NDArray[np.bool_]:
+        """Return which coordinates a mirror plane holds still, shape [point_count, 3]."""
+        held = np.zeros(points.shape, dtype=np.bool_)
+        for axis, mirrored in enumerate((self.mirror_x, self.mirror_y)):
+            if mirrored:
+                held[:, axis] = np.abs(points[:, axis]) <= _SAME_POINT * size_m
+        return held
+
+    def whole_force(self, force: FloatArray) -> FloatArray:
+        """Return the force on the whole from that on the part, shape [3]."""
+        return np.asarray(np.sum([sign * force for sign in self.signs()], axis=0))
+
+    def whole_moment(self, moment: FloatArray) -> FloatArray:
+        """Return the moment on the whole from that on the part, shape [3]; it is a pseudovector."""
+        return np.asarray(np.sum([sign.prod() * sign * moment for sign in self.signs()], axis=0))
+
+    def signs(self) -> Iterator[FloatArray]:
+        """Yield the coordinate signs of each copy, the part itself first, shape [3]."""
+        for y, x in product(
+            (1.0, -1.0) if self.mirror_y else (1.0,), (1.0, -1.0) if self.mirror_x else (1.0,)
+        ):
+            yield np.array([x, y, 1.0])
+
+
+class Unfolding:
+    """The node numbering of the whole surface.
+
+    Args:
+        fold: The symmetry.
+        rest: Nodes of the part at rest [m], shape [node_count, 3].
+    """
+
+    def __init__(self, fold: Fold, rest: FloatArray) -> None:
+        self._signs = list(fold.signs())
+        copies = np.concatenate([rest * sign for sign in self._signs])
+        grid = np.round(copies / (_SAME_POINT * max(float(np.abs(rest).max()), 1e-30)))
+        _, first, inverse = np.unique(grid + 0.0, axis=0, return_index=True, return_inverse=True)
+        self._first = first
+        self._inverse = inverse.reshape(-1).astype(np.int32)
+        self._count = len(rest)
+
+    def vectors(self, values: FloatArray) -> FloatArray:
+        """Return a vector field such as position or displacement of the whole."""
+        return np.concatenate([values * sign for sign in self._signs])[self._first]
+
+    def scalars(self, values: FloatArray) -> FloatArray:
+        """Return a scalar field of the whole."""
+        return np.tile(values, len(self._signs))[self._first]
+
+    def nodal_forces(self, values: FloatArray) -> FloatArray:
+        """Return nodal forces of the whole: on a mirror plane both sides add."""
+        whole = np.zeros((len(self._first), 3))
+        np.add.at(whole, self._inverse, np.concatenate([values * sign for sign in self._signs]))
+        return whole
+
+    def faces(self, faces: IntArray) -> IntArray:
+        """Return the faces of the whole, all oriented outwards, shape [n, 3 or 6]."""
+        flipped = [0, 2, 1] if faces.shape[1] == 3 else [0, 2, 1, 5, 4, 3]
+        parts = [
+            self._inverse[(faces if sign.prod() > 0.0 else faces[:, flipped]) + copy * self._count]
+            for copy, sign in enumerate(self._signs)
+        ]
+        return np.concatenate(parts)
+
+    def face_vectors(self, values: FloatArray) -> FloatArray:
+        """Return a vector for each face of the whole."""
+        return np.concatenate([values * sign for sign in self._signs])
+
+    def face_scalars(self, values: FloatArray) -> FloatArray:
+        """Return a number for each face of the whole."""
+        return np.tile(values, len(self._signs))
