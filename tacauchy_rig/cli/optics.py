@@ -1,9 +1,8 @@
-"""Which photometric model a replay renders with, and where it is from."""
+"""How a run's images are rendered: optics and scale, and where they are from."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from drivers.emulators.plant.ball_presses import (
     BALL_DIAMETER_M,
     CIRCLES,
     NO_CONTACT,
+    POSITIONS,
     write_ball_presses,
 )
 from drivers.emulators.plant.truth import read_truth
@@ -19,48 +19,101 @@ from sim.optics.ball_press import read_ball_presses, read_rgb
 from sim.optics.calibrate import calibrate_optics
 from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.geometry import CameraGeometry
+from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
+from sim.optics.scale import fit_scale, read_positions
+from sim.sensor import Sensor
 from tacauchy_rig.cli.output import say
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.store.run_store import RunStore
 
-SKIRT_DECAY_M = 1.5e-3
+SKIRT_DECAY_M = 0.7e-3
 
 
-def photometric_model(store: RunStore, geometry: CameraGeometry) -> PhotometricModel:
-    """Return the run's optical calibration.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticalCalibration:
+    """Colour of a tilt, and where each pixel looks."""
 
-    A configured calibration file wins. Without one, an emulated camera is calibrated the way a
-    lab calibrates its sensor: from ball presses on the emulated gel, which know nothing of the
-    six trials.
-
-    Raises:
-        ConfigError: The calibration file is missing or damaged.
-    """
-    given = store.config.sensor.optics_calibration
-    if given:
-        return load_photometric(Path(given))
-    folder = store.paths.root / "calibration"
-    kept = folder / "photometric.npz"
-    if not kept.exists():
-        say("calibrating the optics from ball presses on the emulated sensor")
-        write_ball_presses(read_truth(store.paths.truth), folder)
-        model = calibrate_folder(folder, geometry, ball_diameter_m=BALL_DIAMETER_M)
-        model.save(kept)
-    return load_photometric(kept)
+    model: PhotometricModel
+    geometry: CameraGeometry
 
 
 def calibrate_folder(
-    folder: Path, geometry: CameraGeometry, *, ball_diameter_m: float
-) -> PhotometricModel:
-    """Fit the photometric model to a folder of ball presses with ``circles.csv``."""
-    background = read_rgb(folder / NO_CONTACT)
+    folder: Path, nominal: CameraGeometry, *, ball_diameter_m: float
+) -> OpticalCalibration:
+    """Fit scale and optics to a folder of ball presses.
+
+    Args:
+        folder: ``circles.csv``, the images that it names, ``no_contact.png`` and, for the scale,
+            ``positions.csv``.
+        nominal: The camera as its sensor's file has it; kept where there are no positions.
+        ball_diameter_m: Diameter of the ball [m].
+
+    Raises:
+        ConfigError: A file is missing or damaged, or there are too few presses.
+    """
+    presses = read_ball_presses(folder, folder / CIRCLES)
+    geometry = nominal
+    if (folder / POSITIONS).exists():
+        places = read_positions(folder / POSITIONS)
+        known = [press for press in presses if press.name in places]
+        fit = fit_scale(
+            np.array([places[press.name] for press in known]),
+            np.array([(press.circle.x_px, press.circle.y_px) for press in known]),
+            width=nominal.width,
+            height=nominal.height,
+        )
+        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+        say(
+            f"  scale {geometry.scale_x_m * 1e3:.4f} x {geometry.scale_y_m * 1e3:.4f} mm/px, "
+            f"residual {fit.residual_px:.2f} px over {len(known)} presses"
+        )
     scene = PressScene(
         geometry=geometry,
-        background=background.astype(np.float64),
+        background=read_rgb(folder / NO_CONTACT).astype(np.float64),
         profile=ExponentialSkirt(ball_radius_m=ball_diameter_m / 2, decay_m=SKIRT_DECAY_M),
     )
-    presses = read_ball_presses(folder, folder / CIRCLES)
     model = calibrate_optics(presses, scene).model
     source = {"folder": folder.name, "ball_diameter_m": ball_diameter_m}
-    return replace(model, provenance=json.loads(json.dumps({**model.provenance, **source})))
+    return OpticalCalibration(
+        model=replace(model, provenance={**model.provenance, **source}), geometry=geometry
+    )
+
+
+def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> OpticalCalibration:
+    """Return how a run's images are rendered.
+
+    A configured calibration file wins; an emulated world is calibrated from ball presses on it;
+    without either the sensor's nominal lamps have to do, and the model's provenance says so.
+
+    Raises:
+        ConfigError: The calibration file is missing or damaged, or the sensor names no lamps.
+    """
+    given = store.config.sensor.optics_calibration
+    if given:
+        return OpticalCalibration(model=load_photometric(Path(given)), geometry=nominal)
+    if store.paths.truth.exists():
+        return calibrate_emulated(store, nominal)
+    if not sensor.lamps:
+        raise ConfigError(
+            f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
+            remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
+        )
+    say("  optics not calibrated: rendering with the sensor's nominal lamps")
+    lamps = [
+        Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
+        for lamp in sensor.lamps
+    ]
+    return OpticalCalibration(model=nominal_photometric(lamps), geometry=nominal)
+
+
+def calibrate_emulated(store: RunStore, nominal: CameraGeometry) -> OpticalCalibration:
+    """Calibrate an emulated sensor the way a lab calibrates its own: from ball presses on it.
+
+    The presses know nothing of the six trials; of the emulated world only its images are used.
+    """
+    folder = store.paths.root / "calibration"
+    say("calibrating optics and scale from ball presses on the emulated sensor")
+    write_ball_presses(read_truth(store.paths.truth), folder)
+    return calibrate_folder(folder, nominal, ball_diameter_m=BALL_DIAMETER_M)

@@ -15,12 +15,11 @@ from sim.fields import TrialFields
 from sim.indenter import Cylinder, Indenter, Sphere
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import height_maps
-from sim.optics.photometric import PhotometricModel
 from sim.optics.render import TactileRenderer
 from sim.replay import replay_forces
 from sim.scene import Preset
 from sim.sensor import Sensor, load_sensor
-from tacauchy_rig.cli.optics import photometric_model
+from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.errors import RecordError
@@ -64,16 +63,26 @@ def replay_run(store: RunStore) -> Replay:
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    young = sensor.numbers["material.young"]
-    stated = {"young_uncertainty_relative": young.uncertainty / young.value}
-    replay = replace(replay, trials=trials, model={**replay.model, **stated})
-    model = photometric_model(store, camera_geometry(sensor))
+    optics = optics_of(store, sensor, camera_geometry(sensor))
+    facts = {**replay.model, **_stated_facts(sensor, optics)}
+    replay = replace(replay, trials=trials, model=facts)
     kept = {
-        record.index: _with_image(store, sensor, record, trial_fields, model)
+        record.index: _with_image(store, sensor, record, trial_fields, optics)
         for record, trial_fields in zip(records, fields, strict=True)
     }
     store.save_replay(replay, kept)
     return replay
+
+
+def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
+    young = sensor.numbers["material.young"]
+    return {
+        "young_uncertainty_relative": young.uncertainty / young.value,
+        "young_source": young.source,
+        "optics": dict(optics.model.provenance),
+        "scale_x_m_px": optics.geometry.scale_x_m,
+        "scale_y_m_px": optics.geometry.scale_y_m,
+    }
 
 
 def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
@@ -148,12 +157,12 @@ def _with_image(
     sensor: Sensor,
     record: TrialRecord,
     fields: TrialFields,
-    model: PhotometricModel,
+    optics: OpticalCalibration,
 ) -> ReplayFields:
-    geometry = camera_geometry(sensor)
+    geometry = optics.geometry
     maps = height_maps(fields.surface, geometry)
     background = _no_contact_image(store, record, sensor)
-    renderer = TactileRenderer(background, maps.rest, model, geometry)
+    renderer = TactileRenderer(background, maps.rest, optics.model, geometry)
     return ReplayFields(
         fields=fields.arrays,
         height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},

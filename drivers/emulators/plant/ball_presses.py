@@ -1,7 +1,8 @@
 """A set of ball presses on the emulated sensor, as a lab takes them to calibrate its optics.
 
-Writes the images (border cropped, at the size that is scored), the no-contact frame and a table of
-circles "as clicked by a person": the true contact circle, off by a pixel or so.
+Writes the images (border cropped, at the size that is scored), the no-contact frame, a table of
+circles "as clicked by a person" (the true contact circle, off by a pixel or so), and where the
+robot was told to press; the true place differs by the emulated world's pose error.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0
 NO_CONTACT = "no_contact.png"
 CIRCLES = "circles.csv"
+POSITIONS = "positions.csv"
 _RAW_SIZE = (640, 480)
 _SIZE = (320, 240)
 _DEPTHS_M = (0.25e-3, 0.8e-3)
@@ -35,7 +37,8 @@ def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> N
 
     Args:
         truth: The emulated world, with the optics that the calibration has to find.
-        folder: Receives ``press-01.png`` ..., ``no_contact.png`` and ``circles.csv``.
+        folder: Receives ``press-01.png`` ..., ``no_contact.png``, ``circles.csv`` and
+            ``positions.csv``.
         count: Number of presses.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -44,19 +47,26 @@ def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> N
     view = gel_view(truth, _RAW_SIZE)
     hand = np.random.default_rng([truth.seed, 4])
     cv2.imwrite(str(folder / NO_CONTACT), _averaged(truth, tip))
-    rows = []
+    circles, positions = [], []
     for number, (x, y, depth) in enumerate(_places(count), start=1):
-        raw = render_press(truth, tip, depth, _RAW_SIZE, centre_m=(x, y), noise_seed=number)
+        place = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
+        raw = render_press(truth, tip, depth, _RAW_SIZE, centre_m=place, noise_seed=number)
         name = f"press-{number:02d}.png"
         cv2.imwrite(str(folder / name), _scored(raw))
         radius = float(np.interp(depth, table.depths, table.contact_radius))
-        column, row = _scored_pixel(*view.pixel(x, y))
+        column, row = _scored_pixel(*view.pixel(*place))
         clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio()])
         clicked += CLICK_ERROR_PX * hand.standard_normal(3)
-        rows.append([name, *(f"{value:.2f}" for value in clicked)])
-    with (folder / CIRCLES).open("w", newline="", encoding="utf-8") as file:
+        circles.append([name, *(f"{value:.2f}" for value in clicked)])
+        positions.append([name, f"{x:.7f}", f"{y:.7f}"])
+    _write(folder / CIRCLES, ["image", "center_x_px", "center_y_px", "radius_px"], circles)
+    _write(folder / POSITIONS, ["image", "x_m", "y_m"], positions)
+
+
+def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["image", "center_x_px", "center_y_px", "radius_px"])
+        writer.writerow(header)
         writer.writerows(rows)
 
 

@@ -1,0 +1,111 @@
+"""Where pixels look, from presses at known robot positions."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.optics.geometry import CameraGeometry
+from tacauchy_rig.errors import ConfigError
+
+_FEWEST = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScaleFit:
+    """A camera's geometry and how well it fits.
+
+    Attributes:
+        residual_px: Root mean square distance of the fitted from the labelled centres [px].
+        shear_rad: Departure of the pixel axes from a right angle that the geometry cannot express.
+    """
+
+    geometry: CameraGeometry
+    residual_px: float
+    shear_rad: float
+
+
+def read_positions(path: Path) -> dict[str, tuple[float, float]]:
+    """Read commanded positions: a CSV with the columns image, x_m, y_m.
+
+    Returns:
+        Image name to x, y from the gel's centre [m].
+
+    Raises:
+        ConfigError: Missing, or a line without three values; the message names the line.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
+    except OSError as error:
+        raise ConfigError(
+            f"positions {path} cannot be read: {error.strerror}",
+            remedy="give a CSV with the columns image, x_m, y_m",
+        ) from error
+    found = {}
+    for number, line in enumerate(lines, start=2):
+        try:
+            found[line["image"]] = (float(line["x_m"]), float(line["y_m"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ConfigError(
+                f"{path}, line {number}: not a press's position: {error}",
+                remedy="give image, x_m and y_m, for example press-01.png,0.0012,-0.0030",
+            ) from error
+    return found
+
+
+def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height: int) -> ScaleFit:
+    """Fit mm per pixel in x and y, rotation, centre and mirroring.
+
+    The pad's frame becomes the robot's, shifted to where the robot believes the gel's centre to be:
+    that is the frame in which the presses of a run are commanded, so that a constant error between
+    robot and sensor drops out.
+
+    Args:
+        positions_m: Commanded x, y of each press from the gel's centre [m], shape [n, 2].
+        pixels: Column, row of each contact's centre [px], shape [n, 2].
+        width: Columns of the image [px].
+        height: Rows of the image [px].
+
+    Raises:
+        ConfigError: Fewer than four presses, or all of them on one line.
+    """
+    if len(pixels) < _FEWEST:
+        raise ConfigError(
+            f"{len(pixels)} presses cannot fix scale, rotation and centre of a camera",
+            remedy=f"press at {_FEWEST} or more places that are not on one line",
+        )
+    features = np.column_stack([pixels, np.ones(len(pixels))])
+    if np.linalg.matrix_rank(features - [*features.mean(axis=0)[:2], 0.0], tol=1.0) < 3:
+        raise ConfigError(
+            "all presses lie on one line in the image", remedy="press also beside that line"
+        )
+    solution = np.linalg.lstsq(features, positions_m, rcond=None)[0]
+    direction, offset = solution[:2].T, solution[2]
+    centre = np.linalg.solve(direction, -offset)
+    scale = np.linalg.norm(direction, axis=0)
+    angles = np.arctan2(direction[1], direction[0])
+    mirrored = bool(np.linalg.det(direction) < 0.0)
+    right_angle = -math.pi / 2 if mirrored else math.pi / 2
+    shear = math.remainder(angles[1] - angles[0] - right_angle, 2 * math.pi)
+    geometry = CameraGeometry(
+        width=width,
+        height=height,
+        scale_x_m=float(scale[0]),
+        scale_y_m=float(scale[1]),
+        centre_x_px=float(centre[0]),
+        centre_y_px=float(centre[1]),
+        rotation_rad=float(angles[0] + 0.5 * shear),
+        mirrored=mirrored,
+    )
+    off = geometry.to_pixels(positions_m) - pixels
+    return ScaleFit(
+        geometry=geometry,
+        residual_px=float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
+        shear_rad=float(shear),
+    )
