@@ -187,6 +187,7 @@ class Cycle:
         except DeviceError as error:
             raise _sensor_breach(error) from error
         if samples:
+            self._streams.note_force(samples[-1])
             self._record_force(samples)
         for sample in samples:
             force_n = self.force_guard.check(sample)

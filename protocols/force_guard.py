@@ -99,7 +99,7 @@ class ForceGuard:
     def _check_hard(self, pressing: float) -> None:
         if abs(pressing) > self._limits.hard_force:
             raise BreachError(
-                f"limits.hard_force {self._limits.hard_force:g} N: measured {pressing:.3f} N",
+                f"limits.hard_force {self._limits.hard_force:g} N: measured {pressing:.5g} N",
                 limit="limits.hard_force",
                 reaction=Reaction.PROTECTIVE_STOP,
                 remedy="look at the indenter and the gel before unlocking the arm by hand",
@@ -109,7 +109,7 @@ class ForceGuard:
         largest = max(map(abs, sample.wrench.force))
         if largest >= SATURATED_FRACTION * self._capacity_n:
             raise BreachError(
-                f"force sensor: {largest:.2f} N raw is within 5 % of its capacity "
+                f"force sensor: {largest:.4g} N raw is within 5 % of its capacity "
                 f"{self._capacity_n:g} N, so the true force is unknown",
                 limit="force_sensor.capacity",
                 reaction=Reaction.HOLD,

@@ -38,6 +38,7 @@ def _criteria(
             "let the force sensor warm up; keep draughts off; shorten the trial",
         )
     yield from _rates(rates, config)
+    yield from _losses(rates, config)
 
 
 def _force(dwell: Dwell, target_n: float, config: RigConfig) -> Iterator[Criterion]:
@@ -81,12 +82,25 @@ def _rates(rates: dict[str, float], config: RigConfig) -> Iterator[Criterion]:
         )
 
 
+def _losses(rates: dict[str, float], config: RigConfig) -> Iterator[Criterion]:
+    for name in ("force", "image"):
+        lost = rates[f"{name}_lost_count"]
+        total = max(lost + rates[f"{name}_count"], 1.0)
+        yield _at_most(
+            f"{name}_lost_ratio",
+            lost / total,
+            config.limits.corrupt_ratio,
+            "",
+            f"see `tacauchy-rig doctor`: the {name} stream loses or damages data",
+        )
+
+
 def _at_most(name: str, measured: float, limit: float, unit: str, remedy: str) -> Criterion:
     return Criterion(
         name=name,
         passed=measured <= limit,
         measured=measured,
-        limit=f"<= {limit:g} {unit}",
+        limit=f"<= {limit:g} {unit}".strip(),
         unit=unit,
         remedy=remedy,
     )

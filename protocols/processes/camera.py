@@ -20,6 +20,7 @@ from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
+NICENESS = -5
 LOOK_S = 0.005
 TELL_S = 0.1
 ORPHAN_S = 20.0
@@ -34,7 +35,7 @@ def film(job: Job, supervisor: Channel) -> None:
         DeviceError: The camera did not connect.
     """
     ignore_signals()
-    ask_for_priority(real_time=False)
+    ask_for_priority(NICENESS)
     control = Channel.inherited(job.descriptors["control-status"])
     camera = build_camera(job.config)
     identity = camera.connect()

@@ -16,7 +16,7 @@ class Channel:
     Safe to send from several threads and from a signal handler.
 
     Attributes:
-        closed: True once the other end is gone; set by ``receive`` and ``send``.
+        closed: True once the other end is gone and all that it sent has been received.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -43,10 +43,7 @@ class Channel:
         """Send a message; return False where the other end is gone or reads too slowly."""
         try:
             self._end.send(pickle.dumps(message))
-        except BlockingIOError:
-            return False
         except OSError:
-            self.closed = True
             return False
         return True
 

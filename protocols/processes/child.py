@@ -17,7 +17,6 @@ from tacauchy_rig.errors import DeviceError, RigError
 logger = logging.getLogger(__name__)
 
 JOB_TIMEOUT_S = 10.0
-NICE = -5
 
 
 def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
@@ -48,20 +47,16 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
     return 0
 
 
-def ask_for_priority(*, real_time: bool) -> None:
-    """Ask the kernel to run this process first; without the right to it, say so and go on.
+def ask_for_priority(niceness: int) -> None:
+    """Ask the kernel to prefer this process; without the right to it, say so and go on.
 
-    Args:
-        real_time: Ahead of all ordinary processes, for a loop that sleeps most of the time;
-            threads that are started later inherit it.
+    Not a real-time class: ur_rtde polls in a loop, and a real-time thread that polls can starve
+    whatever it waits for on the same core (seen as commands without an answer for a second).
     """
     try:
-        if real_time:
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-        else:
-            os.nice(NICE)
+        os.nice(niceness)
     except PermissionError:
-        logger.info("no right to a higher priority; `ulimit -r 1` and `ulimit -e 40` would give it")
+        logger.info("no right to a higher priority; `ulimit -e 40` would give it")
 
 
 def ignore_signals() -> None:

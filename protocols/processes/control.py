@@ -37,6 +37,7 @@ from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
+NICENESS = -10
 SHOW_S = 0.2
 SILENT_S = 2.0
 GO_TIMEOUT_S = 120.0
@@ -81,7 +82,7 @@ def control(job: Job, supervisor: Channel) -> None:
         RigError: A device did not connect.
     """
     _die_with_parent(signal.SIGKILL)
-    ask_for_priority(real_time=True)
+    ask_for_priority(NICENESS)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
     link = RecorderLink(
         socket.socket(fileno=job.descriptors["recorder-data"]),

@@ -19,6 +19,7 @@ from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
+NICENESS = -5
 PIECE_BYTES = 1 << 20
 LATE_FRAMES_S = 1.0
 
@@ -138,7 +139,7 @@ def record(job: Job, supervisor: Channel) -> None:
         RecordError: The disk is full or gone; producers and supervisor are told.
     """
     ignore_signals()
-    ask_for_priority(real_time=False)
+    ask_for_priority(NICENESS)
     store = RunStore.open(job.root)
     producers = [
         Producer(

@@ -9,15 +9,23 @@ import pytest
 from drivers.interfaces import StreamHealth
 from protocols.breach import BreachError, Reaction
 from protocols.stream_guard import StreamGuard
+from tacauchy_rig.run import ForceSample, Wrench
 
 
-def health(*, age_s=0.0, received=1000, lost=0):
+def arrived(counter, *, delay_s=0.0, rate_hz=100.0):
+    """Return a sample that came ``delay_s`` late."""
+    wrench = Wrench(force=(0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.0))
+    stamp_ns = round((counter / rate_hz + delay_s) * 1e9)
+    return ForceSample(stamp_ns=stamp_ns, counter=counter, wrench=wrench)
+
+
+def health(*, age_s=0.0, received=1000, lost=0, repeats=0):
     """Return a stream's health."""
     return StreamHealth(
         received_count=received,
         lost_count=lost,
         corrupt_count=0,
-        repeat_count=0,
+        repeat_count=repeats,
         age_s=age_s,
         rate_hz=100.0,
     )
@@ -87,3 +95,29 @@ def test_losses_of_long_ago_are_forgotten(guard):
     guard.check_force(health(received=0, lost=100), now_ns=0)
     guard.check_force(health(received=100, lost=100), now_ns=1_000_000_000)
     guard.check_force(health(received=400, lost=100), now_ns=4_000_000_000)
+
+
+def test_force_that_arrives_late_is_stale_although_it_flows(guard):
+    """A stream delayed by 80 ms has fresh stamps; its numbers give it away."""
+    for counter in range(100):
+        guard.note_force(arrived(counter))
+    guard.check_force(health(), now_ns=0)
+    guard.note_force(arrived(110, delay_s=0.08))
+    with pytest.raises(BreachError, match="arrive 7[0-9] ms late"):
+        guard.check_force(health(), now_ns=0)
+
+
+def test_a_box_that_is_a_little_slow_is_not_late(guard):
+    """A rate of 99.5 Hz instead of 100 Hz is a property of the box's clock, for ten minutes."""
+    for counter in range(0, 60_000, 10):
+        guard.note_force(arrived(counter, rate_hz=99.5))
+        guard.check_force(health(), now_ns=0)
+
+
+def test_the_same_image_again_and_again_is_a_dead_camera(guard, config):
+    """Frames that flow and never change show nothing."""
+    guard.check_image(health(repeats=config.limits.repeat_count - 1))
+    with pytest.raises(BreachError) as caught:
+        guard.check_image(health(repeats=config.limits.repeat_count))
+    assert caught.value.limit == "limits.repeat_count"
+    assert caught.value.reaction is Reaction.RETRACT

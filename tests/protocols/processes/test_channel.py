@@ -51,6 +51,7 @@ def test_the_end_of_the_other_side_is_seen(ends):
     one, other = ends
     one.send("last")
     one.close()
+    assert not other.send("too late")
+    assert not other.closed
     assert other.receive() == ["last"]
     assert other.closed
-    assert not other.send("too late")
