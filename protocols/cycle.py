@@ -188,6 +188,7 @@ class Cycle:
             raise _sensor_breach(error) from error
         if samples:
             self._streams.note_force(samples[-1])
+            self.rates.force_lag(self._streams.force_lag_s)
             self._record_force(samples)
         for sample in samples:
             force_n = self.force_guard.check(sample)

@@ -21,6 +21,7 @@ class RateMeter:
         self._arm_count = 0
         self._frames_lost: list[int] = []
         self._record_lag_s = 0.0
+        self._force_lag_s = 0.0
 
     def force(self, samples: Sequence[ForceSample]) -> None:
         """Count force samples."""
@@ -39,6 +40,10 @@ class RateMeter:
     def arm(self, count: int) -> None:
         """Count arm states."""
         self._arm_count += count
+
+    def force_lag(self, lag_s: float) -> None:
+        """Note how late a force sample arrived, against the undelayed stream [s]."""
+        self._force_lag_s = max(self._force_lag_s, lag_s)
 
     def record_lag(self, lag_s: float) -> None:
         """Note how far the disk is behind [s]."""
@@ -66,6 +71,7 @@ class RateMeter:
             **image,
             "image_lost_count": float(frames_lost),
             "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
+            "force_lag_max_ms": self._force_lag_s * 1e3,
             "record_lag_max_ms": self._record_lag_s * 1e3,
             "control_loop_ms_p50": float(np.percentile(turns_ms, 50)),
             "control_loop_ms_p99": float(np.percentile(turns_ms, 99)),

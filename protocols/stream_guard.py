@@ -35,6 +35,11 @@ class StreamGuard:
         self._earliest: tuple[int, float] | None = None
         self._lag_s = 0.0
 
+    @property
+    def force_lag_s(self) -> float:
+        """How late the newest force sample arrived, against the undelayed stream [s]."""
+        return self._lag_s
+
     def note_turn(self, turn_s: float) -> None:
         """Take how long the loop's last turn was [s]; once a turn, before the checks."""
         if turn_s > DISTURBED_S:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import select
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity
 from protocols.abort import Abort
-from protocols.processes.channel import Channel
+from protocols.processes.cut_off import complete_results, last_results
 from protocols.processes.launched import Launched
 from protocols.processes.messages import (
     AbortRequest,
@@ -27,11 +26,11 @@ from protocols.processes.messages import (
     Failed,
     Finished,
     Go,
-    Job,
     Kept,
     Ready,
     Stop,
 )
+from protocols.processes.wiring import launch_children
 from protocols.programme import PlannedTrial, ProgrammeResult, describe_safe
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
@@ -47,6 +46,7 @@ SILENT_S = 3.0
 START_MARGIN_S = 30.0
 ABORT_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 6.0
+_SEE_DISK = "see to the disk, then `tacauchy-rig resume` tries them again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ class Supervisor:
         self._ended = threading.Event()
 
     def __enter__(self) -> Self:
-        self._launch()
+        self._children = launch_children(self._store.paths.root.resolve(), self._config, self._plan)
         self._abort.on_request(self._pass_abort_on)
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
         return self
@@ -143,46 +143,14 @@ class Supervisor:
         self._children["control"].channel.send(Go())
         self._watch()
         self._end_children()
-        self._complete_results()
+        complete_results(
+            self._store,
+            self._begun,
+            reason="; ".join(self._died.values()) or "the attempt was cut off",
+        )
         result = self._conclude()
         self._note("run-end", outcome=result.outcome.value, reason=result.reason)
         return result
-
-    def _launch(self) -> None:
-        control_data, recorder_control = socket.socketpair()
-        camera_data, recorder_camera = socket.socketpair()
-        control_acks, recorder_control_acks = Channel.pair()
-        camera_acks, recorder_camera_acks = Channel.pair()
-        control_status, camera_status = Channel.pair()
-        ends: dict[str, dict[str, socket.socket | Channel]] = {
-            "recorder": {
-                "control-data": recorder_control,
-                "control-acks": recorder_control_acks,
-                "camera-data": recorder_camera,
-                "camera-acks": recorder_camera_acks,
-            },
-            "camera": {
-                "recorder-data": camera_data,
-                "recorder-acks": camera_acks,
-                "control-status": camera_status,
-            },
-            "control": {
-                "recorder-data": control_data,
-                "recorder-acks": control_acks,
-                "camera-status": control_status,
-            },
-        }
-        for name, sockets in ends.items():
-            job = Job(
-                root=self._store.paths.root.resolve(),
-                config=self._config,
-                plan=self._plan,
-                descriptors={what: end.fileno() for what, end in sockets.items()},
-            )
-            self._children[name] = Launched(name, job)
-        for sockets in ends.values():
-            for end in sockets.values():
-                end.close()
 
     def _pass_abort_on(self, reason: str) -> None:
         control = self._children.get("control")
@@ -304,31 +272,16 @@ class Supervisor:
                 self._note_death(name, child)
         self._listen()
 
-    def _complete_results(self) -> None:
-        """Write what a dead control could not: the result of the attempt it was in."""
-        for event in self._begun:
-            if self._store.load_result(event.trial, event.attempt) is not None:
-                continue
-            reason = "; ".join(self._died.values()) or "the attempt was cut off"
-            record = TrialRecord(
-                index=event.trial,
-                attempt=event.attempt,
-                outcome=Outcome.FAULT,
-                force_target_n=float(event.detail["force_target_n"]),
-                reason=reason,
-            )
-            try:
-                self._store.save_result(record)
-            except RecordError as error:
-                logger.error("%s", error)
-
     def _conclude(self) -> SessionResult:
         finished = self._finished
         deaths = "; ".join(self._died.values())
         if finished is None:
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
-        result = replace(result, records=finished.records)
+        unkept = [r.index for r in finished.records if r.passed and r not in result.records]
+        if unkept:
+            text = f"the results of trials {unkept} could not be kept. {self._safe()}"
+            return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_SEE_DISK)
         if deaths and finished.outcome is not Outcome.PASSED:
             result = replace(result, reason=f"{deaths}. {finished.reason}")
         return result
@@ -352,7 +305,7 @@ class Supervisor:
         resume = f"`tacauchy-rig resume {self._store.paths.root}` continues"
         return SessionResult(
             outcome=outcome,
-            records=(),
+            records=last_results(self._store, self._begun),
             reason=reason,
             remedy="" if outcome is Outcome.PASSED else remedy or resume,
             died=dict(self._died),

@@ -103,7 +103,7 @@ def test_force_that_arrives_late_is_stale_although_it_flows(guard):
         guard.note_force(arrived(counter))
     guard.check_force(health(), now_ns=0)
     guard.note_force(arrived(110, delay_s=0.08))
-    with pytest.raises(BreachError, match="arrive 7[0-9] ms late"):
+    with pytest.raises(BreachError, match=r"arrive 7[0-9] ms late"):
         guard.check_force(health(), now_ns=0)
 
 

@@ -90,6 +90,7 @@ def test_a_killed_process_ends_the_session_and_loses_nothing_acknowledged(make_s
     assert f"the {name} process died (killed by SIGKILL)" in result.reason
     assert result.remedy
     assert store.load_result(1, 1).outcome is Outcome.FAULT
+    assert result.records == (store.load_result(1, 1),)
     assert readable(store) >= sum(result.acknowledged.values()) > 0
     assert store.next_attempt(1) == 2
     assert_all_gone(watcher.pids)
