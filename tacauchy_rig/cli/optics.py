@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,20 +16,18 @@ from drivers.emulators.plant.ball_presses import (
     write_ball_presses,
 )
 from drivers.emulators.plant.truth import read_truth
-from sim.optics.ball_press import read_ball_presses, read_rgb
-from sim.optics.calibrate import calibrate_optics
-from sim.optics.gel_profile import ExponentialSkirt
+from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
+from sim.optics.ball_profile import ball_profiles
+from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.geometry import CameraGeometry
 from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
-from sim.optics.scale import fit_scale, read_positions
+from sim.optics.scale import ScaleFit, fit_scale, read_positions
 from sim.sensor import Sensor
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.store.run_store import RunStore
-
-SKIRT_DECAY_M = 0.7e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,44 +39,62 @@ class OpticalCalibration:
 
 
 def calibrate_folder(
-    folder: Path, nominal: CameraGeometry, *, ball_diameter_m: float
+    folder: Path, sensor: Sensor, nominal: CameraGeometry, *, ball_diameter_m: float
 ) -> OpticalCalibration:
     """Fit scale and optics to a folder of ball presses.
+
+    Clicked circles are off by a pixel or two; the optical fit nudges them, so the scale is fitted
+    to the nudged ones and the optics once more to that scale.
 
     Args:
         folder: ``circles.csv``, the images that it names, ``no_contact.png`` and, for the scale,
             ``positions.csv``.
-        nominal: The camera as its sensor's file has it; kept where there are no positions.
+        sensor: Its pad is pressed in the simulator to know the gel around the ball.
+        nominal: The camera as the sensor's file has it; kept where there are no positions.
         ball_diameter_m: Diameter of the ball [m].
 
     Raises:
         ConfigError: A file is missing or damaged, or there are too few presses.
     """
     presses = read_ball_presses(folder, folder / CIRCLES)
-    geometry = nominal
-    if (folder / POSITIONS).exists():
-        places = read_positions(folder / POSITIONS)
-        known = [press for press in presses if press.name in places]
-        fit = fit_scale(
-            np.array([places[press.name] for press in known]),
-            np.array([(press.circle.x_px, press.circle.y_px) for press in known]),
-            width=nominal.width,
-            height=nominal.height,
-        )
-        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
-        say(
-            f"  scale {geometry.scale_x_m * 1e3:.4f} x {geometry.scale_y_m * 1e3:.4f} mm/px, "
-            f"residual {fit.residual_px:.2f} px over {len(known)} presses"
-        )
+    places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     scene = PressScene(
-        geometry=geometry,
+        geometry=nominal,
         background=read_rgb(folder / NO_CONTACT).astype(np.float64),
-        profile=ExponentialSkirt(ball_radius_m=ball_diameter_m / 2, decay_m=SKIRT_DECAY_M),
+        profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
     )
-    model = calibrate_optics(presses, scene).model
-    source = {"folder": folder.name, "ball_diameter_m": ball_diameter_m}
-    return OpticalCalibration(
-        model=replace(model, provenance={**model.provenance, **source}), geometry=geometry
+    found = calibrate_optics(presses, scene)
+    residual_px = None
+    if places:
+        fit = _fit_scale(presses, found, places, nominal)
+        scene = replace(scene, geometry=replace(fit.geometry, crop_fraction=nominal.crop_fraction))
+        found = calibrate_optics(presses, scene)
+        residual_px = fit.residual_px
+        say(
+            f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
+            f", residual {residual_px:.2f} px over {len(places)} presses"
+        )
+    source = {
+        "source": f"{len(presses)} ball presses in {folder.name}",
+        "ball_diameter_m": ball_diameter_m,
+        "scale_residual_px": residual_px,
+    }
+    model = replace(found.model, provenance={**found.model.provenance, **source})
+    return OpticalCalibration(model=model, geometry=scene.geometry)
+
+
+def _fit_scale(
+    presses: Sequence[BallPress],
+    found: Calibration,
+    places: Mapping[str, tuple[float, float]],
+    nominal: CameraGeometry,
+) -> ScaleFit:
+    known = [(p, c) for p, c in zip(presses, found.circles, strict=True) if p.name in places]
+    return fit_scale(
+        np.array([places[press.name] for press, _ in known]),
+        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
+        width=nominal.width,
+        height=nominal.height,
     )
 
 
@@ -94,7 +111,7 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     if given:
         return OpticalCalibration(model=load_photometric(Path(given)), geometry=nominal)
     if store.paths.truth.exists():
-        return calibrate_emulated(store, nominal)
+        return calibrate_emulated(store, sensor, nominal)
     if not sensor.lamps:
         raise ConfigError(
             f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
@@ -108,7 +125,9 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     return OpticalCalibration(model=nominal_photometric(lamps), geometry=nominal)
 
 
-def calibrate_emulated(store: RunStore, nominal: CameraGeometry) -> OpticalCalibration:
+def calibrate_emulated(
+    store: RunStore, sensor: Sensor, nominal: CameraGeometry
+) -> OpticalCalibration:
     """Calibrate an emulated sensor the way a lab calibrates its own: from ball presses on it.
 
     The presses know nothing of the six trials; of the emulated world only its images are used.
@@ -116,4 +135,4 @@ def calibrate_emulated(store: RunStore, nominal: CameraGeometry) -> OpticalCalib
     folder = store.paths.root / "calibration"
     say("calibrating optics and scale from ball presses on the emulated sensor")
     write_ball_presses(read_truth(store.paths.truth), folder)
-    return calibrate_folder(folder, nominal, ball_diameter_m=BALL_DIAMETER_M)
+    return calibrate_folder(folder, sensor, nominal, ball_diameter_m=BALL_DIAMETER_M)
