@@ -111,6 +111,7 @@ def _ur5(config: RigConfig) -> Ur5:
         payload_kg=robot.payload,
         timeout_s=robot.connect_timeout,
         stale_limit_s=config.limits.stale_robot,
+        watchdog_hz=config.robot.watchdog,
         simulated=robot.driver is RobotDriver.EMULATED,
     )
 

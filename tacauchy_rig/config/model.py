@@ -84,7 +84,8 @@ class RobotSection(Section):
     """The arm, the pose above the gel it starts from, and its speeds.
 
     ``home`` is the tip's position (x, y, z) in the base frame, above the gel, and
-    ``tool_rotation`` its rotation vector there: the indenter points straight down.
+    ``tool_rotation`` its rotation vector there: the indenter points straight down. The controller
+    stops the arm when this program is not heard from at the rate ``watchdog``.
     """
 
     driver: RobotDriver
@@ -99,6 +100,7 @@ class RobotSection(Section):
     press_speed: Speed = Field(gt=0, le=0.0005)
     retract_speed: Speed = Field(gt=0, le=0.020)
     acceleration: Acceleration = Field(gt=0, le=1.0)
+    watchdog: Frequency = Field(ge=2, le=50)
     connect_timeout: Time = Field(gt=0, le=60)
 
 
