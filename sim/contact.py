@@ -5,18 +5,21 @@ The barrier is integrated over the rest surface, so it converges under refinemen
     E = sum_p A_p kappa f(g_p / d_hat),  f(s) = s - 1 - ln s for s < 1, else 0
 
 so the pressure is kappa / d_hat (1/s - 1). The barrier of Incremental Potential Contact (Li et al.
-2020), -(s - 1)^2 ln s, lets the pressure vanish quadratically at d_hat; Newton then frees a point by
-a factor of four an iteration, where this one frees it in one. Below s = extension the barrier goes
-on as the parabola that joins it with two derivatives, so that Newton may start from a slight
+2020), -(s - 1)^2 ln s, lets the pressure vanish quadratically at d_hat; Newton then frees a point
+by a factor of four an iteration, where this one frees it in one. Below s = extension the barrier
+goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
 overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
 Bonded contact adds A_p k_t / 2 |t_p|^2, t_p the tangential motion since a point first came within
 d_hat.
 All kernels launch over [face_count, face_point_count] but ``hessian``.
 """
 
-# mypy: disable-error-code="valid-type"
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
 
 from __future__ import annotations
+
+from typing import Any
 
 import warp as wp
 
@@ -38,6 +41,18 @@ class ContactSettings:
     stiffness: wp.float64
     tangential: wp.float64
     extension: wp.float64
+
+
+def contact_settings(
+    *, distance_m: float, stiffness_j_m2: float, tangential_pa_m: float, extension: float
+) -> Any:
+    """Return the settings as the kernels take them."""
+    settings = ContactSettings()
+    settings.distance = distance_m
+    settings.stiffness = stiffness_j_m2
+    settings.tangential = tangential_pa_m
+    settings.extension = extension
+    return settings
 
 
 @wp.func

@@ -1,6 +1,7 @@
 """Signed distance to the rigid indenter on the device."""
 
-# mypy: disable-error-code="valid-type"
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
 
 from __future__ import annotations
 
@@ -84,7 +85,7 @@ def signed_distance(body: Body, x: wp.vec3d):
 def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
     """Return the second derivative of the gap [1/m] in the pad's frame.
 
-    A sharp rim's infinite curvature across the rim is left out: the gel's own stiffness decides there.
+    A sharp rim's infinite curvature across the rim is left out: the gel's stiffness decides there.
     """
     zero = wp.float64(0.0)
     one = wp.float64(1.0)

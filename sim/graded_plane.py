@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.spatial
@@ -67,9 +68,7 @@ def _boundary(radius_m: float, height_m: float, grading: Grading) -> FloatArray:
         corners.append((grading.start_m, height_m))
     corners.append((0.0, height_m))
     path = np.array([*corners, corners[0]])
-    sides = [
-        _graded_line(a, b, height_m, grading) for a, b in zip(path[:-1], path[1:], strict=True)
-    ]
+    sides = [_graded_line(a, b, height_m, grading) for a, b in pairwise(path)]
     return np.concatenate(sides)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import weakref
 from typing import Any, Protocol
 
 import numpy as np
@@ -66,6 +67,7 @@ class PardisoSolver:
             (data, pattern.indices, pattern.indptr), shape=(pattern.dof_count, pattern.dof_count)
         )
         self._zero = np.zeros(pattern.dof_count)
+        weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
         self._run(11, self._zero)
 
     def factorise(self, data: FloatArray) -> None:
@@ -90,10 +92,6 @@ class PardisoSolver:
                 raise NotPositiveDefiniteError("negative pivot") from error
             raise
         return np.asarray(solution)
-
-    def __del__(self) -> None:
-        self._pardiso.set_phase(-1)
-        self._pardiso._call_pardiso(self._matrix, self._zero)  # noqa: SLF001
 
 
 class SuperLuSolver:
@@ -130,6 +128,11 @@ class SuperLuSolver:
     def solve(self, right_side: FloatArray) -> FloatArray:
         """Solve with the last factor, shape [dof_count]."""
         return np.asarray(self._factor.solve(right_side))
+
+
+def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
+    pardiso.set_phase(-1)
+    pardiso._call_pardiso(matrix, zero)  # noqa: SLF001
 
 
 def _thread_count() -> int:

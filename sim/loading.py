@@ -11,8 +11,9 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, linear_solver
-from sim.model import Model, State
+from sim.model import Model
 from sim.newton import OVERLAP_MAX_M, Equilibrium, NewtonOptions, equilibrate, overlap_fraction
+from sim.state import State
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from sim import contact, elasticity
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 from sim.assembly import SparsePattern, sparse_pattern
 from sim.contact_body import body_at
 from sim.elements import (
@@ -22,69 +22,8 @@ from sim.elements import (
 from sim.indenter import Indenter
 from sim.laws.tangent import Law, Tangent
 from sim.mesh import TetMesh
+from sim.state import ContactForces, ContactOptions, State
 from tacauchy_rig.errors import ConfigError
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactOptions:
-    """Numerical settings of contact.
-
-    Attributes:
-        distance_m: d_hat [m]: the gel feels the indenter from here on.
-        stiffness_factor: kappa in units of E d_hat.
-        bonded: Points that touch stick to the indenter.
-    """
-
-    distance_m: float = 1.0e-5
-    stiffness_factor: float = 8.0
-    bonded: bool = False
-
-
-@dataclass(slots=True, kw_only=True)
-class State:
-    """What changes during a press.
-
-    Attributes:
-        positions: Deformed nodes [m], shape [node_count, 3].
-        tip: The indenter's tip [m], shape [3].
-        rotation: Indenter frame to pad frame, shape [3, 3].
-        anchored: Which contact points are bonded, shape [face_count, point_count].
-        anchors: Where on the indenter, in its frame [m], shape [face_count, point_count, 3].
-        extension: Share of d_hat below which the barrier is a parabola.
-    """
-
-    positions: FloatArray
-    tip: FloatArray
-    rotation: FloatArray
-    anchored: IntArray
-    anchors: FloatArray
-    extension: float = 0.3
-
-    def copy(self) -> State:
-        """Return an independent copy."""
-        return State(
-            positions=self.positions.copy(),
-            tip=self.tip.copy(),
-            rotation=self.rotation.copy(),
-            anchored=self.anchored.copy(),
-            anchors=self.anchors.copy(),
-            extension=self.extension,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactForces:
-    """Contact at every quadrature point of the surface, shape [face_count, point_count, ...].
-
-    Attributes:
-        points: Positions [m].
-        forces: Force on the indenter [N].
-        stiffness: Derivative of that force by the point's motion [N/m].
-    """
-
-    points: FloatArray
-    forces: FloatArray
-    stiffness: FloatArray
 
 
 class Model:
@@ -107,7 +46,6 @@ class Model:
         contact_options: ContactOptions | None = None,
         device: str = "cpu",
     ) -> None:
-        _check_material(young_pa, poisson)
         self.mesh = mesh
         self.law = law
         self.young_pa = young_pa
@@ -123,7 +61,7 @@ class Model:
         self.clamped = self.nodes[:, 2] <= 1e-6 * mesh.vertices[:, 2].max()
         held = mesh.fold.on_plane(self.nodes, float(np.abs(mesh.vertices).max()))
         outer = ~self.clamped[faces[:, :3]].all(axis=1)
-        outer &= ~held[faces[:, :3]].all(axis=1).any(axis=1)
+        outer &= ~np.any(held[faces[:, :3]].all(axis=1), axis=1)
         self.faces, self.face_parents = faces[outer], parents[outer]
         fixed = held | self.clamped[:, None]
         self.pattern: SparsePattern = sparse_pattern(self.elements, fixed)
@@ -150,14 +88,14 @@ class Model:
             [*self._element_arrays, self._vectors(positions)],
             [energies, ratios],
         )
-        return float(energies.numpy().sum()), float(ratios.numpy().min())
+        return float(_numpy(energies).sum()), float(_numpy(ratios).min())
 
     def elastic_gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
         out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
         inputs = [*self._element_arrays, self._vectors(positions)]
         self._launch(self._kernels.gradient, self._point_shape, inputs, [out])
-        return np.asarray(out.numpy())
+        return _numpy(out)
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
@@ -165,7 +103,7 @@ class Model:
         nodes, gradients, inverse, _, parameters = self._element_arrays
         inputs = [nodes, gradients, inverse, parameters, self._vectors(positions)]
         self._launch(self._kernels.stress, self._point_shape, inputs, [out])
-        return np.asarray(out.numpy())
+        return _numpy(out)
 
     def hessian_data(
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
@@ -194,7 +132,7 @@ class Model:
             [self._face_slots, self._face_values, self._array(stiffness, wp.mat33d)],
             [values],
         )
-        return self.pattern.csr_data(values.numpy())
+        return self.pattern.csr_data(_numpy(values))
 
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
@@ -202,14 +140,14 @@ class Model:
         body = body_at(indenter, state.tip, state.rotation)
         inputs = [*self._face_arrays, body, self._vectors(positions)]
         self._launch(contact.gap, self._face_shape, inputs, [out])
-        return np.asarray(out.numpy())
+        return _numpy(out)
 
     def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
         out = self._face_points(wp.float64)
         inputs = self._contact_inputs(positions, indenter, state)
         self._launch(contact.energy, self._face_shape, inputs, [out])
-        return float(out.numpy().sum())
+        return float(_numpy(out).sum())
 
     def contact_forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
@@ -221,7 +159,7 @@ class Model:
         out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
         inputs = [*self._contact_inputs(positions, indenter, state), curved]
         self._launch(contact.force, self._face_shape, inputs, out)
-        points, forces, stiffness = (np.asarray(array.numpy()) for array in out)
+        points, forces, stiffness = (_numpy(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
@@ -229,7 +167,7 @@ class Model:
         out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
         inputs = [*self._face_arrays, self._array(point_vectors, wp.vec3d)]
         self._launch(contact.scatter, self._face_shape, inputs, [out])
-        return np.asarray(out.numpy())
+        return _numpy(out)
 
     def update_anchors(self, indenter: Indenter, state: State) -> None:
         """Bond the points that touch, when the contact is bonded."""
@@ -245,7 +183,7 @@ class Model:
             self._vectors(state.positions),
         ]
         self._launch(contact.anchor, self._face_shape, inputs, [anchored, anchors])
-        state.anchored, state.anchors = anchored.numpy().copy(), anchors.numpy().copy()
+        state.anchored, state.anchors = _numpy(anchored).copy(), _numpy(anchors).copy()
 
     def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
@@ -256,7 +194,7 @@ class Model:
     @property
     def contact_areas(self) -> FloatArray:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
-        return np.asarray(self._areas.numpy())
+        return _numpy(self._areas)
 
     def _upload(self) -> None:
         corners = self.nodes[self.elements[:, :4]]
@@ -288,12 +226,12 @@ class Model:
 
     def _settings_of(self, state: State) -> Any:
         options = self.contact_options
-        settings = contact.ContactSettings()
-        settings.distance = options.distance_m
-        settings.stiffness = options.stiffness_factor * self.young_pa * options.distance_m
-        settings.tangential = self.young_pa / options.distance_m if options.bonded else 0.0
-        settings.extension = state.extension
-        return settings
+        return contact.contact_settings(
+            distance_m=options.distance_m,
+            stiffness_j_m2=options.stiffness_factor * self.young_pa * options.distance_m,
+            tangential_pa_m=self.young_pa / options.distance_m if options.bonded else 0.0,
+            extension=state.extension,
+        )
 
     def _contact_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
         return [
@@ -324,11 +262,6 @@ class Model:
         return wp.empty(self._face_shape, dtype=kind, device=self.device)
 
 
-def _check_material(young_pa: float, poisson: float) -> None:
-    if not young_pa > 0.0:
-        raise ConfigError(f"Young's modulus {young_pa:g} Pa is not positive", remedy="give E > 0")
-    if not 0.0 <= poisson < 0.5:
-        raise ConfigError(
-            f"Poisson's ratio {poisson:g} is not in [0, 0.5)",
-            remedy="give nu below 0.5; 0.499 is the highest that is tested",
-        )
+def _numpy(array: Any) -> NDArray[Any]:
+    """Return a device array on the host; on the CPU this shares memory."""
+    return np.asarray(array.numpy())

@@ -1,8 +1,9 @@
 """Newton's method for a static equilibrium with the indenter held still.
 
 Each iteration factors the exact Hessian; only when that is not positive definite, or an element is
-inverted, is it replaced by a semidefinite one. The line search limits overlap and lowers the energy. Newton
-may start with the surfaces slightly overlapping; it ends with every gap positive or not at all.
+inverted, is it replaced by a semidefinite one. The line search limits overlap and lowers the
+energy. Newton may start with the surfaces slightly overlapping; it ends with every gap positive or
+not at all.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
-from sim.model import ContactForces, Model, State
+from sim.model import Model
+from sim.state import ContactForces, State
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -197,7 +199,7 @@ def _search(
 def overlap_fraction(
     model: Model, indenter: Indenter, state: State, tip: FloatArray, motion: FloatArray
 ) -> float:
-    """Return the largest tried fraction of a motion that overlaps the indenter no more than allowed.
+    """Return the largest tried fraction of a motion that overlaps no more than allowed.
 
     Args:
         tip: Where the indenter's tip ends up at fraction one [m]; it moves with the gel.

@@ -44,6 +44,10 @@ class BoxPad:
             self.height_m - 0.5 * x**2 / self.dome_radius_x_m - 0.5 * y**2 / self.dome_radius_y_m
         )
 
+    def half_extents(self) -> tuple[float, float]:
+        """Return half the extents in x and y [m]."""
+        return self.size_x_m / 2.0, self.size_y_m / 2.0
+
     def sectors(
         self, centre: FloatArray, count: int, *, start_rad: float, end_rad: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -58,7 +62,7 @@ class BoxPad:
         Returns:
             Angles [rad] and the distance to the outline in each [m].
         """
-        half = np.array([self.size_x_m, self.size_y_m]) / 2.0
+        half = np.array(self.half_extents())
         corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * half - centre
         turns = np.mod(np.arctan2(corners[:, 1], corners[:, 0]) - start_rad, 2.0 * np.pi)
         middles = np.arange(4) * 0.5 * np.pi
@@ -77,7 +81,7 @@ class BoxPad:
 
     def distance_to_outline(self, points: FloatArray) -> FloatArray:
         """Return how far inside points [count, 2] lie [m]; negative outside."""
-        half = np.array([self.size_x_m, self.size_y_m]) / 2.0
+        half = np.array(self.half_extents())
         return np.asarray((half - np.abs(points)).min(axis=1))
 
 
@@ -94,6 +98,10 @@ class DiscPad:
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the top at rest [m]."""
         return np.full(np.broadcast(x, y).shape, self.height_m)
+
+    def half_extents(self) -> tuple[float, float]:
+        """Return half the extents in x and y [m]."""
+        return self.radius_m, self.radius_m
 
     def sectors(
         self, centre: FloatArray, count: int, *, start_rad: float, end_rad: float

@@ -1,4 +1,4 @@
-"""Presets: which element and mesh a scene gets, and what force error that is believed to have."""
+"""Presets: which element and mesh a scene gets."""
 
 from __future__ import annotations
 
@@ -9,25 +9,40 @@ from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import law
 from sim.mesh import TetMesh
-from sim.model import ContactOptions, Model
+from sim.mesh_store import mesh_key, stored_mesh
+from sim.model import Model
 from sim.revolved_mesh import revolved_mesh
 from sim.scene import ContactMode, Preset, Scene
+from sim.state import ContactOptions
+from sim.wild_mesh import WildSizing, wild_mesh
+
+PAPER_SIZING = WildSizing()
+_FILLET_SHARE = 0.5
+_EXPECTED_DEPTH_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Resolution:
-    """Edge length at a punch's rim as a share of its radius, and sectors of a turn."""
+class Resolution:
+    """A revolved mesh's numbers.
 
-    size_share: float
+    Attributes:
+        edge_share: Edge length at a punch's rim over its radius.
+        smooth_share: Edge length under a rounded indenter over the expected contact radius.
+        growth: Ratio of neighbouring edge lengths away from there.
+        sector_count: Sectors of a full turn.
+    """
+
+    edge_share: float
+    smooth_share: float
     growth: float
     sector_count: int
 
 
-_FILLET_SHARE = 0.5
-_RESOLUTIONS = {
-    Preset.FAST: _Resolution(size_share=0.08, growth=2.0, sector_count=16),
-    Preset.BALANCED: _Resolution(size_share=0.04, growth=1.8, sector_count=16),
-    Preset.ACCURATE: _Resolution(size_share=0.02, growth=1.6, sector_count=24),
+RESOLUTIONS = {
+    Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
+    Preset.BALANCED: Resolution(edge_share=0.02, smooth_share=0.17, growth=1.8, sector_count=16),
+    Preset.ACCURATE: Resolution(edge_share=0.01, smooth_share=0.10, growth=1.6, sector_count=24),
+    Preset.REFERENCE: Resolution(edge_share=0.01, smooth_share=0.07, growth=1.4, sector_count=32),
 }
 
 
@@ -47,35 +62,39 @@ def build_model(scene: Scene, *, device: str = "cpu") -> Model:
 
 def mesh_for(scene: Scene) -> TetMesh:
     """Return the mesh of a scene's preset."""
-    resolution = _RESOLUTIONS[scene.preset]
-    start, end = _fine_stretch(scene)
-    size = resolution.size_share * end
-    if end > start > 0.0:
-        size = min(size, _FILLET_SHARE * (end - start))
-    grading = Grading(
-        start_m=start,
-        end_m=end,
-        size_m=size,
-        growth=resolution.growth,
-    )
+    if scene.preset is Preset.PAPER:
+        key = mesh_key(scene.pad, PAPER_SIZING)
+        return stored_mesh(
+            "paper", key, lambda: wild_mesh(scene.pad, PAPER_SIZING, name=f"fTetWild, paper, {key}")
+        )
+    resolution = RESOLUTIONS[scene.preset]
     return revolved_mesh(
         scene.pad,
-        grading,
+        _grading(scene, resolution),
         centre_m=scene.centre_m,
         sector_count=resolution.sector_count,
         name=f"revolved, {scene.preset.value}",
     )
 
 
-def _fine_stretch(scene: Scene) -> tuple[float, float]:
-    """Return the radii between which the contact's edge is expected [m]."""
-    if isinstance(scene.indenter, Cylinder):
-        return scene.indenter.radius_m - scene.indenter.fillet_m, scene.indenter.radius_m
-    if isinstance(scene.indenter, Sphere):
-        return 0.0, 0.5 * scene.indenter.radius_m
-    return 0.0, 0.25 * scene.pad.height_m
+def _grading(scene: Scene, resolution: Resolution) -> Grading:
+    indenter = scene.indenter
+    if isinstance(indenter, Cylinder):
+        size = resolution.edge_share * indenter.radius_m
+        if indenter.fillet_m > 0.0:
+            size = min(size, _FILLET_SHARE * indenter.fillet_m)
+        start, end = indenter.radius_m - indenter.fillet_m, indenter.radius_m
+    else:
+        start, end = 0.0, _contact_radius(scene)
+        size = resolution.smooth_share * end
+    return Grading(start_m=start, end_m=end, size_m=size, growth=resolution.growth)
 
 
-def force_error_estimate(scene: Scene, depth_m: float) -> tuple[float | None, str]:
-    """Return the believed relative error of F_z, and how it is known."""
-    return None, f"not known for this scene at {depth_m * 1e3:.3g} mm"
+def _contact_radius(scene: Scene) -> float:
+    """Return about how wide a rounded or flat, unbounded indenter will touch [m]."""
+    if not isinstance(scene.indenter, Sphere):
+        return 0.6 * min(scene.pad.half_extents())
+    radius = scene.indenter.radius_m
+    depth = scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
+    widest = min(radius, 0.6 * min(scene.pad.half_extents()))
+    return float(min((1.5 * radius * depth) ** 0.5, widest))

@@ -1,19 +1,20 @@
-"""One simulated press: a scene in, forces, contact and the numbers that say how good they are out."""
+"""One simulated press: a scene in; forces, contact and what they are worth out."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.force_error import force_error
 from sim.loading import LoadingPath, PathPoint
 from sim.match import find_force
 from sim.model import Model
-from sim.presets import build_model, force_error_estimate
-from sim.scene import Scene
+from sim.presets import build_model
+from sim.scene import Scene, Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +70,7 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
     """Press as a scene asks.
 
     Args:
+        scene: What to press into what, and how far.
         model: Reuse this model instead of meshing and assembling anew.
 
     Raises:
@@ -99,7 +101,7 @@ def measure(
     )
     balance = float(np.linalg.norm(point.force_n + reaction))
     size = float(np.linalg.norm(point.force_n))
-    error, basis = force_error_estimate(scene, point.depth_m)
+    error, basis = force_error(replace(scene, target=Target(depth_m=point.depth_m)))
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),

@@ -84,7 +84,7 @@ def _plan(
     """Stretch radii beyond the round part so that the outermost meets the outline."""
     share = np.clip((radius - round_m) / (mean_reach_m - round_m), 0.0, 1.0)
     stretched = radius + share * (reach_m - mean_reach_m)
-    return stretched[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(stretched[:, None] * np.array([np.cos(angle), np.sin(angle)]))
 
 
 def _revolve(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 from sim.indenter import Indenter
@@ -25,6 +25,7 @@ class Preset(StrEnum):
     BALANCED = "balanced"
     ACCURATE = "accurate"
     PAPER = "paper"
+    REFERENCE = "reference"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +82,9 @@ class Scene:
     Attributes:
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
         force_tolerance_n: How closely a force target is met [N].
-        barrier_m: Contact distance d_hat [m], a numerical setting.
+        barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
+            from the indenter, which adds as much to the depth it feels.
+        sensor: Name of the sensor, for reports; empty for a bare pad.
     """
 
     pad: Pad
@@ -92,5 +95,5 @@ class Scene:
     contact: ContactMode = ContactMode.FRICTIONLESS
     preset: Preset = Preset.BALANCED
     force_tolerance_n: float = 1e-3
-    barrier_m: float = 5e-6
-    sensor: str = field(default="")
+    barrier_m: float = 1e-6
+    sensor: str = ""

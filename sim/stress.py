@@ -1,4 +1,4 @@
-"""Cauchy stress on the gel's surface and contact forces on its nodes (paper, Algorithms 1 and 2)."""
+"""Cauchy stress on the gel's surface, contact forces on its nodes (paper, Algorithms 1, 2)."""
 
 from __future__ import annotations
 
