@@ -34,6 +34,7 @@ from drivers.emulators.camera_jpeg import DEFAULT_QUALITY
 from drivers.emulators.camera_renderer import BackgroundRenderer
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
 from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
+from drivers.emulators.punctuality import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
 from tacauchy_rig.errors import DeviceError, RigError
 
@@ -194,6 +195,7 @@ def main(argv: list[str] | None = None) -> int:
             quality=arguments.quality,
             markers=arguments.markers,
         )
+        keep_time(mostly_sleeps=False)
         server = _serve(arguments.host, arguments.port)
         camera = EmulatedCamera(arguments, factory, server)
     except RigError as error:

@@ -25,6 +25,7 @@ from drivers.emulators.m8128_stream import FrameStream
 from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
 from drivers.emulators.plant.force_channel import ForceChannel
 from drivers.emulators.plant.gel import Plant
+from drivers.emulators.punctuality import keep_time
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.errors import RigError
 
@@ -73,6 +74,7 @@ def _serve(options: argparse.Namespace) -> None:
         _stop_on_signals(box)
         ready = {"device": "force_sensor", "port": port.path, "link": str(folder / LINK_NAME)}
         print(json.dumps({**ready, "pid": os.getpid()}), flush=True)
+        keep_time(mostly_sleeps=True)
         box.run()
         port.close()
         inbox.close()

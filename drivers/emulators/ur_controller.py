@@ -6,7 +6,6 @@ its ports are open, then serves until it is told to end.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import json
 import logging
@@ -20,6 +19,7 @@ import time
 from types import FrameType
 
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
+from drivers.emulators.punctuality import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from drivers.emulators.ur_arm_trace import ArmTrace
 from drivers.emulators.ur_body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
@@ -36,7 +36,6 @@ _DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
 _PARENT_CHECK_S = 1.0
-_NICENESS = -10
 
 
 class UrController:
@@ -283,9 +282,7 @@ def main() -> int:
     """Serve as an emulated controller until told to end."""
     settings = parse_arguments(sys.argv[1:])
     stop = StopFlag()
-    # A real controller is not slowed down by the computer that it serves.
-    with contextlib.suppress(PermissionError):
-        os.nice(_NICENESS)
+    keep_time(mostly_sleeps=True)
     try:
         controller = UrController(settings)
     except OSError as error:
