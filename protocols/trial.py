@@ -106,6 +106,7 @@ def _record_fault(
 ) -> TrialRecord:
     reaction = reaction_to(error)
     phase, force_n = journal.phase, cycle.last_force_n
+    journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
     end = make_safe(cycle, reaction)
     outcome = Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT
     journal.enter(Phase.FAULT)

@@ -15,6 +15,7 @@ from protocols.processes.entry import Begin, End, Entry, EntryReader, Frame, kee
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.record_keeper import RecordKeeper
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -39,6 +40,7 @@ class Producer:
         self.newest_frame_ns = 0
         self.ended = False
         self.acknowledged: tuple[int, int] = (-1, -1)
+        self.acknowledged_count = 0
 
     def read(self) -> None:
         """Take what waits on the stream."""
@@ -79,6 +81,13 @@ class Recorder:
                         selector.unregister(producer.data)
                 self.step()
         self._keeper.close()
+        self._keeper.event(
+            JournalEvent(
+                stamp_ns=time.monotonic_ns(),
+                name="record-end",
+                detail={"acknowledged": {p.name: p.acknowledged_count for p in self._producers}},
+            )
+        )
 
     def step(self) -> None:
         """Write what has arrived and acknowledge it."""
@@ -130,6 +139,7 @@ class Recorder:
         )
         if producer.acks.send(ack):
             producer.acknowledged = state
+            producer.acknowledged_count = producer.kept_count
 
 
 def record(job: Job, supervisor: Channel) -> None:

@@ -123,6 +123,13 @@ class Supervisor:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if error is not None:
+            # Whoever watches has failed; the arm is still to be made safe and the record finished.
+            self._on_event = _unseen
+            self._end_children()
+            complete_results(
+                self._store, self._begun, reason=f"the watching program failed: {error}"
+            )
         self._ended.set()
         for child in self._children.values():
             child.close()
@@ -149,7 +156,12 @@ class Supervisor:
             reason="; ".join(self._died.values()) or "the attempt was cut off",
         )
         result = self._conclude()
-        self._note("run-end", outcome=result.outcome.value, reason=result.reason)
+        self._note(
+            "run-end",
+            outcome=result.outcome.value,
+            reason=result.reason,
+            acknowledged=result.acknowledged,
+        )
         return result
 
     def _pass_abort_on(self, reason: str) -> None:
@@ -223,7 +235,9 @@ class Supervisor:
                 self._note_death(name, child)
 
     def _note_death(self, name: str, child: Launched) -> None:
-        self._died[name] = child.describe_end()
+        failure = self._failures.get(name)
+        gave_up = failure and f"the {name} process gave up: {failure.message}"
+        self._died[name] = gave_up or child.describe_end()
         self._note("process-died", process=name, how=self._died[name])
 
     def _listen(self) -> None:
@@ -243,7 +257,7 @@ class Supervisor:
             case JournalEvent():
                 if message.name == "attempt-start":
                     self._begun.append(message)
-                self._on_event(message)
+                self._show(message)
             case Kept(source=source, count=count):
                 self._acknowledged[source] = count
             case Ready(devices=devices):
@@ -274,7 +288,9 @@ class Supervisor:
 
     def _conclude(self) -> SessionResult:
         finished = self._finished
-        deaths = "; ".join(self._died.values())
+        # One that gave up has told control why, and control says it again.
+        untold = [how for name, how in self._died.items() if name not in self._failures]
+        deaths = "; ".join(untold)
         if finished is None:
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
@@ -318,4 +334,17 @@ class Supervisor:
             append_event(self._store.paths.journal, event)
         except RecordError as error:
             logger.error("%s", error)
-        self._on_event(event)
+        self._show(event)
+
+    def _show(self, event: JournalEvent) -> None:
+        try:
+            self._on_event(event)
+        except OSError as error:
+            # A terminal that is gone refuses every word; the run must end safely all the same.
+            logger.error("nobody can be told any more: %s", error)
+            self._on_event = _unseen
+            self._abort.request("the terminal was lost")
+
+
+def _unseen(_event: JournalEvent) -> None:
+    """Show nothing: nobody is there to see it."""

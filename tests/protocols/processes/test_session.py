@@ -136,6 +136,30 @@ def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):
     assert Recording.open(store.paths.recording(1, 1)).finished
 
 
+@pytest.mark.parametrize(
+    ("error", "outcome_reason"), [(OSError, "the terminal was lost"), (ValueError, "session ends")]
+)
+def test_a_watcher_that_fails_does_not_leave_the_arm_in_the_gel(make_store, error, outcome_reason):
+    """A terminal that is gone aborts; any other failure ends the session in the same safe way."""
+    store = make_store(ONE)
+
+    def on_event(event):
+        if event.detail.get("phase") == "press":
+            raise error("no such terminal")
+
+    if error is OSError:
+        result = run_session(store, store.config, on_event=on_event, abort=Abort())
+        assert result.outcome is Outcome.ABORTED
+    else:
+        with pytest.raises(ValueError, match="no such terminal"):
+            run_session(store, store.config, on_event=on_event, abort=Abort())
+    record = store.load_result(1, 1)
+    assert record.outcome is Outcome.ABORTED
+    assert outcome_reason in record.reason
+    assert "off the gel" in record.reason
+    assert Recording.open(store.paths.recording(1, 1)).finished
+
+
 def test_an_abort_while_connecting_moves_nothing(make_store):
     """Asked before the programme began, it never begins."""
     store, abort = make_store(ONE), Abort()
