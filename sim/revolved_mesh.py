@@ -49,9 +49,9 @@ def revolved_mesh(
     fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
     start, end = _turn(fold)
     angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
+    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
     if fold.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
-    mean_reach = float(reaches.mean())
     points, triangles = triangulate_half_section(mean_reach, pad.height_m, grading)
     rings = np.stack(
         [

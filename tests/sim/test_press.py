@@ -1,0 +1,178 @@
+"""One press: balance, gaps, symmetry, repeatability."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.elements import ElementOrder
+from sim.graded_plane import Grading
+from sim.indenter import Cylinder, Indenter, Sphere
+from sim.laws.catalogue import LawName, law
+from sim.loading import LoadingPath
+from sim.model import Model
+from sim.newton import NewtonOptions
+from sim.pad import BoxPad
+from sim.press import press
+from sim.revolved_mesh import revolved_mesh
+from sim.scene import ContactMode, Material, Preset, Scene, Target
+from sim.state import ContactOptions
+from tacauchy_rig.errors import ConfigError, ConvergenceError
+
+PAD = BoxPad(
+    size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3, dome_radius_x_m=0.1, dome_radius_y_m=0.2
+)
+PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
+SCENE = Scene(
+    pad=PAD,
+    material=Material(young_pa=4e5, poisson=0.48),
+    indenter=PUNCH,
+    target=Target(depth_m=0.15e-3),
+    preset=Preset.FAST,
+)
+
+
+def small_model(*, folded: bool, centre_m: tuple[float, float] = (0.0, 0.0)) -> Model:
+    """Return a coarse domed pad, whole or a quarter of it."""
+    mesh = revolved_mesh(
+        PAD,
+        Grading(start_m=2.3e-3, end_m=2.5e-3, size_m=0.4e-3, growth=2.0),
+        centre_m=centre_m,
+        sector_count=8,
+        name="test",
+        folded=folded,
+    )
+    return Model(
+        mesh,
+        order=ElementOrder.P2,
+        law=law(LawName.STABLE_NEO_HOOKEAN),
+        young_pa=4e5,
+        poisson=0.48,
+        contact_options=ContactOptions(distance_m=2e-6),
+    )
+
+
+@pytest.mark.parametrize("indenter", [PUNCH, Sphere(diameter_m=8e-3)])
+@pytest.mark.parametrize("contact", list(ContactMode))
+def test_press_balances_and_never_overlaps(indenter: Indenter, contact: ContactMode) -> None:
+    """Indenter force and base reaction agree to 1e-6, every gap is positive."""
+    result = press(replace(SCENE, indenter=indenter, contact=contact))
+    assert result.force_n[2] > 0.1
+    assert result.force_balance_relative < 1e-6
+    assert 0.0 < result.gap_min_m < SCENE.barrier_m
+    assert result.base_reaction_n[2] == pytest.approx(-result.force_n[2], rel=1e-6)
+    assert result.min_jacobian > 0.3
+    assert np.hypot(*result.force_n[:2]) < 1e-9 * result.force_n[2]
+    assert 0.2e-3 < result.contact_radius_m < 2.6e-3
+    assert result.max_pressure_pa > result.force_n[2] / result.contact_area_m2
+
+
+def test_quarter_gives_what_the_whole_gives() -> None:
+    """The folded model's force, stiffness and moment are the whole's."""
+    found = [
+        LoadingPath(small_model(folded=folded), PUNCH).advance(0.12e-3) for folded in (True, False)
+    ]
+    assert found[0].force_n == pytest.approx(found[1].force_n, rel=1e-6, abs=1e-9)
+    assert found[0].stiffness_n_m == pytest.approx(found[1].stiffness_n_m, rel=1e-4)
+
+
+def test_stiffness_is_the_slope_of_the_force() -> None:
+    """The tangent's dF/d(depth) agrees with a difference."""
+    path = LoadingPath(small_model(folded=True), PUNCH)
+    first = path.advance(0.150e-3)
+    second = path.advance(0.151e-3)
+    slope = (second.force_n[2] - first.force_n[2]) / 1e-6
+    assert first.stiffness_n_m == pytest.approx(slope, rel=0.02)
+
+
+def test_off_centre_press_balances_without_symmetry() -> None:
+    """A press to the side of a dome is solved on the whole pad, and its moment is not zero."""
+    model = small_model(folded=True, centre_m=(1.5e-3, 1.0e-3))
+    assert model.mesh.fold.copies == 1
+    result = press(replace(SCENE, centre_m=(1.5e-3, 1.0e-3)), model=model)
+    assert result.force_balance_relative < 1e-6
+    assert result.force_n[2] > 0.1
+    assert abs(result.moment_nm[0]) > 0.0
+
+
+def test_same_press_again_gives_the_same_numbers() -> None:
+    """No randomness anywhere."""
+    first, second = press(SCENE), press(SCENE)
+    assert first.force_n == second.force_n
+    assert first.mesh_hash == second.mesh_hash
+
+
+def test_no_travel_means_no_force() -> None:
+    """At zero depth the gel may only be grazed by the barrier; above it nothing is felt."""
+    path = LoadingPath(small_model(folded=True), PUNCH)
+    point = path.advance(-1e-4)
+    assert not point.force_n.any()
+    assert point.equilibrium.iterations == 0
+
+
+def test_force_target_is_met() -> None:
+    """A press to a force ends within the scene's tolerance."""
+    result = press(replace(SCENE, target=Target(force_n=0.5)))
+    assert result.force_n[2] == pytest.approx(0.5, abs=SCENE.force_tolerance_n)
+
+
+def test_failed_press_names_how_far_it_got() -> None:
+    """Newton cut short at some depth: the message has the last good depth and force."""
+    path = LoadingPath(small_model(folded=True), PUNCH)
+    path.advance(0.05e-3)
+    path.options = NewtonOptions(iteration_max=0)
+    with pytest.raises(ConvergenceError, match=r"stopped at 0\.05\d* mm and 0\.\d+ N on the way"):
+        path.advance(0.0505e-3)
+
+
+def test_pressing_flat_does_not_break() -> None:
+    """80 % of the height: every step converges and the force only grows."""
+    path = LoadingPath(small_model(folded=True), PUNCH, step_max_m=0.2e-3)
+    forces = [path.advance(depth * 1e-3).force_n[2] for depth in (0.8, 1.6, 2.4, 3.2)]
+    assert np.all(np.diff(forces) > 0.0)
+
+
+def test_indenter_beside_the_pad_is_refused() -> None:
+    """The message says where the axis stands."""
+    with pytest.raises(ConfigError, match="does not lie on the pad"):
+        press(replace(SCENE, centre_m=(9e-3, 0.0)))
+
+
+def test_scene_refuses_nonsense() -> None:
+    """Two targets, none, or a material that does not exist."""
+    with pytest.raises(ConfigError, match="either a depth or a force"):
+        Target(depth_m=1e-3, force_n=1.0)
+    with pytest.raises(ConfigError, match="either a depth or a force"):
+        Target()
+    with pytest.raises(ConfigError, match="Poisson"):
+        Material(young_pa=1e5, poisson=0.5)
+    with pytest.raises(ConfigError, match="Young"):
+        Material(young_pa=0.0, poisson=0.4)
+    with pytest.raises(ConfigError, match="fillet"):
+        Cylinder(diameter_m=5e-3, fillet_m=3e-3)
+
+
+def test_json_has_every_number_that_was_promised() -> None:
+    """The keys of ``press --json``."""
+    keys = set(press(SCENE).as_json())
+    assert {
+        "force_n",
+        "moment_nm",
+        "depth_m",
+        "contact_area_m2",
+        "contact_radius_m",
+        "max_pressure_pa",
+        "base_reaction_n",
+        "force_balance_relative",
+        "min_jacobian",
+        "gap_min_m",
+        "newton_iterations",
+        "wall_s",
+        "element",
+        "node_count",
+        "tet_count",
+        "estimated_force_error_relative",
+        "estimated_force_error_basis",
+    } <= keys

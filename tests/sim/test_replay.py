@@ -1,0 +1,132 @@
+"""Replay of measured forces, the fields it leaves, and what it says of its error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+
+from sim.fields import TrialFields
+from sim.force_error import force_error
+from sim.indenter import Cylinder, Plane
+from sim.replay import replay_forces
+from sim.scene import ContactMode, Material, Preset, Scene, Target
+from sim.sensor import load_sensor
+from tacauchy_rig.run import Replay
+
+PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
+FORCES = (0.9, 0.4)
+
+
+@pytest.fixture(scope="module")
+def replayed() -> tuple[Replay, list[TrialFields], list[str]]:
+    """Return a replay of two forces given in descending order."""
+    lines: list[str] = []
+    replay, fields = replay_forces(
+        load_sensor("gelsight-mini"),
+        PUNCH,
+        FORCES,
+        preset=Preset.FAST,
+        on_progress=lambda index, text: lines.append(f"{index} {text}"),
+    )
+    return replay, fields, lines
+
+
+def test_every_force_is_met_in_its_own_place(
+    replayed: tuple[Replay, list[TrialFields], list[str]],
+) -> None:
+    """Trials come back in the order they were given, well inside the tolerance."""
+    replay, _, lines = replayed
+    for trial, force in zip(replay.trials, FORCES, strict=True):
+        assert trial.force_measured_n == force
+        assert abs(trial.force_simulated_n - force) <= 0.008
+        assert trial.balance_relative < 1e-6
+        assert trial.gap_min_m > 0.0
+        assert trial.force_history[-1][1] == trial.force_simulated_n
+    assert [trial.index for trial in replay.trials] == [1, 2]
+    assert replay.trials[0].depth_simulated_m > replay.trials[1].depth_simulated_m
+    assert [line[0] for line in lines] == ["0", "2", "1"]
+    assert replay.model["young_pa"] == pytest.approx(0.435e6)
+    assert replay.versions["warp-lang"] != "absent"
+
+
+def test_fields_are_the_whole_pads(
+    replayed: tuple[Replay, list[TrialFields], list[str]],
+) -> None:
+    """Nodal contact forces of the unfolded surface sum to the trial's force."""
+    replay, fields, _ = replayed
+    for trial, field in zip(replay.trials, fields, strict=True):
+        total = field.arrays["contact_force_n"].sum(axis=0)
+        assert total == pytest.approx([0.0, 0.0, -trial.force_simulated_n], abs=1e-9)
+        parts = field.arrays["contact_normal_force_n"] + field.arrays["contact_tangential_force_n"]
+        assert np.allclose(parts, field.arrays["contact_force_n"])
+        traction, normals = field.arrays["traction_pa"], field.arrays["face_normal"]
+        split = field.arrays["tangential_traction_pa"]
+        split = split + field.arrays["normal_traction_pa"][:, None] * normals
+        assert np.allclose(split, traction)
+        assert np.abs(np.einsum("fi,fi->f", normals, normals) - 1.0).max() < 1e-12
+        pull = np.sum(traction[:, 2] * field.arrays["face_area_m2"])
+        assert pull == pytest.approx(-trial.force_simulated_n, rel=0.25)
+
+
+def test_surface_covers_the_pad_and_stays_below_the_indenter(
+    replayed: tuple[Replay, list[TrialFields], list[str]],
+) -> None:
+    """What the optics get: a surface of the whole pad, upwards, pressed in the middle."""
+    _, fields, _ = replayed
+    surface = fields[0].surface
+    assert surface.positions_rest[:, 0].min() == pytest.approx(-25.25e-3 / 2)
+    assert surface.positions_rest[:, 1].max() == pytest.approx(20.75e-3 / 2)
+    assert surface.triangles6 is not None
+    assert len(surface.triangles) == 4 * len(surface.triangles6)
+    a, b, c = (surface.positions_rest[surface.triangles[:, k]] for k in range(3))
+    assert np.cross(b - a, c - a)[:, 2].sum() / 2 == pytest.approx(20.75e-3 * 25.25e-3, rel=1e-6)
+    assert np.cross(b - a, c - a)[:, 2].min() > 0.0
+    offset = surface.positions - surface.indenter_position
+    roof = surface.indenter.lower_surface(offset[:, 0], offset[:, 1])
+    assert np.all(offset[:, 2] < np.where(np.isfinite(roof), roof + 1e-6, 1.0))
+
+
+def test_vtu_opens_in_vtk(
+    replayed: tuple[Replay, list[TrialFields], list[str]], tmp_path: Path
+) -> None:
+    """VTK's own reader finds quadratic faces and every array."""
+    _, fields, _ = replayed
+    path = tmp_path / "surface.vtu"
+    path.write_bytes(fields[0].surface_vtu)
+    grid = pyvista.read(path)
+    assert grid.n_cells == len(fields[0].arrays["faces"])
+    assert set(grid.celltypes) == {22}
+    assert np.allclose(grid.point_data["displacement_m"], fields[0].arrays["displacement_m"])
+    assert "tangential_traction_pa" in grid.cell_data
+
+
+def test_force_error_is_stated_only_where_it_was_measured() -> None:
+    """A cylinder on a preset has a number with its basis; what was not measured has none."""
+    sensor = load_sensor("gelsight-mini")
+    scene = Scene(
+        pad=sensor.pad,
+        material=sensor.material,
+        indenter=PUNCH,
+        target=Target(depth_m=0.5e-3),
+        preset=Preset.BALANCED,
+    )
+    error, basis = force_error(scene)
+    assert error is not None
+    assert 0.005 < error < 0.08
+    assert "presses by a cylinder" in basis
+    paper, _ = force_error(replace(scene, preset=Preset.PAPER))
+    assert paper is not None
+    assert paper > 0.5
+    for other in (
+        replace(scene, indenter=Plane()),
+        replace(scene, material=Material(young_pa=1e5, poisson=0.495)),
+        replace(scene, target=Target(depth_m=2e-3)),
+        replace(scene, contact=ContactMode.BONDED),
+    ):
+        unknown, reason = force_error(other)
+        assert unknown is None
+        assert reason.startswith("not known")

@@ -1,0 +1,68 @@
+"""Sensor files."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from sim.sensor import load_sensor, parse_sensor, sensor_names
+from tacauchy_rig.errors import ConfigError
+
+TEXT = resources.files("sim.sensors").joinpath("gelsight-mini.toml").read_text("utf-8")
+
+
+def test_built_in_sensors_load() -> None:
+    """All three, each number with a source and an uncertainty."""
+    assert sensor_names() == ["9dtact", "digit", "gelsight-mini"]
+    for name in sensor_names():
+        sensor = load_sensor(name)
+        assert sensor.name == name
+        assert all(n.source and n.uncertainty > 0.0 for n in sensor.numbers.values())
+
+
+def test_gelsight_mini_is_what_was_measured() -> None:
+    """The numbers of the one measured unit, in SI."""
+    sensor = load_sensor("gelsight-mini")
+    assert sensor.pad.size_x_m == pytest.approx(25.25e-3)
+    assert sensor.pad.dome_radius_x_m == pytest.approx(0.185)
+    assert sensor.material.young_pa == pytest.approx(0.435e6)
+    assert sensor.material.poisson == pytest.approx(0.48)
+    assert sensor.camera.pixel_m == pytest.approx((63.4e-6, 63.4e-6))
+    assert sensor.markers is not None
+    assert sensor.markers.columns == 9
+
+
+def test_sensor_file_of_ones_own(tmp_path: Path) -> None:
+    """A path works like a name."""
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT.replace('name = "gelsight-mini"', 'name = "mine"'), "utf-8")
+    assert load_sensor(str(path)).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[pad]", "[pads]", "unknown pads"),
+        ("poisson =", "poison =", "unknown material.poison"),
+        ('"4.00 mm"', '"4.00 N"', "pad.height.value"),
+        ("columns = 9", "columns = 0", "markers.columns"),
+        ('title = "GelSight Mini"', "", "no title"),
+        ('young = { value = "0.435 MPa", ', "young = { ", "material.young needs"),
+        ("[camera]", "[camera", "not TOML"),
+    ],
+)
+def test_broken_sensor_file_is_refused(old: str, new: str, message: str) -> None:
+    """The message names the file and the key."""
+    with pytest.raises(ConfigError, match=message) as caught:
+        parse_sensor(TEXT.replace(old, new), origin="mine.toml")
+    assert "mine.toml" in caught.value.message
+    assert caught.value.remedy
+
+
+def test_unknown_sensor_lists_the_known() -> None:
+    """A misspelt name gets the list."""
+    with pytest.raises(ConfigError, match="neither built in") as caught:
+        load_sensor("gelsight-maxi")
+    assert "gelsight-mini" in caught.value.remedy
