@@ -28,6 +28,7 @@ INDENTERS: tuple[Indenter, ...] = (
 _FILE = "force_errors.json"
 _DEPTH_SHARE_MAX = 0.25
 _POISSON_MAX = 0.485
+_ROUNDED_SHARE = 0.0199
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,14 +58,14 @@ class ForceErrorRow:
 def force_error(scene: Scene) -> tuple[float | None, str]:
     """Return the believed relative error of a scene's F_z, or None, and how it is known."""
     kind = _kind(scene.indenter)
-    rows = [r for r in _rows() if r.preset == scene.preset.value and r.indenter.startswith(kind)]
+    rows = [r for r in _rows() if r.preset == scene.preset.value and _row_kind(r) == kind]
     outside = _outside(scene)
     if not rows or outside:
-        reason = outside or f"no press by a {kind} was measured on preset {scene.preset.value}"
+        reason = outside or f"no {kind} was measured on preset {scene.preset.value}"
         return None, f"not known: {reason}"
     worst = max(rows, key=lambda row: row.error)
     return worst.error, (
-        f"largest difference of {len(rows)} presses by a {kind} into a GelSight Mini from preset "
+        f"{kind}: largest difference of {len(rows)} presses into a GelSight Mini from preset "
         f"reference, plus the reference's own doubt; worst: {worst.indenter} at "
         f"{worst.depth_m * 1e3:g} mm"
     )
@@ -110,7 +111,14 @@ def _rows() -> tuple[ForceErrorRow, ...]:
 
 
 def _kind(indenter: Indenter) -> str:
-    return describe(indenter).split(":")[0]
+    if not isinstance(indenter, Cylinder):
+        return describe(indenter).split(":")[0]
+    rounded = indenter.fillet_m >= _ROUNDED_SHARE * indenter.diameter_m
+    return "cylinder with a rounded rim" if rounded else "cylinder with a sharp rim"
+
+
+def _row_kind(row: ForceErrorRow) -> str:
+    return {describe(indenter): _kind(indenter) for indenter in INDENTERS}[row.indenter]
 
 
 def _outside(scene: Scene) -> str:

@@ -117,7 +117,10 @@ def test_force_error_is_stated_only_where_it_was_measured() -> None:
     error, basis = force_error(scene)
     assert error is not None
     assert 0.005 < error < 0.08
-    assert "presses by a cylinder" in basis
+    assert basis.startswith("cylinder with a rounded rim")
+    sharp, _ = force_error(replace(scene, indenter=Cylinder(diameter_m=5e-3)))
+    assert sharp is not None
+    assert sharp > error
     paper, _ = force_error(replace(scene, preset=Preset.PAPER))
     assert paper is not None
     assert paper > 0.5
