@@ -15,8 +15,9 @@ from typing import Any
 import warp as wp
 
 from sim.laws.tangent import Law, Tangent, tangent_block
+from sim.warp_start import start_warp
 
-wp.config.log_level = wp.LOG_WARNING
+start_warp()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -62,7 +62,7 @@ def force_error(scene: Scene) -> tuple[float | None, str]:
     outside = _outside(scene)
     if not rows or outside:
         reason = outside or f"no {kind} was measured on preset {scene.preset.value}"
-        return None, f"not known: {reason}"
+        return None, reason
     worst = max(rows, key=lambda row: row.error)
     return worst.error, (
         f"{kind}: largest difference of {len(rows)} presses into a GelSight Mini from preset "
