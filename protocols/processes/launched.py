@@ -49,6 +49,9 @@ class Launched:
                 stderr=log,
                 pass_fds=handed,
                 env=_environment(),
+                # A session of its own: Linux shares the processor between sessions first, so
+                # whatever else runs in the operator's terminal cannot starve a child.
+                start_new_session=True,
             )
         theirs.close()
         self.channel.send(job)
