@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 from drivers.emulators.faults import Device, parse_fault, post_fault
-from drivers.emulators.plant.truth import draw_truth, write_truth
+from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import (
     CameraDriver,
@@ -27,6 +28,7 @@ from tacauchy_rig.config.model import (
     RobotDriver,
 )
 from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import Vector3
 
 logger = logging.getLogger(__name__)
 
@@ -164,6 +166,7 @@ class Emulation:
         config: The rig; its emulation seed decides the emulated world.
         folder: Where control sockets, traces and logs go.
         devices: What to emulate.
+        camera_port: Port of the camera's stream; 0 takes a free one.
         follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
             the emulated world; needed when a sensor or camera is emulated and the robot is not.
     """
@@ -174,9 +177,11 @@ class Emulation:
         *,
         folder: Path,
         devices: frozenset[Device],
+        camera_port: int = 0,
         follow_host: str | None = None,
     ) -> None:
         self.config = config
+        self.camera_port = camera_port
         self.folder = folder.resolve()
         self.devices = devices
         self.follow_host = follow_host
@@ -214,6 +219,27 @@ class Emulation:
             raise
         return self.addresses
 
+    def restart(self, device: Device, *, tip: Vector3 | None = None) -> None:
+        """End one device and start it anew, without its faults, where it answered before.
+
+        Args:
+            device: One that was started.
+            tip: Where the arm is found then [m]; at home if None.
+
+        Raises:
+            DeviceError: It did not come up.
+        """
+        self.processes[device.value].stop()
+        truth = self.folder / TRUTH_FILE
+        if device is Device.ROBOT and self.addresses.robot_host is not None:
+            arguments = self._robot_arguments(self.addresses.robot_host, tip=tip)
+        elif device is Device.FORCE_SENSOR:
+            arguments = self._box_arguments(truth)
+        else:
+            arguments = self._camera_arguments(truth)
+        self._start(device.value, arguments)
+        self.processes[device.value].wait_ready()
+
     def _start_all(self) -> EmulatedAddresses:
         truth = write_truth(self.folder, draw_truth(self.config.emulation.seed))
         SharedWorld.create(self.world_path).close()
@@ -231,8 +257,11 @@ class Emulation:
         for name, process in self.processes.items():
             ready = process.wait_ready()
             logger.info("emulated %s: %s", name, ready)
-            port = ready.get("port", port) if name == "force_sensor" else port
+            # The link outlives a restart of the box; the pseudo-terminal behind it does not.
+            port = ready.get("link", port)
             url = ready.get("url", url)
+        if url is not None:
+            self.camera_port = urlsplit(url).port or 0
         self._send_planned_faults()
         return EmulatedAddresses(robot_host=robot_host, force_sensor_port=port, camera_url=url)
 
@@ -243,9 +272,10 @@ class Emulation:
         host = self.config.emulation.robot_host
         return free_loopback_host() if host == "auto" else host
 
-    def _robot_arguments(self, host: str) -> list[str]:
+    def _robot_arguments(self, host: str, *, tip: Vector3 | None = None) -> list[str]:
         robot = self.config.robot
-        home = ",".join(f"{value:.9g}" for value in (*robot.home, *robot.tool_rotation))
+        place = robot.home if tip is None else tip
+        home = ",".join(f"{value:.9g}" for value in (*place, *robot.tool_rotation))
         return [
             *("drivers.emulators.ur_controller", "--host", host, "--model", robot.model.value),
             *("--folder", str(self.folder), f"--home={home}"),
@@ -264,7 +294,7 @@ class Emulation:
         return [
             *("drivers.emulators.camera_stream", "--width", str(camera.width)),
             *("--height", str(camera.height), "--rate", f"{camera.rate:g}"),
-            *self._plant(truth),
+            *("--port", str(self.camera_port), *self._plant(truth)),
         ]
 
     def _plant(self, truth: Path) -> list[str]:
