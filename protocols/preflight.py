@@ -1,9 +1,10 @@
-"""Before anything moves: near home, playing, streams alive, a first zero for the guard."""
+"""Before a trial: near home, playing, streams alive, off the gel, a first zero for the guard."""
 
 from __future__ import annotations
 
 from protocols.breach import BreachError, Reaction
 from protocols.cycle import Cycle
+from protocols.leave_gel import leave_gel
 from protocols.tare import judge_tare, take_quiet_tare
 from protocols.window import listen
 from tacauchy_rig.run import Tare
@@ -29,6 +30,7 @@ def run_preflight(cycle: Cycle) -> Tare:
             reaction=Reaction.HOLD,
             remedy="see the pendant for a message",
         )
+    leave_gel(cycle)
     tare = take_quiet_tare(cycle)
     for criterion in judge_tare(tare, cycle.config):
         if not criterion.passed:
