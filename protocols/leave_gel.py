@@ -12,8 +12,8 @@ from protocols.tare import take_tare
 def leave_gel(cycle: Cycle) -> None:
     """Go straight up, slowly, to ``protocol.approach_height`` above the gel; no higher than that.
 
-    The load of the gel is the guard's zero meanwhile: it judges what changes, but a force that
-    falls away is expected. Where the tip is clear of the gel nothing moves.
+    Where the tip is clear of the gel nothing moves. Otherwise the load of the gel is the guard's
+    zero, and a force that falls away is expected, until the caller gives it another zero.
 
     Raises:
         BreachError: A limit was passed, or the arm did not arrive.
@@ -26,4 +26,3 @@ def leave_gel(cycle: Cycle) -> None:
     cycle.force_guard.set_zero(take_tare(cycle))
     cycle.force_guard.contact = Contact.LEAVING
     move_to(cycle, pose.shifted(z=rise_m), speed=min(SLOW_M_S, cycle.config.robot.retract_speed))
-    cycle.force_guard.contact = Contact.NONE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from protocols.breach import BreachError, Reaction
 from protocols.cycle import Cycle
+from protocols.force_guard import Contact
 from protocols.leave_gel import leave_gel
 from protocols.tare import judge_tare, take_quiet_tare
 from protocols.window import listen
@@ -42,4 +43,5 @@ def run_preflight(cycle: Cycle) -> Tare:
                 remedy=criterion.remedy,
             )
     cycle.force_guard.set_zero(tare)
+    cycle.force_guard.contact = Contact.NONE
     return tare
