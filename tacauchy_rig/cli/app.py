@@ -11,6 +11,7 @@ import typer
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import config_commands, emulate, session
 from tacauchy_rig.cli.doctor import doctor
+from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.output import error_console, say
 from tacauchy_rig.cli.press import press
@@ -31,6 +32,7 @@ app.command("report")(report)
 app.command("export")(export)
 app.command("press")(press)
 app.command("doctor")(doctor)
+app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(config_commands.app, name="config")
 

@@ -1,0 +1,189 @@
+"""The fault table as Markdown, for operators."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator, Sequence
+
+from tacauchy_rig import __version__
+from tacauchy_rig.cli.fault_observation import KILLED_EXIT_CODE, Observation
+
+_TITLES = {
+    "robot": "The robot fails",
+    "force_sensor": "The force sensor fails",
+    "camera": "The camera fails",
+    "kill": "A process of the run is killed (`kill -9`)",
+}
+
+_MEANING = {
+    "robot:freeze": "the controller answers nobody any more; its arm goes on",
+    "robot:drop": "every connection to the controller breaks, new ones are refused",
+    "robot:delay": "the network holds everything up by 200 ms, both ways",
+    "robot:protective-stop": "a protective stop",
+    "robot:emergency-stop": "an emergency stop at the pendant",
+    "robot:stall": "the arm stands still whatever it is told",
+    "force_sensor:freeze": "the same values in every frame",
+    "force_sensor:drop": "half of the frames never come",
+    "force_sensor:garble": "bytes of 30 % of the frames are damaged",
+    "force_sensor:delay": "every frame comes 200 ms late",
+    "force_sensor:unplug": "the serial port is gone",
+    "force_sensor:saturate": "Fz reads full scale",
+    "force_sensor:stall": "the box is silent, its port stays",
+    "camera:freeze": "the same image again and again",
+    "camera:drop": "30 % of the frames never come",
+    "camera:garble": "30 % of the frames are cut short and damaged",
+    "camera:delay": "every frame comes 500 ms late",
+    "camera:unplug": "the stream ends, nobody answers at its address",
+    "camera:saturate": "far too much light, every pixel near white",
+    "camera:stall": "no more frames, the connection stays",
+    "kill:supervisor": "the program on the operator's terminal",
+    "kill:control": "owns the arm and the force sensor",
+    "kill:camera": "owns the camera",
+    "kill:recorder": "owns the disk",
+}
+
+_HEAD = """\
+| when | the arm | true force | messages acknowledged / readable | the operator was told \
+| exit | `resume` |
+|---|---|---|---|---|---|---|"""
+
+
+def summary_line(seen: Sequence[Observation]) -> str:
+    """Return the whole table in one paragraph."""
+    stopped = [s for s in seen if not s.went_on and s.arm.stopped_after_s is not None]
+    worst_stop = max(stopped, key=lambda s: s.arm.stopped_after_s or 0.0, default=None)
+    worst_rise = max(stopped, key=lambda s: s.force_rise_n, default=None)
+    lost = sum(max(s.kept.lost_count, s.kept_after_resume.lost_count) for s in seen)
+    resumed = sum(1 for s in seen if s.resumed and s.resumed[-1].exit_code == 0)
+    bad = sum(1 for s in seen if s.problems)
+    parts = [f"{len(seen)} cases", f"{len(stopped)} ended the run, {_went_on(seen)} did not"]
+    if worst_stop is not None and worst_rise is not None:
+        milliseconds = (worst_stop.arm.stopped_after_s or 0.0) * 1e3
+        parts.append(f"slowest stop {milliseconds:.0f} ms ({worst_stop.name})")
+        parts.append(f"largest rise {worst_rise.force_rise_n:.2f} N ({worst_rise.name})")
+    parts += [f"acknowledged messages lost: {lost}", f"resumed to the end: {resumed}"]
+    return f"{'; '.join(parts)}; cases that ended in motion, a hang or a loss: {bad}."
+
+
+def markdown(seen: Sequence[Observation], *, command: str, case_count: int) -> str:
+    """Return the document.
+
+    Args:
+        seen: What was observed, in the order of the table.
+        command: What made it.
+        case_count: How many cases there are.
+    """
+    lines = ["# What happens when something fails", "", f"**{summary_line(seen)}**", ""]
+    if len(seen) < case_count:
+        lines += [f"{len(seen)} of {case_count} cases are in this table.", ""]
+    lines += [_preface(command), ""]
+    for group, title in _TITLES.items():
+        rows = [s for s in seen if s.cause.partition(":")[0] == group]
+        if rows:
+            lines += [f"## {title}", "", *_tables(rows)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _preface(command: str) -> str:
+    return f"""\
+Written by `{command}` (version {__version__}, Linux on {platform.machine()}, {os.cpu_count()} \
+processors). Nothing real has been broken yet: robot, force sensor and camera are emulated, in
+processes of their own that survive the run; everything else is the program that a laboratory uses,
+with its real drivers. Each case is one press to 2 N that is disturbed 2.0 s into the search (about
+0.1 mm above the gel), 0.5 s into the press, or 0.4 s into the dwell.
+
+Times and forces are the truth of the emulated arm and gel, not what the run measured. The arm's
+time counts from the fault to standing still for 0.1 s, so it holds the time in which the fault is
+noticed: the limits are those of a dry run (force and robot 250 ms, image 500 ms), where a dozen
+processes share the computer; on a rig they are 50 ms and 200 ms. The force is the rise of the true
+force above its value at the fault. A message is a force sample, an arm state, an event or a frame;
+readable are those found in the recording and its spill files before any repair, and found again
+after `resume`. Between fault and `resume` the device was mended, without touching the arm."""
+
+
+def _tables(rows: Sequence[Observation]) -> Iterator[str]:
+    for cause in dict.fromkeys(row.cause for row in rows):
+        yield f"**{cause}**: {_MEANING[cause]}."
+        yield ""
+        yield _HEAD
+        yield from (_row(row) for row in rows if row.cause == cause)
+        yield ""
+
+
+def _row(seen: Observation) -> str:
+    cells = (
+        seen.name.partition("@")[2],
+        _arm(seen),
+        _force(seen),
+        _kept(seen),
+        _told(seen),
+        _exit(seen),
+        _resume(seen),
+    )
+    return "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |"
+
+
+def _arm(seen: Observation) -> str:
+    arm = seen.arm
+    problems = "".join(f"; **{problem}**" for problem in seen.problems)
+    if seen.went_on:
+        return f"went on, and stands at home{problems}"
+    if arm.stopped_after_s is None:
+        return f"did not stop{problems}"
+    text = f"stood still after {arm.stopped_after_s * 1e3:.0f} ms"
+    if arm.descended_m >= 1e-6:
+        text += f", {arm.descended_m * 1e3:.3f} mm further down"
+    if arm.raised_after_m >= 1e-6:
+        text += f", then went up {arm.raised_after_m * 1e3:.2f} mm"
+    return text + problems
+
+
+def _force(seen: Observation) -> str:
+    if seen.went_on:
+        return f"{seen.force_at_fault_n + seen.force_rise_n:.2f} N at most, as planned"
+    return f"+{seen.force_rise_n:.2f} N (from {seen.force_at_fault_n:.2f} N)"
+
+
+def _kept(seen: Observation) -> str:
+    kept = seen.kept
+    text = f"{sum(kept.acknowledged.values())} / {sum(kept.readable.values())}"
+    return f"{text}, **{kept.lost_count} lost**" if kept.lost_count else f"{text}, none lost"
+
+
+def _told(seen: Observation) -> str:
+    first = seen.told.partition("\n")[0].removeprefix("error: ")
+    if seen.exit_code == KILLED_EXIT_CODE:
+        return f"nothing (killed); the journal says: {first}" if first else "nothing (killed)"
+    if seen.went_on:
+        return f"{first or 'the verdict'}{_streams(seen)}"
+    return first
+
+
+def _streams(seen: Observation) -> str:
+    rates = seen.measured
+    if not rates:
+        return ""
+    parts = [
+        f"{name} {rates.get(f'{name}_rate_hz', 0.0):.1f} Hz, "
+        f"{rates.get(f'{name}_lost_count', 0.0):.0f} counted as lost, "
+        f"longest gap {rates.get(f'{name}_gap_max_ms', 0.0):.0f} ms"
+        for name in ("force", "image")
+    ]
+    return f" ({'; '.join(parts)})"
+
+
+def _exit(seen: Observation) -> str:
+    if seen.exit_code < 0:
+        return f"killed ({128 - seen.exit_code} in a shell)"
+    return str(seen.exit_code)
+
+
+def _resume(seen: Observation) -> str:
+    if not seen.resumed or seen.resumed[-1].exit_code != 0:
+        return "**not finished**"
+    return "finished" if len(seen.resumed) == 1 else f"finished at try {len(seen.resumed)}"
+
+
+def _went_on(seen: Sequence[Observation]) -> int:
+    return sum(1 for s in seen if s.went_on)
