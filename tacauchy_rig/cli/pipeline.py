@@ -22,7 +22,7 @@ from sim.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.config.model import IndenterKind, RigConfig
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.run import Replay, TrialRecord
 from tacauchy_rig.store.reading import Recording
 from tacauchy_rig.store.replay_files import ReplayFields
@@ -54,7 +54,7 @@ def replay_run(store: RunStore) -> Replay:
         sensor,
         indenter,
         [record.force_measured_n or 0.0 for record in records],
-        preset=Preset(config.replay.preset),
+        preset=preset_of(config),
         tolerance_n=config.replay.force_tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: say(f"  {text}"),
@@ -106,6 +106,21 @@ def sensor_of(config: RigConfig) -> Sensor:
     if config.replay.poisson is not None:
         material = replace(material, poisson=config.replay.poisson)
     return replace(sensor, material=material)
+
+
+def preset_of(config: RigConfig) -> Preset:
+    """Return the configured preset.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    try:
+        return Preset(config.replay.preset)
+    except ValueError as error:
+        raise ConfigError(
+            f"replay.preset: {config.replay.preset!r} is no preset",
+            remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
+        ) from error
 
 
 def indenter_of(config: RigConfig) -> Indenter:

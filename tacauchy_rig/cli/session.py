@@ -18,7 +18,7 @@ from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import console, say, write_json
-from tacauchy_rig.cli.pipeline import replay_run, report_run
+from tacauchy_rig.cli.pipeline import preset_of, replay_run, report_run, sensor_of
 from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
@@ -26,13 +26,8 @@ from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.free_space import check_free_space
-from tacauchy_rig.store.recover import recover_run
+from tacauchy_rig.store.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore
-
-NOT_A_SAFETY_SYSTEM = (
-    "This program is not a safety system: the pendant's emergency stop, the robot's safety planes "
-    "and reduced mode stay the protection."
-)
 
 
 def dry_run(
@@ -75,7 +70,7 @@ def resume(
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     store = RunStore.open(folder)
     for mended in recover_run(folder):
-        say(f"recovered {mended.path}")
+        _say_recovered(mended)
     _press_and_report(store, press_only=press_only, json_file=json_file)
 
 
@@ -84,16 +79,29 @@ def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
     RunStore.open(folder)
     reports = recover_run(folder)
     for report in reports:
-        say(str(report))
-    if not reports:
+        _say_recovered(report)
+    if not any(report.changed or report.problems for report in reports):
         say(f"{folder}: every recording is whole")
     write_json(json_file, {"recordings": reports})
 
 
+def _say_recovered(report: RecoveryReport) -> None:
+    if report.changed:
+        merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
+        say(
+            f"{report.path}: was {report.before}; {report.message_count} messages readable"
+            f"{merged}; the original is kept as {report.original}"
+        )
+    for problem in report.problems:
+        say(f"{report.path}: {problem}")
+
+
 def _new_run(loaded: LoadedConfig, text: str, *, press_only: bool, json_file: Path | None) -> None:
     config = loaded.config
+    if not press_only:  # a wrong name here must not wait until six presses are done
+        preset_of(config)
+        sensor_of(config)
     parent = Path(config.run.output_directory)
-    parent.mkdir(parents=True, exist_ok=True)
     check_free_space(parent, config)
     store = RunStore.create(
         parent, loaded, config_text=text, simulated=_is_simulated(config), versions=versions()
@@ -113,7 +121,6 @@ def _is_simulated(config: RigConfig) -> bool:
 def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | None) -> None:
     config = store.config
     if config.moves_real_hardware:
-        say(NOT_A_SAFETY_SYSTEM)
         _confirm(config)
     result = press(store)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
