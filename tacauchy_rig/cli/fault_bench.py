@@ -21,6 +21,7 @@ from tacauchy_rig.cli.fault_cases import DeviceFault
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 
+EMULATION_NAME = "emulation"
 _DASHBOARD_TIMEOUT_S = 5.0
 _PERSON_AT_THE_PENDANT = {
     FaultKind.PROTECTIVE_STOP: "unlock protective stop",
@@ -28,14 +29,14 @@ _PERSON_AT_THE_PENDANT = {
 }
 
 # One short press: little travel, speeds and limits as in a dry run.
-_RIG_TOML = """\
+_PRESS = """\
 [run]
 name = "fault-table"
 output_directory = "{folder}/runs"
 [robot]
 driver = "ur5"
-host = "{host}"
 home = ["0 mm", "-400 mm", "204 mm"]
+host = "{host}"
 [force_sensor]
 driver = "m3733c"
 port = "{port}"
@@ -55,6 +56,21 @@ robot_host = "{host}"
 """
 
 
+def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int = 8080) -> Path:
+    """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
+
+    Args:
+        folder: Of the case: the emulated devices' folder and the runs lie there.
+        host: Address of the robot.
+        camera_port: Port of the camera's stream.
+    """
+    path = folder / "rig.toml"
+    port = folder / EMULATION_NAME / LINK_NAME
+    text = _PRESS.format(folder=folder, host=host, port=port, camera_port=camera_port)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
 class FaultBench:
     """Emulated robot, force sensor and camera at addresses that a restart keeps; a context.
 
@@ -68,20 +84,14 @@ class FaultBench:
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         self.folder.mkdir(parents=True, exist_ok=True)
-        place, camera_port = self.folder / "emulation", _free_port()
-        self.rig_toml = self.folder / "rig.toml"
-        self.rig_toml.write_text(
-            _RIG_TOML.format(
-                folder=self.folder,
-                host=free_loopback_host(),
-                port=place / LINK_NAME,
-                camera_port=camera_port,
-            ),
-            encoding="utf-8",
-        )
+        host, camera_port = free_loopback_host(), _free_port()
+        self.rig_toml = write_case_config(self.folder, host=host, camera_port=camera_port)
         self.config: RigConfig = load_config(self.rig_toml).config
         self._emulation = Emulation(
-            self.config, folder=place, devices=frozenset(Device), camera_port=camera_port
+            self.config,
+            folder=self.folder / EMULATION_NAME,
+            devices=frozenset(Device),
+            camera_port=camera_port,
         )
 
     def __enter__(self) -> Self:

@@ -7,7 +7,9 @@ import platform
 from collections.abc import Iterator, Sequence
 
 from tacauchy_rig import __version__
+from tacauchy_rig.cli.fault_cases import Moment
 from tacauchy_rig.cli.fault_observation import KILLED_EXIT_CODE, Observation
+from tacauchy_rig.config.model import RigConfig
 
 _TITLES = {
     "robot": "The robot fails",
@@ -66,18 +68,21 @@ def summary_line(seen: Sequence[Observation]) -> str:
     return f"{'; '.join(parts)}; cases that ended in motion, a hang or a loss: {bad}."
 
 
-def markdown(seen: Sequence[Observation], *, command: str, case_count: int) -> str:
+def markdown(
+    seen: Sequence[Observation], *, command: str, config: RigConfig, case_count: int
+) -> str:
     """Return the document.
 
     Args:
         seen: What was observed, in the order of the table.
         command: What made it.
+        config: Of the runs.
         case_count: How many cases there are.
     """
     lines = ["# What happens when something fails", "", f"**{summary_line(seen)}**", ""]
     if len(seen) < case_count:
         lines += [f"{len(seen)} of {case_count} cases are in this table.", ""]
-    lines += [_preface(command), ""]
+    lines += [_preface(command, config), ""]
     for group, title in _TITLES.items():
         rows = [s for s in seen if s.cause.partition(":")[0] == group]
         if rows:
@@ -85,21 +90,32 @@ def markdown(seen: Sequence[Observation], *, command: str, case_count: int) -> s
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _preface(command: str) -> str:
+def _preface(command: str, config: RigConfig) -> str:
+    limits, target_n = config.limits, config.protocol.force_targets[0]
+    moments = ", ".join(f"{moment.delay_s:g} s into the {moment.value}" for moment in Moment)
     return f"""\
-Written by `{command}` (version {__version__}, Linux on {platform.machine()}, {os.cpu_count()} \
+Written by `{command}` (version {__version__}, Linux on {platform.machine()}, {os.cpu_count()}
 processors). Nothing real has been broken yet: robot, force sensor and camera are emulated, in
 processes of their own that survive the run; everything else is the program that a laboratory uses,
-with its real drivers. Each case is one press to 2 N that is disturbed 2.0 s into the search (about
-0.1 mm above the gel), 0.5 s into the press, or 0.4 s into the dwell.
+with its real drivers. Each case is one press to {target_n:g} N that is disturbed {moments}; the
+first of these is just above the gel.
 
-Times and forces are the truth of the emulated arm and gel, not what the run measured. The arm's
-time counts from the fault to standing still for 0.1 s, so it holds the time in which the fault is
-noticed: the limits are those of a dry run (force and robot 250 ms, image 500 ms), where a dozen
-processes share the computer; on a rig they are 50 ms and 200 ms. The force is the rise of the true
-force above its value at the fault. A message is a force sample, an arm state, an event or a frame;
-readable are those found in the recording and its spill files before any repair, and found again
-after `resume`. Between fault and `resume` the device was mended, without touching the arm."""
+**The arm** and **true force** are the truth of the emulated arm and gel, not what the run measured.
+The time counts from the fault until the arm stood still for 0.1 s. It holds the time in which the
+fault is noticed, so it follows the limits, which are patient where a dozen processes share a
+computer: force {_ms(limits.stale_force)}, robot {_ms(limits.stale_robot)}, image
+{_ms(limits.stale_image)}, watchdog of the controller {_ms(1.0 / config.robot.watchdog)}. The
+example for a rig sets 50, 50, 200 and 100 ms. The rise is the largest true force after the fault,
+above the one at the fault; speeds are {config.robot.search_speed * 1e3:g} mm/s in the search and up
+to {config.robot.press_speed * 1e3:g} mm/s in the press.
+
+**Messages** are force samples, arm states, events and frames. Readable are those found in the
+recording and its spill files before any repair; after `resume` all of them were found again.
+Between fault and `resume` the device was mended, or the stop unlocked, and nobody moved the arm."""
+
+
+def _ms(duration_s: float) -> str:
+    return f"{duration_s * 1e3:.0f} ms"
 
 
 def _tables(rows: Sequence[Observation]) -> Iterator[str]:

@@ -9,12 +9,14 @@ from typing import Annotated
 
 import typer
 
+from tacauchy_rig.cli.fault_bench import write_case_config
 from tacauchy_rig.cli.fault_case import observe_case
 from tacauchy_rig.cli.fault_cases import FaultCase, Moment, all_cases, select_cases
 from tacauchy_rig.cli.fault_observation import Observation
 from tacauchy_rig.cli.fault_report import markdown, summary_line
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError, RecordError
 from tacauchy_rig.store.codec import dumps, from_json, loads
 
@@ -43,7 +45,15 @@ def fault_table(
         return
     unreached = [case.name for case in chosen if not _observe(case, work, again=again)]
     seen = [found for case in all_cases() if (found := _load(case, work)) is not None]
-    _write(out, markdown(seen, command="tacauchy-rig fault-table", case_count=len(all_cases())))
+    _write(
+        out,
+        markdown(
+            seen,
+            command="tacauchy-rig fault-table",
+            config=load_config(write_case_config(work)).config,
+            case_count=len(all_cases()),
+        ),
+    )
     write_json(json_file, {"cases": seen, "problems": {s.name: s.problems for s in seen}})
     say(summary_line(seen))
     say(f"table {out}")
