@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from drivers.rig import Rig
 from protocols.abort import Abort
 from protocols.breach import BreachError, Reaction
+from protocols.follow_guard import FollowGuard
 from protocols.force_guard import ForceGuard
 from protocols.rates import RateMeter
 from protocols.sink import Sink
@@ -77,6 +78,7 @@ class Cycle:
         self.last_state: ArmSample | None = None
         self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
+        self._follow = FollowGuard()
         self._aborts_heeded = 0
         self._turned_ns: int | None = None
         self._kicked_ns = 0
@@ -124,6 +126,7 @@ class Cycle:
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         except DeviceError as error:
             raise _robot_breach(error) from error
+        self._follow.tell(velocity[2])
 
     def start_move(self, target: Pose, *, speed: float) -> None:
         """Start a straight move after every check that can be made beforehand.
@@ -132,6 +135,7 @@ class Cycle:
             BreachError: The target is outside the workspace, or the controller refuses it.
         """
         self.workspace.check_target(target)
+        self._follow.forget()
         try:
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
@@ -157,6 +161,7 @@ class Cycle:
 
     def stop(self) -> None:
         """End any motion; never raises."""
+        self._follow.forget()
         self.rig.arm.stop()
 
     def _pace(self) -> float:
@@ -216,6 +221,7 @@ class Cycle:
         self.last_state = state
         self.rates.arm(len(states))
         self.workspace.check_state(state)
+        self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
 
     def _watch_record(self) -> None:
         self.rates.record_lag(self.sink.lag_s())
