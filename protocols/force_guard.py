@@ -109,7 +109,7 @@ class ForceGuard:
         largest = max(map(abs, sample.wrench.force))
         if largest >= SATURATED_FRACTION * self._capacity_n:
             raise BreachError(
-                f"force sensor: {largest:.4g} N raw is within 5 % of its capacity "
+                f"force sensor: {largest:.4g} N raw is above 95 % of its capacity "
                 f"{self._capacity_n:g} N, so the true force is unknown",
                 limit="force_sensor.capacity",
                 reaction=Reaction.HOLD,

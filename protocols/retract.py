@@ -5,6 +5,7 @@ from __future__ import annotations
 from protocols.cycle import Cycle
 from protocols.force_guard import Contact
 from protocols.motion import at_height, come_to_rest, home_pose, move_to
+from protocols.window import listen
 
 CLEAR_M = 0.001
 """Above contact by this much the gel has let go, however it sticks."""
@@ -20,5 +21,7 @@ def retract(cycle: Cycle, *, contact_z_m: float) -> None:
     speed = cycle.config.robot.retract_speed
     come_to_rest(cycle)
     move_to(cycle, at_height(cycle, contact_z_m + CLEAR_M), speed=speed)
+    # A force sample may be as old as its limit: what it says of the gel is no contact any more.
+    listen(cycle, cycle.config.limits.stale_force)
     cycle.force_guard.contact = Contact.NONE
     move_to(cycle, home_pose(cycle), speed=speed)
