@@ -13,7 +13,7 @@ from tacauchy_rig.cli import config_commands, emulate, session
 from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
-from tacauchy_rig.cli.output import error_console, say
+from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.press import press
 from tacauchy_rig.errors import AbortedError, RigError
 
@@ -67,18 +67,17 @@ def main() -> None:
     except RigError as error:
         if debug:
             raise
-        error_console.print(f"error: {error}", markup=False)
+        complain(f"error: {error}")
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        error_console.print("aborted by Ctrl-C", markup=False)
+        complain("aborted by Ctrl-C")
         sys.exit(AbortedError.exit_code)
     except Exception as error:  # the process's top: no traceback without --debug
         if debug:
             raise
-        error_console.print(
+        complain(
             f"error: {type(error).__name__}: {error}\n  -> this is a fault of the program; "
-            "`tacauchy-rig --debug ...` shows where",
-            markup=False,
+            "`tacauchy-rig --debug ...` shows where"
         )
         sys.exit(RigError.exit_code)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 from dataclasses import asdict, is_dataclass
@@ -14,14 +15,30 @@ from rich.console import Console
 
 from tacauchy_rig.errors import RecordError
 
+logger = logging.getLogger(__name__)
+
 console = Console(highlight=False, soft_wrap=True)
 error_console = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def say(text: str = "") -> None:
-    """Print one line at once, so that a pipe shows progress too."""
-    console.print(text, markup=False)
-    sys.stdout.flush()
+    """Print one line at once, so that a pipe shows progress too.
+
+    A terminal that was lost takes no line; what goes on must not end because of that.
+    """
+    try:
+        console.print(text, markup=False)
+        sys.stdout.flush()
+    except OSError as error:
+        logger.debug("not printed (%s): %s", error, text)
+
+
+def complain(text: str) -> None:
+    """Print an error, if there is still a terminal to print it on."""
+    try:
+        error_console.print(text, markup=False)
+    except OSError as error:
+        logger.debug("not printed (%s): %s", error, text)
 
 
 def write_json(path: Path | None, content: Any) -> None:

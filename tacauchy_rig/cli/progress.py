@@ -89,10 +89,7 @@ class SessionProgress:
         self._live.update(Text("   ".join(parts)))
 
     def _line(self, text: str) -> None:
-        if console.is_terminal:
-            self._live.console.print(text, markup=False)
-        else:
-            say(text)
+        say(text)
 
 
 def _ended(event: JournalEvent) -> str:
