@@ -12,7 +12,6 @@ from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
 RATE_HZ = {RobotModel.CB3: 125.0, RobotModel.E_SERIES: 500.0}
-WATCHDOG_S = 0.1
 ARRIVED_M = 1e-6
 PLAYING, RUNNING = 2, 7
 PROTECTIVE_STOPPED = 1 << 2
@@ -39,6 +38,7 @@ class MockArm:
         self._target: Pose | None = None
         self._speed = 0.0
         self._acceleration = world.config.robot.acceleration
+        self._watchdog_ns = round(1e9 / world.config.robot.watchdog)
         self._commands: deque[tuple[int, Vector6]] = deque()
         self._wanted: Vector6 = Still
         self._kicked_ns = world.now_ns
@@ -148,7 +148,7 @@ class MockArm:
         if self._locked:
             return Still
         wanted = self._wanted if self._target is None else self._towards_target(step_s)
-        if wanted != Still and now_ns - self._kicked_ns > WATCHDOG_S * 1e9:
+        if wanted != Still and now_ns - self._kicked_ns > self._watchdog_ns:
             self.watchdog_stops += 1
             self._lock()
             return Still

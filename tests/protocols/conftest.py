@@ -24,9 +24,10 @@ from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
-STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"')
+STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
 BRISK = (
+    'robot.watchdog="2 Hz"',  # real time on a shared computer
     'protocol.air_press_height="2 mm"',
     'protocol.approach_height="0.5 mm"',
     'sensor.surface_uncertainty="0.2 mm"',

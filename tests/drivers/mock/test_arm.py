@@ -43,7 +43,7 @@ def test_a_velocity_holds_until_it_is_stopped(bench):
 
 
 def test_without_its_watchdog_being_fed_it_stops(bench):
-    """A program that dies leaves an arm that stands after 0.1 s and stays locked."""
+    """A program that dies leaves an arm that stands after a watchdog period and stays locked."""
     bench.arm.set_velocity((0.0, 0.0, -0.001, 0.0, 0.0, 0.0), acceleration=0.1)
     pass_time(bench, 1.0, kick=False)
     assert bench.arm.watchdog_stops == 1
