@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import os
 import random
-import signal
 import socket
-import subprocess
-import sys
-import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, Queue
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+from drivers.emulators.emulated_process import EmulatedProcess
 from drivers.emulators.faults import Device, parse_fault, post_fault
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
@@ -33,7 +26,6 @@ from tacauchy_rig.run import Vector3
 logger = logging.getLogger(__name__)
 
 UR_PORTS = (30004, 29999, 30003)
-READY_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,67 +88,6 @@ def _port_is_free(host: str, port: int) -> bool:
         except OSError:
             return False
     return True
-
-
-class EmulatedProcess:
-    """One emulator: a child process that prints a JSON line when it is ready."""
-
-    def __init__(self, name: str, arguments: list[str], *, folder: Path) -> None:
-        self.name = name
-        self.log = folder / f"{name}.log"
-        with self.log.open("ab") as log:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", *arguments, "--parent-pid", str(os.getpid())],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                start_new_session=True,
-            )
-        self._lines: Queue[str] = Queue()
-        threading.Thread(target=self._read_lines, daemon=True).start()
-
-    def _read_lines(self) -> None:
-        stream = self.process.stdout
-        if stream is None:
-            return
-        for line in stream:
-            self._lines.put(line.decode(errors="replace"))
-
-    def wait_ready(self, *, timeout_s: float = READY_TIMEOUT_S) -> dict[str, Any]:
-        """Return the emulator's ready line.
-
-        Raises:
-            DeviceError: It ended, or said nothing before the deadline.
-        """
-        deadline = time.monotonic() + timeout_s
-        while time.monotonic() < deadline:
-            try:
-                return dict(json.loads(self._lines.get(timeout=0.1)))
-            except Empty:
-                if self.process.poll() is not None:
-                    break
-            except ValueError:
-                continue
-        raise DeviceError(
-            f"emulated {self.name}: not ready within {timeout_s:g} s "
-            f"(exit status {self.process.poll()}): {self._log_tail()}",
-            remedy=f"read {self.log}",
-        )
-
-    def _log_tail(self) -> str:
-        lines = self.log.read_text(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it printed no error"
-
-    def stop(self) -> None:
-        """Ask it to end; kill it if it does not."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-            try:
-                self.process.wait(timeout=3.0)
-            except subprocess.TimeoutExpired:
-                logger.warning("emulated %s did not end; killing it", self.name)
-                self.process.kill()
-                self.process.wait()
 
 
 class Emulation:

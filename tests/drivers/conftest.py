@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.launch import EmulatedProcess, free_loopback_host
+from drivers.emulators.emulated_process import EmulatedProcess
+from drivers.emulators.launch import free_loopback_host
 from drivers.ur5_model import UrModel
 
 
