@@ -26,6 +26,7 @@ END_TIMEOUT_S = 60.0
 RESUME_TIMEOUT_S = 180.0
 RESUME_TRIES = 3
 REST_TIMEOUT_S = 5.0
+VERDICTS = ("passed", "failed")
 FORCE_WINDOW_NS = 20_000_000_000
 
 
@@ -136,7 +137,10 @@ class _Case:
         return next(e.stamp_ns for e in phases if e.detail["phase"] == Phase.SEARCH.value)
 
     def _told(self, exit_code: int) -> str:
-        """Return the last error; of a killed program, what the others wrote to the journal."""
+        """Return the last error, or the verdict; of a killed program, what its journal says."""
+        if exit_code in (0, 1):
+            lines = [line.strip() for line in self._run.command.output().splitlines()]
+            return next((line for line in lines[::-1] if line.startswith(VERDICTS)), "")
         if exit_code != KILLED_EXIT_CODE:
             return self._bench.without_places(self._run.command.error_text())
         ends = [e for e in self._run.journal() if e.name in ("fault", "abort")]

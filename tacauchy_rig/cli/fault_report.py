@@ -172,7 +172,7 @@ def _told(seen: Observation) -> str:
     if seen.exit_code == KILLED_EXIT_CODE:
         return f"nothing (killed); the journal says: {first}" if first else "nothing (killed)"
     if seen.went_on:
-        return f"{first or 'the verdict'}{_streams(seen)}"
+        return f"{first}{_streams(seen)}"
     return first
 
 
