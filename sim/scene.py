@@ -16,6 +16,44 @@ class ContactMode(StrEnum):
 
     FRICTIONLESS = "frictionless"
     BONDED = "bonded"
+    FRICTION = "friction"
+
+
+class Drive(StrEnum):
+    """How a force target is reached.
+
+    ``load`` makes the indenter's travel an unknown of the solve; ``search`` is the paper's
+    displacement search (section IV-C).
+    """
+
+    LOAD = "load"
+    SEARCH = "search"
+
+
+class Output(StrEnum):
+    """What a scene is simulated for, besides the force."""
+
+    FIELDS = "fields"
+    IMAGE = "image"
+    SHADOW = "shadow"
+    MARKERS = "markers"
+
+
+class Effect(StrEnum):
+    """What a simulation may include or leave out."""
+
+    INERTIA = "inertia"
+    GRAVITY = "gravity"
+    FRICTION = "friction"
+    FINITE_STRAIN = "finite-strain"
+    LOCKING_FREE_ELEMENT = "locking-free-element"
+    SECOND_LAYER = "second-layer"
+    VISCOELASTICITY = "viscoelasticity"
+    SELF_CONTACT = "self-contact"
+    SYMMETRY = "symmetry"
+    MARKERS = "markers"
+    IMAGE = "image"
+    SHADOW = "shadow"
 
 
 class Preset(StrEnum):
@@ -29,17 +67,36 @@ class Preset(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RelaxationTerm:
+    """One term of a Prony series: this share of the stiffness is lost with this time constant."""
+
+    share: float
+    time_s: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.share < 1.0 and self.time_s > 0.0):
+            raise ConfigError(
+                f"relaxation term of share {self.share:g} and time {self.time_s:g} s",
+                remedy="give a share between 0 and 1 and a time above 0 s",
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """Elastic constants of the gel.
 
     Attributes:
-        young_pa: Young's modulus E [Pa].
+        young_pa: Young's modulus E [Pa], that of slow loading where there is relaxation.
         poisson: Poisson's ratio nu, below 0.5.
+        density_kg_m3: Density [kg/m^3].
+        relaxation: Prony terms; none for an elastic gel.
     """
 
     young_pa: float
     poisson: float
     law: LawName = LawName.STABLE_NEO_HOOKEAN
+    density_kg_m3: float = 1000.0
+    relaxation: tuple[RelaxationTerm, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.young_pa > 0.0:
@@ -51,6 +108,38 @@ class Material:
                 f"Poisson's ratio {self.poisson:g} is not in [0, 0.5)",
                 remedy="give nu below 0.5; 0.499 is the highest that is tested",
             )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """A layer of a layered gel, bonded to the one below.
+
+    Attributes:
+        share: Its share of the pad's thickness.
+    """
+
+    share: float
+    material: Material
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """What the indenter does once it is pressed in, with its depth or force held.
+
+    Attributes:
+        shift_m: Translation along x and y [m].
+        twist_rad: Rotation about the pad's z axis through the tip, counter-clockwise [rad].
+        tilt_rad: Rotations about x and y that the indenter has from the start [rad].
+    """
+
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    twist_rad: float = 0.0
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_straight(self) -> bool:
+        """The indenter goes straight down and no further."""
+        return not any((*self.shift_m, self.twist_rad, *self.tilt_rad))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +170,16 @@ class Scene:
 
     Attributes:
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
+        material: Of the whole gel, or of what ``layers`` do not give.
+        layers: From the clamped base upwards; empty for a gel of one material.
+        contact: What touching points may do along the indenter.
+        friction: Coulomb coefficient mu, for contact ``friction``.
+        motion: What the indenter does besides going straight down.
+        duration_s: Time in which the indenter reaches its target [s].
+        outputs: What is asked for besides the force.
+        tolerance: Relative error of F_z that the user accepts; what may be left out follows.
+        effects: Effects switched on or off by the user, against the plan.
+        drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
             from the indenter, which adds as much to the depth it feels.
@@ -92,7 +191,15 @@ class Scene:
     indenter: Indenter
     target: Target
     centre_m: tuple[float, float] = (0.0, 0.0)
+    layers: tuple[Layer, ...] = ()
     contact: ContactMode = ContactMode.FRICTIONLESS
+    friction: float = 0.5
+    motion: Motion = Motion()
+    duration_s: float = 1.0
+    outputs: frozenset[Output] = frozenset()
+    tolerance: float = 0.02
+    effects: tuple[tuple[Effect, bool], ...] = ()
+    drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED
     force_tolerance_n: float = 1e-3
     barrier_m: float = 1e-6

@@ -6,10 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-# The same examples in every run, and no deadline: how long one takes is the machine's matter.
-settings.register_profile("rig", derandomize=True, deadline=None)
+# The same examples in every run, and no limit on how long one takes: that is the machine's matter.
+settings.register_profile(
+    "rig", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("rig")
 
 for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):

@@ -19,6 +19,7 @@ from tacauchy_rig.errors import DeviceError
 logger = logging.getLogger(__name__)
 
 READY_TIMEOUT_S = 60.0
+END_TIMEOUT_S = 3.0
 
 
 class EmulatedProcess:
@@ -36,14 +37,16 @@ class EmulatedProcess:
                 start_new_session=True,
             )
         self._lines: Queue[str] = Queue()
-        threading.Thread(target=self._read_lines, daemon=True).start()
+        self._reader = threading.Thread(target=self._read_lines, daemon=True)
+        self._reader.start()
 
     def _read_lines(self) -> None:
         stream = self.process.stdout
         if stream is None:
             return
-        for line in stream:
-            self._lines.put(line.decode(errors="replace"))
+        with stream:
+            for line in stream:
+                self._lines.put(line.decode(errors="replace"))
 
     def wait_ready(self, *, timeout_s: float = READY_TIMEOUT_S) -> dict[str, Any]:
         """Return the emulator's ready line.
@@ -71,12 +74,13 @@ class EmulatedProcess:
         return lines[-1] if lines else "it printed no error"
 
     def stop(self) -> None:
-        """Ask it to end; kill it if it does not."""
+        """Ask it to end, kill it if it does not, and let go of its output."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
             try:
-                self.process.wait(timeout=3.0)
+                self.process.wait(timeout=END_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 logger.warning("emulated %s did not end; killing it", self.name)
                 self.process.kill()
                 self.process.wait()
+        self._reader.join(timeout=END_TIMEOUT_S)

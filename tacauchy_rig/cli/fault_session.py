@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -65,8 +66,7 @@ class CommandProcess:
             self.hung = True
             self.process.kill()
             self.process.wait()
-        if self.process.stdin is not None:
-            self.process.stdin.close()
+        self._close_input()
         return self.process.returncode
 
     def close(self) -> None:
@@ -74,6 +74,12 @@ class CommandProcess:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
+        self._close_input()
+
+    def _close_input(self) -> None:
+        if self.process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self.process.stdin.close()
 
     def error_text(self) -> str:
         """Return what it told the operator last: from the last ``error:`` on."""
