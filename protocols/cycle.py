@@ -78,7 +78,7 @@ class Cycle:
         self.last_state: ArmSample | None = None
         self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
-        self._follow = FollowGuard()
+        self._follow = FollowGuard(window_s=config.limits.no_motion)
         self._aborts_heeded = 0
         self._turned_ns: int | None = None
         self._kicked_ns = 0

@@ -21,7 +21,8 @@ class MockArm:
     """Obeys ``drivers.interfaces.Arm`` without a wire.
 
     Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
-    ``arm-refuses-pose``, ``arm-ignores-moves``.
+    ``arm-stalled`` (it stands still whatever it is told), ``arm-refuses-pose``,
+    ``arm-ignores-moves``.
 
     Attributes:
         protective_stops: How often a protective stop was triggered.
@@ -145,7 +146,7 @@ class MockArm:
         now_ns = self.world.now_ns
         while self._commands and self._commands[0][0] <= now_ns:
             self._wanted = self._commands.popleft()[1]
-        if self._locked:
+        if self._locked or "arm-stalled" in self.world.faults:
             return Still
         wanted = self._wanted if self._target is None else self._towards_target(step_s)
         if wanted != Still and now_ns - self._kicked_ns > self._watchdog_ns:

@@ -9,7 +9,7 @@ from drivers.mock.world import MockWorld
 
 NAMES = {
     (Device.ROBOT, FaultKind.FREEZE): "arm-frozen",
-    (Device.ROBOT, FaultKind.STALL): "arm-frozen",
+    (Device.ROBOT, FaultKind.STALL): "arm-stalled",
     (Device.FORCE_SENSOR, FaultKind.FREEZE): "force-stuck",
     (Device.FORCE_SENSOR, FaultKind.STALL): "force-silent",
     (Device.FORCE_SENSOR, FaultKind.DROP): "force-lossy",

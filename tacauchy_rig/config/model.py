@@ -195,7 +195,10 @@ class WorkspaceSection(Section):
 
 
 class LimitsSection(Section):
-    """Limits of the guard, compared with every force sample."""
+    """Limits of the guard, compared with every force sample and every state of the arm.
+
+    An arm that covers less than a quarter of its commanded travel for ``no_motion`` is stopped.
+    """
 
     soft_force: Force = Field(gt=0)
     hard_force: Force = Field(gt=0)
@@ -207,6 +210,7 @@ class LimitsSection(Section):
     stale_force: Time = Field(gt=0, le=0.5)
     stale_robot: Time = Field(gt=0, le=0.5)
     stale_image: Time = Field(gt=0, le=2.0)
+    no_motion: Time = Field(default=0.7, ge=0.2, le=5.0)
     corrupt_ratio: Ratio = Field(gt=0, le=1)
     repeat_count: int = Field(ge=3)
 

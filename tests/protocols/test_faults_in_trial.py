@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from drivers.mock.gel import Gel
@@ -42,6 +44,9 @@ CASES = [
     ("dwell", lambda lab: fault(lab, "camera-silent"), "limits.stale_image", OFF_GEL),
     ("press", lambda lab: fault(lab, "camera-unplugged"), "camera", OFF_GEL),
     ("press", lambda lab: fault(lab, "arm-frozen"), "robot", HOLDS),
+    ("press", lambda lab: fault(lab, "arm-stalled"), "limits.no_motion", HOLDS),
+    ("search", lambda lab: fault(lab, "arm-stalled"), "limits.no_motion", HOLDS),
+    ("retract", lambda lab: fault(lab, "arm-stalled"), "robot.arrival", HOLDS),
     ("search", lambda lab: lab.bench.arm.protective_stop(), "robot", HOLDS),
     ("dwell", lambda lab: setattr(lab.sink, "trouble", "recorder: gone"), "recorder", OFF_GEL),
     ("home", lambda lab: fault(lab, "arm-refuses-pose"), "robot", HOLDS),
@@ -92,6 +97,31 @@ def test_a_fault_names_the_trials_that_are_safe(laboratory):
         Outcome.PASSED,
         Outcome.FAULT,
     ]
+
+
+def test_a_stalled_arm_is_noticed_long_before_the_press_times_out(laboratory):
+    """Commanded and measured travel are named; the window is a setting."""
+    lab = laboratory('protocol.force_targets=["4 N"]', 'limits.no_motion="1 s"')
+    lab.when_phase("press", lambda: fault(lab, "arm-stalled"), delay_s=0.3)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    entered = next(e for e in lab.sink.events if e.detail.get("phase") == "press")
+    told = next(e for e in lab.sink.events if e.name == "fault")
+    assert 0.3 < (told.stamp_ns - entered.stamp_ns) * 1e-9 < 3.0
+    assert re.search(r"commanded 0.3\d\d mm down in 1.0 s, measured 0.0\d\d mm", result.reason)
+    assert "pendant" in result.remedy
+
+
+@pytest.mark.parametrize("press_speed", ["0.02 mm/s", "0.3 mm/s", "0.5 mm/s"])
+def test_an_arm_that_begins_late_is_not_called_stalled(laboratory, press_speed):
+    """A CB3 controller that answers each command 0.1 s late, at any press speed."""
+    lab = laboratory(
+        'protocol.force_targets=["0.5 N"]',
+        f'robot.press_speed="{press_speed}"',
+        'robot.model="cb3"',
+        motion_delay_s=0.1,
+    )
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED, result.reason
 
 
 def test_no_gel_within_the_travel_is_a_fault(laboratory):

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from protocols.breach import BreachError, Reaction
-from protocols.follow_guard import WINDOW_NS, FollowGuard
+from protocols.follow_guard import FollowGuard
 
 TURN_NS = 5_000_000
+WINDOW_S = 0.7
+
+
+def new_guard():
+    return FollowGuard(window_s=WINDOW_S)
 
 
 def drive(guard, speed, *, follows, seconds, late_s=0.0):
@@ -22,18 +27,42 @@ def drive(guard, speed, *, follows, seconds, late_s=0.0):
             z += follows * speed * TURN_NS * 1e-9
 
 
-@pytest.mark.parametrize("speed", [-0.0005, -0.0003, -0.0001, 0.0005])
-def test_an_arm_that_stands_still_is_noticed(speed):
-    """In the search and in the press, after the window."""
-    with pytest.raises(BreachError, match="does not follow") as caught:
-        drive(FollowGuard(), speed, follows=0.0, seconds=1.0)
+@pytest.mark.parametrize(
+    ("speed", "told"),
+    [
+        (-0.0005, r"0.35\d mm down in 0.7 s"),
+        (-0.0003, r"0.21\d mm down in 0.7 s"),
+        (0.0003, r"0.21\d mm up in 0.7 s"),
+        (-0.00002, r"0.050 mm down in 2.5 s"),
+    ],
+)
+def test_an_arm_that_stands_still_is_noticed(speed, told):
+    """At any speed: after the window, or after 0.05 mm of commanded travel if that comes later."""
+    pattern = f"commanded {told}, measured 0.000 mm"
+    with pytest.raises(BreachError, match=pattern) as caught:
+        drive(new_guard(), speed, follows=0.0, seconds=3.0)
     assert caught.value.reaction is Reaction.HOLD
+    assert "pendant" in caught.value.remedy
+
+
+def test_an_arm_that_stalls_on_the_way_is_noticed():
+    """What it has covered before it stalled is no credit for longer than the window."""
+    guard = new_guard()
+    z = 0.0
+    for turn in range(400):
+        guard.tell(-0.0003)
+        guard.check(z, now_ns=turn * TURN_NS)
+        z -= 0.0003 * TURN_NS * 1e-9
+    with pytest.raises(BreachError, match="does not follow"):
+        for turn in range(400, 400 + round(WINDOW_S * 1e9) // TURN_NS):
+            guard.tell(-0.0003)
+            guard.check(z, now_ns=turn * TURN_NS)
 
 
 def test_an_arm_that_goes_the_other_way_is_noticed():
     """Distance alone is not enough."""
-    with pytest.raises(BreachError, match="does not follow"):
-        drive(FollowGuard(), -0.0003, follows=-1.0, seconds=1.0)
+    with pytest.raises(BreachError, match=r"measured -0.21\d mm"):
+        drive(new_guard(), -0.0003, follows=-1.0, seconds=1.0)
 
 
 @given(
@@ -41,14 +70,16 @@ def test_an_arm_that_goes_the_other_way_is_noticed():
     follows=st.floats(0.5, 1.2),
     late_s=st.floats(0.0, 0.3),
 )
+@example(speed=-0.0003, follows=1.0, late_s=0.3)
+@example(speed=-0.00005, follows=0.5, late_s=0.3)
 def test_an_arm_that_follows_late_or_slowly_is_let_go_on(speed, follows, late_s):
     """Half as fast from 0.3 s on still counts as following."""
-    drive(FollowGuard(), speed, follows=follows, seconds=3.0, late_s=late_s)
+    drive(new_guard(), speed, follows=follows, seconds=3.0, late_s=late_s)
 
 
 def test_a_servo_at_its_target_is_left_alone():
     """Speeds of micrometres per second and changes of direction prove nothing."""
-    guard = FollowGuard()
+    guard = new_guard()
     for turn in range(2000):
         guard.tell(2e-5 if turn % 40 < 20 else -2e-5)
         guard.check(0.0, now_ns=turn * TURN_NS)
@@ -56,8 +87,8 @@ def test_a_servo_at_its_target_is_left_alone():
 
 def test_a_stop_begins_anew():
     """What was told before a stop is no debt."""
-    guard = FollowGuard()
-    for turn in range(4 * WINDOW_NS // TURN_NS):
+    guard = new_guard()
+    for turn in range(round(4 * WINDOW_S * 1e9) // TURN_NS):
         guard.tell(-0.0003)
         guard.check(0.0, now_ns=turn * TURN_NS)
         if turn % 100 == 99:
