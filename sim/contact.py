@@ -9,8 +9,7 @@ so the pressure is kappa / d_hat (1/s - 1). The barrier of Incremental Potential
 by a factor of four an iteration, where this one frees it in one. Below s = extension the barrier
 goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
 overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
-Bonded contact adds A_p k_t / 2 |t_p|^2, t_p the tangential motion since a point first came within
-d_hat.
+What happens along the surface is ``sim.friction``'s.
 All kernels launch over [face_count, face_point_count] but ``hessian``.
 """
 
@@ -23,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact_body import Body, distance_curvature, local_point, signed_distance
+from sim.contact_body import Body, distance_curvature, signed_distance
 
 
 @wp.struct
@@ -33,24 +32,19 @@ class ContactSettings:
     Attributes:
         distance: d_hat [m].
         stiffness: kappa [J/m^2].
-        tangential: k_t [Pa/m], zero without friction.
         extension: Share of d_hat below which the barrier goes on as a parabola.
     """
 
     distance: wp.float64
     stiffness: wp.float64
-    tangential: wp.float64
     extension: wp.float64
 
 
-def contact_settings(
-    *, distance_m: float, stiffness_j_m2: float, tangential_pa_m: float, extension: float
-) -> Any:
+def contact_settings(*, distance_m: float, stiffness_j_m2: float, extension: float) -> Any:
     """Return the settings as the kernels take them."""
     settings = ContactSettings()
     settings.distance = distance_m
     settings.stiffness = stiffness_j_m2
-    settings.tangential = tangential_pa_m
     settings.extension = extension
     return settings
 
@@ -114,30 +108,6 @@ def gap(
 
 
 @wp.kernel(enable_backward=False)
-def anchor(
-    # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
-    settings: ContactSettings,
-    body: Body,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    # Data out:
-    anchored_out: wp.array2d(dtype=wp.int32),
-    anchor_out: wp.array2d(dtype=wp.vec3d),
-):
-    """Bond the points that have come within d_hat where they are; free those that left."""
-    f, q = wp.tid()
-    x = surface_point(faces, face_values, positions, f, q)
-    distance, _ = signed_distance(body, x)
-    if distance >= settings.distance:
-        anchored_out[f, q] = 0
-    elif anchored_out[f, q] == 0:
-        anchored_out[f, q] = 1
-        anchor_out[f, q] = local_point(body, x)
-
-
-@wp.kernel(enable_backward=False)
 def energy(
     # Model:
     faces: wp.array2d(dtype=wp.int32),
@@ -147,8 +117,6 @@ def energy(
     body: Body,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
-    anchored: wp.array2d(dtype=wp.int32),
-    anchors: wp.array2d(dtype=wp.vec3d),
     # Data out:
     energy_out: wp.array2d(dtype=wp.float64),
 ):
@@ -159,9 +127,6 @@ def energy(
     total = wp.float64(0.0)
     if distance < settings.distance:
         total = settings.stiffness * _barrier(distance / settings.distance, settings.extension)
-    if anchored[f, q] == 1:
-        t = tangential_part(body.rotation * (local_point(body, x) - anchors[f, q]), n)
-        total += wp.float64(0.5) * settings.tangential * wp.dot(t, t)
     energy_out[f, q] = areas[f, q] * total
 
 
@@ -175,8 +140,6 @@ def force(
     body: Body,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
-    anchored: wp.array2d(dtype=wp.int32),
-    anchors: wp.array2d(dtype=wp.vec3d),
     curved: wp.bool,
     # Data out:
     point_out: wp.array2d(dtype=wp.vec3d),
@@ -202,11 +165,6 @@ def force(
         if curved:
             slope = scale * _barrier_slope(s, settings.extension)
             stiffness += distance_curvature(body, x) * slope
-    if anchored[f, q] == 1:
-        k = areas[f, q] * settings.tangential
-        t = tangential_part(body.rotation * (local_point(body, x) - anchors[f, q]), n)
-        pull += t * k
-        stiffness += (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * k
     point_out[f, q] = x
     force_out[f, q] = pull
     stiffness_out[f, q] = stiffness

@@ -1,26 +1,50 @@
-"""A loading path: the indenter moved in steps, each started from the tangent's prediction."""
+"""A loading path: the indenter moved in steps, each started from the tangent's prediction.
+
+The indenter is advanced to a depth, pushed with a force, or carried along and about its axis while
+its depth or its force is held. Each of these is a leg with one parameter that grows.
+"""
 
 from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.indenter import Indenter
+from sim.legs import CarryLeg, DepthLeg, ForceLeg, Leg, Pose
 from sim.linear_solver import LinearSolver, linear_solver
 from sim.model import Model
-from sim.newton import OVERLAP_MAX_M, Equilibrium, NewtonOptions, equilibrate, overlap_fraction
+from sim.newton import (
+    OVERLAP_MAX_M,
+    Equilibrium,
+    NewtonOptions,
+    Problem,
+    equilibrate,
+    overlap_fraction,
+)
+from sim.potentials import NodalPotential
 from sim.state import State
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 
 _STEP_MIN_M = 1e-9
-_DEPTH_EXACT_M = 1e-14
 _PASSING = 1e-3
+_GRIP_ROUNDS = 30
+_GRIP_CHANGE = 1e-4
+_GRIP_CHANGE_PASSING = 1e-2
+
+
+class Hold(StrEnum):
+    """What stays as it is while the indenter is carried."""
+
+    DEPTH = "depth"
+    FORCE = "force"
 
 
 @dataclass(slots=True, kw_only=True)
@@ -51,13 +75,15 @@ class PathPoint:
 
 @dataclass(slots=True)
 class LoadingPath:
-    """Presses one indenter into one pad along -z.
+    """Moves one indenter against one pad.
 
     Args:
         model: The pad.
         indenter: The body.
-        centre_m: Where its tip stands, x and y [m].
+        centre_m: Where its tip comes down, x and y [m].
+        rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m].
+        potentials: Further energies of the nodes, such as weight.
     """
 
     model: Model
@@ -66,6 +92,7 @@ class LoadingPath:
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     step_max_m: float = 0.05e-3
     options: NewtonOptions = field(default_factory=NewtonOptions)
+    potentials: Sequence[NodalPotential] = ()
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     touch_m: float = field(init=False)
@@ -80,7 +107,7 @@ class LoadingPath:
 
     @property
     def last(self) -> PathPoint | None:
-        """The equilibrium that was reached last."""
+        """The equilibrium that was reached last, also when a leg ended in an error."""
         return self._point
 
     def advance(self, depth_m: float, *, start: PathPoint | None = None) -> PathPoint:
@@ -91,31 +118,81 @@ class LoadingPath:
 
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
-                last depth that was reached.
+                last depth that was reached, ``last`` holds it.
         """
-        started = time.perf_counter()
         point = start or self._point or self._first(depth_m)
-        if start is not None and start is not self._point:
-            point = self._refresh(start)
-        step = self.step_max_m
-        while abs(depth_m - point.depth_m) > _DEPTH_EXACT_M:
-            advance = float(np.clip(depth_m - point.depth_m, -step, step))
+        leg = DepthLeg(
+            start=point.depth_m, end=depth_m, touch_m=self.touch_m, step_max_m=self.step_max_m
+        )
+        return self._travel(point, leg, foreign=start is not None and start is not self._point)
+
+    def push(self, force_n: float, *, start: PathPoint | None = None) -> PathPoint:
+        """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
+
+        Args:
+            start: Continue from here instead of from the last point.
+
+        Raises:
+            ConvergenceError: As for ``advance``.
+        """
+        if not force_n > 0.0:
+            return self.advance(0.0)
+        point = start or self._point
+        if point is None or not point.force_n[2] > 0.0:
+            point = self.advance(OVERLAP_MAX_M)
+        leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
+        return self._travel(point, leg, foreign=start is not None and start is not self._point)
+
+    def carry(
+        self,
+        *,
+        shift_m: tuple[float, float] = (0.0, 0.0),
+        twist_rad: float = 0.0,
+        hold: Hold = Hold.DEPTH,
+    ) -> PathPoint:
+        """Translate the pressed-in indenter and turn it about z through its tip.
+
+        Raises:
+            ConvergenceError: As for ``advance``, or nothing was pressed yet.
+        """
+        point = self._point
+        if point is None:
+            raise ConvergenceError(
+                "the indenter is carried before it was pressed in", remedy="press it in first"
+            )
+        leg = CarryLeg(
+            origin=Pose(tip=point.state.tip, rotation=point.state.rotation),
+            shift_m=np.array([*shift_m, 0.0]),
+            twist_rad=twist_rad,
+            load_n=float(point.force_n[2]) if hold is Hold.FORCE else None,
+            step_max_m=self.step_max_m,
+            radius_m=self._contact_radius(point),
+        )
+        return self._travel(point, leg, foreign=False)
+
+    def _travel(self, point: PathPoint, leg: Leg, *, foreign: bool) -> PathPoint:
+        started = time.perf_counter()
+        point = self._refresh(point) if foreign else point
+        at, longest = leg.start, leg.longest(point.stiffness_n_m)
+        step = longest
+        while leg.is_short_of(at):
+            advance = float(np.clip(leg.end - at, -step, step))
             try:
-                reached = self._increment(point, advance, depth_m)
+                point, taken = self._increment(point, leg, at, advance)
             except ConvergenceError as error:
                 step = abs(advance) / 4.0
-                logger.debug("increment of %.3g um failed: %s", advance * 1e6, error.message)
-                if step < _STEP_MIN_M:
+                logger.debug("increment of %.3g failed: %s", advance, error.message)
+                if step < leg.longest(point.stiffness_n_m) * _STEP_MIN_M / self.step_max_m:
+                    self._point = point
                     raise ConvergenceError(
                         f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
-                        f"{point.force_n[2]:.4f} N on the way to {depth_m * 1e3:.4f} mm: "
-                        f"{error.message}",
+                        f"{point.force_n[2]:.4f} N on the way to {leg.goal}: {error.message}",
                         remedy=error.remedy,
                     ) from error
                 point = self._refresh(point)
                 continue
-            step = min(self.step_max_m, 2.0 * max(step, abs(reached.depth_m - point.depth_m)))
-            point = reached
+            at = leg.end if abs(leg.end - at - taken) <= leg.exact else at + taken
+            step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)))
         self._point = point
         self.counts.wall_s += time.perf_counter() - started
         return point
@@ -133,62 +210,108 @@ class LoadingPath:
 
     def _first(self, depth_m: float) -> PathPoint:
         depth = min(depth_m, OVERLAP_MAX_M)
-        state = self._state_at(depth)
-        return self._settle(state, depth, passing=depth < depth_m)
+        tip = np.array([*self.centre_m, self.touch_m - depth])
+        state = self.model.rest_state(tip=tip, rotation=self.rotation)
+        return self._settle(state, load_n=None, passing=depth < depth_m)
 
-    def _state_at(self, depth_m: float) -> State:
-        tip = np.array([*self.centre_m, self.touch_m - depth_m])
-        return self.model.rest_state(tip=tip, rotation=self.rotation)
+    def _contact_radius(self, point: PathPoint) -> float:
+        """Return how far from the tip the gel is touched [m]."""
+        contact = point.equilibrium.contact
+        touched = np.any(contact.forces != 0.0, axis=2)
+        away = contact.points[touched] - point.state.tip
+        return float(np.hypot(away[:, 0], away[:, 1]).max()) if touched.any() else 0.0
 
     def _refresh(self, point: PathPoint) -> PathPoint:
         """Bring the solver's factor back to a point that was left."""
-        self._factorise(point)
+        self._problem(None).factorise(point.state, point.equilibrium.contact.stiffness)
         return point
 
-    def _factorise(self, point: PathPoint) -> None:
-        stiffness = point.equilibrium.contact.stiffness
-        data = self.model.hessian_data(point.state.positions, stiffness, projected=False)
-        self.solver.factorise(data)
+    def _problem(self, load_n: float | None) -> Problem:
+        copies = self.model.mesh.fold.copies
+        return Problem(
+            self.model,
+            self.solver,
+            self.indenter,
+            load_n=None if load_n is None else load_n / copies,
+            potentials=self.potentials,
+        )
 
-    def _settle(self, state: State, depth_m: float, *, passing: bool) -> PathPoint:
-        self.model.update_anchors(self.indenter, state)
+    def _settle(self, state: State, *, load_n: float | None, passing: bool) -> PathPoint:
+        """Find the equilibrium, friction's lagged pressure included."""
         options = replace(self.options, residual_relative=_PASSING) if passing else self.options
-        found = equilibrate(self.model, self.solver, self.indenter, state, options=options)
-        if found.iterations == 0:
-            data = self.model.hessian_data(
-                state.positions, found.contact.stiffness, projected=False
+        problem = self._problem(load_n)
+        allowed = _GRIP_CHANGE_PASSING if passing else _GRIP_CHANGE
+        for _ in range(_GRIP_ROUNDS):
+            found = equilibrate(problem, state, options=options)
+            self.counts.newton_iterations += found.iterations
+            if self.model.refresh_grip(self.indenter, state) <= allowed:
+                break
+        else:
+            raise ConvergenceError(
+                f"friction did not settle in {_GRIP_ROUNDS} rounds",
+                remedy="move in smaller steps, or with less friction",
             )
-            self.solver.factorise(data)
-        self.counts.newton_iterations += found.iterations
+        self.model.drag_anchors(self.indenter, state)
+        if found.iterations == 0:
+            problem.factorise(state, found.contact.stiffness)
         self.counts.increments += 1
         force = self.model.mesh.fold.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
-        _, stiffness = self._response(found)
+        _, stiffness = self._response(state, found, DOWN, STILL)
         return PathPoint(
-            depth_m=depth_m,
+            depth_m=self.touch_m - float(state.tip[2]),
             force_n=force,
             stiffness_n_m=stiffness,
             state=state,
             equilibrium=found,
         )
 
-    def _response(self, found: Equilibrium) -> tuple[FloatArray, float]:
-        """Return dx/d(depth), shape [node_count, 3], and dF_z/d(depth) [N/m]."""
-        pulled = -found.contact.stiffness[..., 2]
-        nodal = self.model.scatter(pulled)
-        pattern = self.model.pattern
-        motion = pattern.nodal(self.solver.solve(pattern.unknowns(nodal)))
-        part = float(-pulled[..., 2].sum() - np.sum(nodal * motion))
-        stiffness = self.model.mesh.fold.copies * part
-        return motion, stiffness
+    def _response(
+        self, state: State, found: Equilibrium, velocity: FloatArray, spin: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return the tangent's answer to a motion of the indenter.
 
-    def _increment(self, point: PathPoint, advance_m: float, target_m: float) -> PathPoint:
-        motion, _ = self._response(point.equilibrium)
-        state = point.state.copy()
-        tip = state.tip - np.array([0.0, 0.0, advance_m])
-        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance_m * motion)
-        state.positions = state.positions + fraction * advance_m * motion
+        Args:
+            velocity: Of the tip [m/unit], shape [3].
+            spin: About the tip [rad/unit], shape [3].
+
+        Returns:
+            Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
+        """
+        contact, pattern = found.contact, self.model.pattern
+        carried = velocity + np.cross(spin, contact.points - state.tip)
+        change = np.cross(spin, contact.forces)
+        change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
+        motion = -pattern.nodal(self.solver.solve(pattern.unknowns(self.model.scatter(change))))
+        lifted = float(np.sum(self.model.scatter(contact.stiffness[..., 2]) * motion))
+        rate = self.model.mesh.fold.copies * (float(change[..., 2].sum()) + lifted)
+        return motion, rate
+
+    def _increment(
+        self, point: PathPoint, leg: Leg, at: float, advance: float
+    ) -> tuple[PathPoint, float]:
+        """Go one step; return where that led and how much of the leg was done."""
+        found, state = point.equilibrium, point.state.copy()
+        velocity, spin = leg.rate(point.stiffness_n_m)
+        motion, lift = self._response(point.state, found, velocity, spin)
+        if leg.holds_force:
+            sink = -lift / max(point.stiffness_n_m, 1e-30)
+            motion = motion + sink * self._response(point.state, found, DOWN, STILL)[0]
+            velocity = velocity + sink * DOWN
+        turned = leg.turned(state.rotation, advance)
+        tip = state.tip + advance * velocity
+        state.rotation = turned
+        fraction = overlap_fraction(self.model, self.indenter, state, tip, advance * motion)
+        if np.any(spin) and fraction < 1.0:
+            raise ConvergenceError("the next turn would overlap the indenter")
+        if fraction * abs(advance) < leg.longest(point.stiffness_n_m) * 1e-6:
+            raise ConvergenceError("the next step would overlap the indenter")
+        state.positions = state.positions + fraction * advance * motion
         state.tip = state.tip + fraction * (tip - state.tip)
-        if fraction * abs(advance_m) < _STEP_MIN_M:
-            raise ConvergenceError(f"the next {advance_m * 1e6:.3g} um would overlap the indenter")
-        reached = point.depth_m + fraction * advance_m
-        return self._settle(state, reached, passing=abs(target_m - reached) > _DEPTH_EXACT_M)
+        reached = at + fraction * advance
+        passing = leg.is_short_of(reached)
+        settled = self._settle(state, load_n=leg.load_at(reached), passing=passing)
+        return settled, fraction * advance
+
+
+DOWN = np.array([0.0, 0.0, -1.0])
+STILL = np.zeros(3)

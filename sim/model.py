@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim import contact, elasticity
+from sim import contact, elasticity, friction
 from sim.arrays import FloatArray
 from sim.assembly import SparsePattern, sparse_pattern
 from sim.contact_body import body_at
@@ -22,7 +22,7 @@ from sim.elements import (
 from sim.indenter import Indenter
 from sim.laws.tangent import Law, Tangent
 from sim.mesh import TetMesh
-from sim.state import ContactForces, ContactOptions, State
+from sim.state import ContactForces, ContactOptions, Grip, State
 from tacauchy_rig.errors import ConfigError
 
 
@@ -71,12 +71,16 @@ class Model:
     def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
         """Return the undeformed state with the indenter's tip at ``tip`` [m]."""
         shape = (len(self.faces), len(self.reference.face_weights))
+        grip = Grip(
+            held=np.zeros(shape, dtype=np.int32),
+            anchors=np.zeros((*shape, 3)),
+            loads=np.zeros((*shape, 3)),
+        )
         return State(
             positions=self.nodes.copy(),
             tip=np.array(tip, dtype=np.float64),
             rotation=np.eye(3) if rotation is None else np.array(rotation, dtype=np.float64),
-            anchored=np.zeros(shape, dtype=np.int32),
-            anchors=np.zeros((*shape, 3)),
+            grip=grip if self.contact_options.is_tangential else None,
         )
 
     def elastic_energy(self, positions: FloatArray) -> tuple[float, float]:
@@ -134,10 +138,18 @@ class Model:
         )
         return self.pattern.csr_data(_numpy(values))
 
+    def rest_hessian_data(self) -> FloatArray:
+        """Return the undeformed pad's CSR values [N/m]: a shift that is stiff in every direction.
+
+        Collapsed elements have no stiffness at all, so that no multiple of theirs would do.
+        """
+        free = np.zeros((*self._face_shape, 3, 3))
+        return self.hessian_data(self.nodes, free, projected=False)
+
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
         out = self._face_points(wp.float64)
-        body = body_at(indenter, state.tip, state.rotation)
+        body = body_at(indenter, state.tip, state.rotation, device=self.device)
         inputs = [*self._face_arrays, body, self._vectors(positions)]
         self._launch(contact.gap, self._face_shape, inputs, [out])
         return _numpy(out)
@@ -147,6 +159,9 @@ class Model:
         out = self._face_points(wp.float64)
         inputs = self._contact_inputs(positions, indenter, state)
         self._launch(contact.energy, self._face_shape, inputs, [out])
+        if state.grip is not None:
+            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            self._launch(friction.add_energy, self._face_shape, inputs, [out])
         return float(_numpy(out).sum())
 
     def contact_forces(
@@ -159,6 +174,9 @@ class Model:
         out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
         inputs = [*self._contact_inputs(positions, indenter, state), curved]
         self._launch(contact.force, self._face_shape, inputs, out)
+        if state.grip is not None:
+            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            self._launch(friction.add_force, self._face_shape, inputs, out[1:])
         points, forces, stiffness = (_numpy(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
@@ -169,21 +187,45 @@ class Model:
         self._launch(contact.scatter, self._face_shape, inputs, [out])
         return _numpy(out)
 
-    def update_anchors(self, indenter: Indenter, state: State) -> None:
-        """Bond the points that touch, when the contact is bonded."""
-        if not self.contact_options.bonded:
+    def refresh_grip(self, indenter: Indenter, state: State) -> float:
+        """Hold the points that touch, free the others, and take over pressure and normal.
+
+        Returns:
+            Change of the friction limit, summed over the points, over its new sum; zero where
+            nothing is tangential or everything is bonded.
+        """
+        grip = state.grip
+        if grip is None:
+            return 0.0
+        before = grip.loads
+        out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
+        inputs = [*self._contact_inputs(state.positions, indenter, state), True]
+        self._launch(contact.force, self._face_shape, inputs, out)
+        held, anchors = self._array(grip.held, wp.int32), self._array(grip.anchors, wp.vec3d)
+        loads = self._face_points(wp.vec3d)
+        inputs = [*self._grip_model(indenter, state), self._vectors(state.positions), out[1]]
+        self._launch(friction.refresh, self._face_shape, inputs, [held, anchors, loads])
+        state.grip = Grip(
+            held=_numpy(held).copy(), anchors=_numpy(anchors).copy(), loads=_numpy(loads).copy()
+        )
+        if self.contact_options.bonded:
+            return 0.0
+        areas = self.contact_areas
+        change = areas * np.linalg.norm(state.grip.loads - before, axis=2)
+        total = areas * np.linalg.norm(state.grip.loads, axis=2)
+        return float(change.sum() / max(total.sum(), 1e-300))
+
+    def drag_anchors(self, indenter: Indenter, state: State) -> None:
+        """Let the anchors of sliding points follow; the state is then one to go on from."""
+        grip = state.grip
+        if grip is None or self.contact_options.bonded:
             return
-        anchored = self._array(state.anchored, wp.int32)
-        anchors = self._array(state.anchors, wp.vec3d)
-        body = body_at(indenter, state.tip, state.rotation)
-        inputs = [
-            *self._face_arrays,
-            self._settings_of(state),
-            body,
-            self._vectors(state.positions),
-        ]
-        self._launch(contact.anchor, self._face_shape, inputs, [anchored, anchors])
-        state.anchored, state.anchors = _numpy(anchored).copy(), _numpy(anchors).copy()
+        anchors = self._array(grip.anchors, wp.vec3d)
+        faces, values, _, settings, body = self._grip_model(indenter, state)
+        inputs = [faces, values, settings, body, self._vectors(state.positions)]
+        inputs += [self._array(grip.held, wp.int32), self._array(grip.loads, wp.vec3d)]
+        self._launch(friction.drag, self._face_shape, inputs, [anchors])
+        grip.anchors = _numpy(anchors).copy()
 
     def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
@@ -229,7 +271,6 @@ class Model:
         return contact.contact_settings(
             distance_m=options.distance_m,
             stiffness_j_m2=options.stiffness_factor * self.young_pa * options.distance_m,
-            tangential_pa_m=self.young_pa / options.distance_m if options.bonded else 0.0,
             extension=state.extension,
         )
 
@@ -238,10 +279,30 @@ class Model:
             *self._face_arrays,
             self._areas,
             self._settings_of(state),
-            body_at(indenter, state.tip, state.rotation),
+            body_at(indenter, state.tip, state.rotation, device=self.device),
             self._vectors(positions),
-            self._array(state.anchored, wp.int32),
-            self._array(state.anchors, wp.vec3d),
+        ]
+
+    def _grip_model(self, indenter: Indenter, state: State) -> list[Any]:
+        options = self.contact_options
+        settings = friction.grip_settings(
+            reach_m=options.distance_m,
+            stiffness_pa_m=self.young_pa / options.distance_m if options.bonded else 0.0,
+            coefficient=options.friction,
+            slip_m=options.slip_m,
+        )
+        body = body_at(indenter, state.tip, state.rotation, device=self.device)
+        return [*self._face_arrays, self._areas, settings, body]
+
+    def _grip_inputs(
+        self, positions: FloatArray, indenter: Indenter, state: State, grip: Grip
+    ) -> list[Any]:
+        return [
+            *self._grip_model(indenter, state),
+            self._vectors(positions),
+            self._array(grip.held, wp.int32),
+            self._array(grip.anchors, wp.vec3d),
+            self._array(grip.loads, wp.vec3d),
         ]
 
     def _launch(

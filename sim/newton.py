@@ -1,14 +1,19 @@
-"""Newton's method for a static equilibrium with the indenter held still.
+"""Newton's method for an equilibrium: the indenter held still, or pushed with a given force.
 
 Each iteration factors the exact Hessian; only when that is not positive definite, or an element is
 inverted, is it replaced by a semidefinite one. The line search limits overlap and lowers the
 energy. Newton may start with the surfaces slightly overlapping; it ends with every gap positive or
 not at all.
+
+Under a given force the height z of the indenter is one more unknown, and F z is added to the
+energy. Its row and column border the stiffness matrix, so that one factorisation and two solves
+give a step of both.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +22,7 @@ from sim.arrays import FloatArray
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
 from sim.model import Model
+from sim.potentials import NodalPotential
 from sim.state import ContactForces, State
 from tacauchy_rig.errors import ConvergenceError
 
@@ -25,7 +31,8 @@ logger = logging.getLogger(__name__)
 OVERLAP_MAX_M = 2e-5
 _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SLOPE_LEFT = 0.3
-_SHIFTS = (0.0, 1e-3, 1e-1)
+_SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
+_TIP_STEP_MAX_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +57,7 @@ class Equilibrium:
         iterations: Factorisations spent.
         contact: Contact forces at the last positions.
         elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
-        residual_n: Norm of the unbalanced nodal force [N].
+        residual_n: Norm of the unbalanced force [N].
     """
 
     iterations: int
@@ -60,27 +67,176 @@ class Equilibrium:
     min_jacobian: float
 
 
-def equilibrate(
-    model: Model,
-    solver: LinearSolver,
-    indenter: Indenter,
-    state: State,
-    *,
-    options: NewtonOptions,
-) -> Equilibrium:
-    """Move ``state.positions`` to equilibrium; on return ``solver`` holds a recent factor.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Balance:
+    """Forces at a state; ``tip_n`` is the unbalanced force on the indenter along -z [N]."""
+
+    contact: ContactForces
+    elastic: FloatArray
+    gradient: FloatArray
+    tip_n: float
+    scale_n: float
+
+    @property
+    def residual_n(self) -> float:
+        return float(np.hypot(np.linalg.norm(self.gradient), self.tip_n))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Step:
+    """A Newton step: of the unknowns [m], of the indenter's height [m]; slope of the energy [J]."""
+
+    unknowns: FloatArray
+    rise_m: float
+    slope_j: float
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What is to be balanced.
+
+    Attributes:
+        load_n: Force that pushes the indenter down on the modelled part [N]; its height is then
+            found. None holds it still.
+        potentials: Further energies of the nodes: weight, inertia.
+    """
+
+    model: Model
+    solver: LinearSolver
+    indenter: Indenter
+    load_n: float | None = None
+    potentials: Sequence[NodalPotential] = ()
+
+    def balance(self, state: State) -> _Balance:
+        """Sum the forces at a state."""
+        model = self.model
+        contact = model.contact_forces(state.positions, self.indenter, state)
+        elastic = model.elastic_gradient(state.positions)
+        nodal = elastic + model.scatter(contact.forces)
+        for potential in self.potentials:
+            nodal = nodal + potential.gradient(state.positions)
+        push = contact.forces.reshape(-1, 3).sum(axis=0)
+        scale = float(np.linalg.norm(push))
+        load = self.load_n
+        return _Balance(
+            contact=contact,
+            elastic=elastic,
+            gradient=model.pattern.unknowns(nodal),
+            tip_n=0.0 if load is None else load - float(push[2]),
+            scale_n=scale if load is None else max(scale, load),
+        )
+
+    def energy(self, state: State) -> float:
+        """Return the energy of a state [J]."""
+        total, _ = self.model.elastic_energy(state.positions)
+        total += self.model.contact_energy(state.positions, self.indenter, state)
+        for potential in self.potentials:
+            total += potential.energy(state.positions)
+        return total if self.load_n is None else total + self.load_n * float(state.tip[2])
+
+    def factorise(self, state: State, stiffness: FloatArray, *, attempt: int = 0) -> None:
+        """Factor the Newton matrix; later attempts replace it by ever safer ones.
+
+        Raises:
+            NotPositiveDefiniteError: The matrix is not positive definite.
+        """
+        shift = (0.0, *_SHIFTS)[attempt]
+        data = self.model.hessian_data(state.positions, stiffness, projected=attempt > 0)
+        if shift > 0.0:
+            data = data + shift * self.model.rest_hessian_data()
+        diagonal = self.model.pattern.indptr[:-1]
+        for potential in self.potentials:
+            data[diagonal] += self.model.pattern.unknowns(potential.diagonal())
+        self.solver.factorise(data)
+
+    def step(self, state: State, balance: _Balance) -> _Step:
+        """Return the Newton step.
+
+        Raises:
+            ConvergenceError: No safe matrix was found.
+        """
+        contact = balance.contact
+        for attempt in range(1 + len(_SHIFTS)):
+            if attempt == 1:
+                contact = self.model.contact_forces(
+                    state.positions, self.indenter, state, curved=False
+                )
+            try:
+                self.factorise(state, contact.stiffness, attempt=attempt)
+            except NotPositiveDefiniteError:
+                logger.debug("Hessian not positive definite (attempt %d)", attempt)
+                continue
+            step = self._solve(balance, contact.stiffness)
+            if step.slope_j < 0.0 or balance.residual_n == 0.0:
+                return step
+        raise ConvergenceError(
+            "the stiffness matrix is not positive definite even when projected and shifted",
+            remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
+        )
+
+    def _solve(self, balance: _Balance, stiffness: FloatArray) -> _Step:
+        gradient = balance.gradient
+        unknowns = -self.solver.solve(gradient)
+        if self.load_n is None:
+            return _Step(unknowns=unknowns, rise_m=0.0, slope_j=float(gradient @ unknowns))
+        border = self.model.pattern.unknowns(self.model.scatter(-stiffness[..., 2]))
+        along = -self.solver.solve(border)
+        corner = float(stiffness[..., 2, 2].sum()) + float(border @ along)
+        pull = balance.tip_n + float(border @ unknowns)
+        # Without contact nothing holds the indenter, and it is brought down by the largest step.
+        rise = -pull / corner if corner > 1e-12 * self.model.young_pa * 1e-3 else -np.inf * pull
+        rise = float(np.clip(rise, -_TIP_STEP_MAX_M, _TIP_STEP_MAX_M)) if pull else 0.0
+        unknowns = unknowns + rise * along
+        slope = float(gradient @ unknowns) + balance.tip_n * rise
+        return _Step(unknowns=unknowns, rise_m=rise, slope_j=slope)
+
+    def move(self, state: State, step: _Step) -> None:
+        """Go along a step as far as overlap and energy allow.
+
+        Raises:
+            ConvergenceError: Nowhere along it is the energy lower.
+        """
+        model, full = self.model, self.model.pattern.nodal(step.unknowns)
+        start, tip = state.positions, state.tip
+        rise = np.array([0.0, 0.0, step.rise_m])
+        fraction = overlap_fraction(model, self.indenter, state, tip + rise, full)
+        energy, slope = self.energy(state), step.slope_j
+        # Rounding of the summed energy: below it only the gradient can tell which way is down.
+        noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
+        for _ in range(40):
+            state.positions = start + fraction * full
+            state.tip = tip + fraction * rise
+            change = self.energy(state) - energy
+            if abs(change) <= noise:
+                balance = self.balance(state)
+                ahead = float(balance.gradient @ step.unknowns) + balance.tip_n * step.rise_m
+                if ahead <= _SLOPE_LEFT * abs(slope):
+                    return
+                fraction *= max(0.1, abs(slope) / (abs(slope) + ahead))
+            elif change <= 1e-4 * fraction * slope:
+                return
+            else:
+                fraction *= 0.5
+        state.positions, state.tip = start, tip
+        raise ConvergenceError(
+            f"the line search found no descent along a direction of slope {slope:.3g} J",
+            remedy="press in smaller steps",
+        )
+
+
+def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Equilibrium:
+    """Move ``state`` to equilibrium; on return the problem's solver holds a recent factor.
 
     Raises:
         ConvergenceError: No equilibrium was found; ``state`` is left where Newton stopped.
     """
     iterations = 0
-    state.extension = _EXTENSIONS[0]
     for extension in _EXTENSIONS:
         state.extension = extension
-        found = _solve(model, solver, indenter, state, options=options, spent=iterations)
+        found = _descend(problem, state, options=options, spent=iterations)
         iterations = found.iterations
-        gaps = model.gaps(state.positions, indenter, state)
-        if gaps.min() >= extension * model.contact_options.distance_m:
+        gaps = problem.model.gaps(state.positions, problem.indenter, state)
+        if gaps.min() >= extension * problem.model.contact_options.distance_m:
             return found
     raise ConvergenceError(
         f"the gel is pressed through the contact barrier: smallest gap {gaps.min() * 1e9:.3g} nm",
@@ -88,33 +244,24 @@ def equilibrate(
     )
 
 
-def _solve(
-    model: Model,
-    solver: LinearSolver,
-    indenter: Indenter,
-    state: State,
-    *,
-    options: NewtonOptions,
-    spent: int,
+def _descend(
+    problem: Problem, state: State, *, options: NewtonOptions, spent: int
 ) -> Equilibrium:
     iterations = spent
     while True:
-        forces = model.contact_forces(state.positions, indenter, state)
-        elastic = model.elastic_gradient(state.positions)
-        gradient = model.pattern.unknowns(elastic + model.scatter(forces.forces))
-        residual = float(np.linalg.norm(gradient))
-        scale = float(np.linalg.norm(forces.forces.reshape(-1, 3).sum(axis=0)))
+        balance = problem.balance(state)
+        residual, scale = balance.residual_n, balance.scale_n
         if not np.isfinite(residual):
             raise ConvergenceError(
                 f"the residual is not finite after {iterations} Newton iterations",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
         if residual <= max(options.residual_relative * scale, options.residual_floor_n):
-            _, ratio = model.elastic_energy(state.positions)
+            _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
-                contact=forces,
-                elastic_gradient=elastic,
+                contact=balance.contact,
+                elastic_gradient=balance.elastic,
                 residual_n=residual,
                 min_jacobian=ratio,
             )
@@ -124,76 +271,9 @@ def _solve(
                 f"{residual:.3g} N at a contact force of {scale:.4g} N",
                 remedy="press in smaller steps, or refine the mesh near the indenter's rim",
             )
-        step = _newton_step(model, solver, indenter, state, forces, gradient)
+        problem.move(state, problem.step(state, balance))
         iterations += 1
-        fraction = _search(model, indenter, state, step, gradient)
-        logger.debug(
-            "iteration %d: residual %.3g N, force %.4g N, step %.2g",
-            iterations,
-            residual,
-            scale,
-            fraction,
-        )
-
-
-def _newton_step(
-    model: Model,
-    solver: LinearSolver,
-    indenter: Indenter,
-    state: State,
-    forces: ContactForces,
-    gradient: FloatArray,
-) -> FloatArray:
-    """Return the Newton step of the unknowns [m], shape [dof_count]."""
-    x = state.positions
-    for attempt, shift in enumerate((0.0, *_SHIFTS)):
-        if attempt == 1:
-            forces = model.contact_forces(x, indenter, state, curved=False)
-        data = model.hessian_data(x, forces.stiffness, projected=attempt > 0)
-        data[model.pattern.indptr[:-1]] *= 1.0 + shift
-        try:
-            solver.factorise(data)
-        except NotPositiveDefiniteError:
-            logger.debug("Hessian not positive definite (attempt %d)", attempt)
-            continue
-        return -solver.solve(gradient)
-    raise ConvergenceError(
-        "the stiffness matrix is not positive definite even when projected and shifted",
-        remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
-    )
-
-
-def _search(
-    model: Model, indenter: Indenter, state: State, step: FloatArray, gradient: FloatArray
-) -> float:
-    """Move ``state.positions`` along the step as far as overlap and energy allow."""
-    full = model.pattern.nodal(step)
-    start = state.positions
-    slope = float(gradient @ step)
-    fraction = overlap_fraction(model, indenter, state, state.tip, full)
-    energy = model.elastic_energy(start)[0] + model.contact_energy(start, indenter, state)
-    # Rounding of the summed energy: below it only the gradient can tell which way is down.
-    noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
-    for _ in range(40):
-        state.positions = start + fraction * full
-        elastic, _ = model.elastic_energy(state.positions)
-        change = elastic + model.contact_energy(state.positions, indenter, state) - energy
-        if abs(change) <= noise:
-            forces = model.contact_forces(state.positions, indenter, state).forces
-            elastic_gradient = model.elastic_gradient(state.positions)
-            ahead = float(model.pattern.unknowns(elastic_gradient + model.scatter(forces)) @ step)
-            if ahead <= _SLOPE_LEFT * abs(slope):
-                return fraction
-            fraction *= max(0.1, abs(slope) / (abs(slope) + ahead))
-        elif change <= 1e-4 * fraction * slope:
-            return fraction
-        else:
-            fraction *= 0.5
-    state.positions = start
-    raise ConvergenceError(
-        f"the line search found no descent along a direction of slope {slope:.3g} J",
-        remedy="press in smaller steps",
-    )
+        logger.debug("iteration %d: residual %.3g N of %.4g N", iterations, residual, scale)
 
 
 def overlap_fraction(

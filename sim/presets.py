@@ -48,7 +48,11 @@ RESOLUTIONS = {
 
 def build_model(scene: Scene, *, device: str = "cpu") -> Model:
     """Mesh a scene's pad and set up its model."""
-    options = ContactOptions(distance_m=scene.barrier_m, bonded=scene.contact is ContactMode.BONDED)
+    options = ContactOptions(
+        distance_m=scene.barrier_m,
+        bonded=scene.contact is ContactMode.BONDED,
+        friction=scene.friction if scene.contact is ContactMode.FRICTION else 0.0,
+    )
     return Model(
         mesh_for(scene),
         order=ElementOrder.P1 if scene.preset is Preset.PAPER else ElementOrder.P2,

@@ -9,17 +9,46 @@ from sim.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactOptions:
-    """Numerical settings of contact.
+    """Settings of contact.
 
     Attributes:
         distance_m: d_hat [m]: the gel feels the indenter from here on.
         stiffness_factor: kappa in units of E d_hat.
         bonded: Points that touch stick to the indenter.
+        friction: Coulomb coefficient mu; zero without friction.
+        slip_m: Tangential offset at which sticking has become sliding [m].
     """
 
     distance_m: float = 1.0e-5
     stiffness_factor: float = 8.0
     bonded: bool = False
+    friction: float = 0.0
+    slip_m: float = 1.0e-6
+
+    @property
+    def is_tangential(self) -> bool:
+        """Points that touch resist motion along the indenter."""
+        return self.bonded or self.friction > 0.0
+
+
+@dataclass(slots=True, kw_only=True)
+class Grip:
+    """What tangential contact remembers of every contact point, shape [face_count, point_count].
+
+    Attributes:
+        held: 1 where a point touches.
+        anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3].
+        loads: Lagged contact pressure along the indenter's normal, in its frame [Pa], shape
+            [..., 3].
+    """
+
+    held: IntArray
+    anchors: FloatArray
+    loads: FloatArray
+
+    def copy(self) -> Grip:
+        """Return an independent copy."""
+        return Grip(held=self.held.copy(), anchors=self.anchors.copy(), loads=self.loads.copy())
 
 
 @dataclass(slots=True, kw_only=True)
@@ -30,16 +59,14 @@ class State:
         positions: Deformed nodes [m], shape [node_count, 3].
         tip: The indenter's tip [m], shape [3].
         rotation: Indenter frame to pad frame, shape [3, 3].
-        anchored: Which contact points are bonded, shape [face_count, point_count].
-        anchors: Where on the indenter, in its frame [m], shape [face_count, point_count, 3].
+        grip: Memory of tangential contact; None where there is none.
         extension: Share of d_hat below which the barrier is a parabola.
     """
 
     positions: FloatArray
     tip: FloatArray
     rotation: FloatArray
-    anchored: IntArray
-    anchors: FloatArray
+    grip: Grip | None = None
     extension: float = 0.3
 
     def copy(self) -> State:
@@ -48,8 +75,7 @@ class State:
             positions=self.positions.copy(),
             tip=self.tip.copy(),
             rotation=self.rotation.copy(),
-            anchored=self.anchored.copy(),
-            anchors=self.anchors.copy(),
+            grip=None if self.grip is None else self.grip.copy(),
             extension=self.extension,
         )
 

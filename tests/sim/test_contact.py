@@ -26,7 +26,7 @@ INDENTERS: list[Indenter] = [
 ]
 
 
-def contact_model(*, bonded: bool = False) -> Model:
+def contact_model(*, bonded: bool = False, friction: float = 0.0) -> Model:
     """Return a pad whose barrier reaches far, so that many points are in it."""
     mesh = revolved_mesh(
         DiscPad(radius_m=3e-3, height_m=HEIGHT),
@@ -42,7 +42,7 @@ def contact_model(*, bonded: bool = False) -> Model:
         law=law(LawName.LINEAR),
         young_pa=4e5,
         poisson=0.45,
-        contact_options=ContactOptions(distance_m=2e-4, bonded=bonded),
+        contact_options=ContactOptions(distance_m=2e-4, bonded=bonded, friction=friction),
     )
 
 
@@ -55,15 +55,19 @@ def touching(model: Model, indenter: Indenter) -> State:
     state = model.rest_state(tip=np.array([1e-4, 0.0, HEIGHT + 2e-4]), rotation=turn)
     rng = np.random.default_rng(3)
     state.positions = state.positions + rng.normal(scale=2e-6, size=state.positions.shape)
-    model.update_anchors(indenter, state)
+    model.refresh_grip(indenter, state)
     return state
 
 
-@pytest.mark.parametrize("bonded", [False, True])
+@pytest.mark.parametrize(
+    ("bonded", "friction"), [(False, 0.0), (True, 0.0), (False, 0.5)], ids=["free", "bonded", "mu"]
+)
 @pytest.mark.parametrize("indenter", INDENTERS)
-def test_forces_are_derivatives_of_the_energy(indenter: Indenter, bonded: bool) -> None:
-    """The nodal gradient is the energy's slope, for every shape, tilted."""
-    model = contact_model(bonded=bonded)
+def test_forces_are_derivatives_of_the_energy(
+    indenter: Indenter, bonded: bool, friction: float
+) -> None:
+    """The nodal gradient is the energy's slope, for every shape, tilted, sticking and sliding."""
+    model = contact_model(bonded=bonded, friction=friction)
     state = touching(model, indenter)
     rng = np.random.default_rng(4)
     motion = rng.normal(scale=1e-9, size=model.nodes.shape)
@@ -77,11 +81,13 @@ def test_forces_are_derivatives_of_the_energy(indenter: Indenter, bonded: bool) 
     assert rise == pytest.approx(np.sum(model.scatter(forces.forces) * motion), rel=1e-4)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("indenter", INDENTERS[:3])
-def test_stiffness_is_the_derivative_of_the_forces(indenter: Indenter) -> None:
-    """The exact stiffness includes the indenter's curvature."""
-    model = contact_model()
+def test_stiffness_is_the_derivative_of_the_forces(indenter: Indenter, friction: float) -> None:
+    """The exact stiffness includes the indenter's curvature, and friction's."""
+    model = contact_model(friction=friction)
     state = touching(model, indenter)
+    state.positions = state.positions + 5e-7
     rng = np.random.default_rng(6)
     motion = rng.normal(scale=1e-9, size=model.nodes.shape)
     ahead = model.contact_forces(state.positions + motion, indenter, state)
@@ -96,7 +102,7 @@ def test_stiffness_is_the_derivative_of_the_forces(indenter: Indenter) -> None:
 @pytest.mark.parametrize("indenter", INDENTERS)
 def test_stiffness_without_curvature_is_semidefinite(indenter: Indenter) -> None:
     """What Newton falls back to has no negative eigenvalue."""
-    model = contact_model()
+    model = contact_model(friction=0.5)
     state = touching(model, indenter)
     stiffness = model.contact_forces(state.positions, indenter, state, curved=False).stiffness
     assert np.linalg.eigvalsh(stiffness).min() >= -1e-9 * np.abs(stiffness).max()
