@@ -1,4 +1,8 @@
-"""Triangulation of a half section (radius, height), graded away from a stretch of the top edge."""
+"""Triangulation of a half section (radius, height), graded away from a stretch of the top edge.
+
+Levels cut the section into layers. Each is triangulated by itself: the nodes on a level are those
+of both sides, and a convex layer's Delaunay triangulation contains its outline, so the two fit.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,8 @@ import numpy as np
 import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
+
+_THIN_ASPECT = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,47 +43,100 @@ class Grading:
         return np.asarray(np.minimum(size, self.size_max_m))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Triangulation:
+    """A triangulated half section.
+
+    Attributes:
+        points: Radius and height [m], shape [point_count, 2].
+        triangles: Shape [triangle_count, 3].
+        layers: Layer of each triangle from the base upwards, shape [triangle_count].
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    layers: IntArray
+
+
 def triangulate_half_section(
-    radius_m: float, height_m: float, grading: Grading
-) -> tuple[FloatArray, IntArray]:
+    radius_m: float, height_m: float, grading: Grading, *, levels_m: tuple[float, ...] = ()
+) -> Triangulation:
     """Triangulate the rectangle [0, radius_m] x [0, height_m].
 
-    Returns:
-        Points (radius, height) [m], shape [count, 2], and triangles [triangle_count, 3].
+    Args:
+        levels_m: Rising heights that no triangle crosses [m].
     """
-    boundary = _boundary(radius_m, height_m, grading)
+    section = _Section(radius_m=radius_m, height_m=height_m, grading=grading, levels_m=levels_m)
+    boundary = _boundary(section)
     interior = _offset_rings(radius_m, height_m, grading)
-    size = grading.size_at(interior, height_m)
-    margin = np.min(
-        [interior[:, 0], radius_m - interior[:, 0], interior[:, 1], height_m - interior[:, 1]],
-        axis=0,
+    distances = [interior[:, 0], radius_m - interior[:, 0], *_from_levels(section, interior)]
+    margin = np.min(distances, axis=0)
+    points = np.concatenate([boundary, interior[margin > 0.45 * section.size_at(interior)]])
+    parts = [_triangulate(points, low, high) for low, high in pairwise(section.bands_m)]
+    return Triangulation(
+        points=points,
+        triangles=np.concatenate(parts),
+        layers=np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts]),
     )
-    points = np.concatenate([boundary, interior[margin > 0.45 * size]])
-    triangles = scipy.spatial.Delaunay(points).simplices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Section:
+    radius_m: float
+    height_m: float
+    grading: Grading
+    levels_m: tuple[float, ...]
+
+    @property
+    def bands_m(self) -> tuple[float, ...]:
+        return (0.0, *self.levels_m, self.height_m)
+
+    def size_at(self, points: FloatArray) -> FloatArray:
+        """Return the target edge length [m]; a thin layer bounds it, in it and near it."""
+        size = self.grading.size_at(points, self.height_m)
+        if not self.levels_m:
+            return size
+        slope = (self.grading.growth - 1.0) / self.grading.growth
+        for low, high in pairwise(self.bands_m):
+            outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
+            size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
+        return np.asarray(size)
+
+
+def _from_levels(section: _Section, points: FloatArray) -> list[FloatArray]:
+    base, *inner = section.bands_m[:-1]
+    heights = points[:, 1]
+    return [heights - base, section.height_m - heights, *(abs(heights - z) for z in inner)]
+
+
+def _triangulate(points: FloatArray, low_m: float, high_m: float) -> IntArray:
+    """Return the triangles of the points between two heights, both included."""
+    chosen = np.flatnonzero((points[:, 1] >= low_m) & (points[:, 1] <= high_m))
+    triangles = chosen[scipy.spatial.Delaunay(points[chosen]).simplices]
     a, b, c = (points[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
-    return points, np.asarray(triangles[np.abs(doubled) > 1e-6 * longest], dtype=np.int32)
+    return np.asarray(triangles[np.abs(doubled) > 1e-6 * longest], dtype=np.int32)
 
 
-def _boundary(radius_m: float, height_m: float, grading: Grading) -> FloatArray:
-    corners = [(0.0, 0.0), (radius_m, 0.0), (radius_m, height_m)]
-    if grading.end_m < radius_m:
-        corners.append((grading.end_m, height_m))
+def _boundary(section: _Section) -> FloatArray:
+    """Return the points on the outline, counter-clockwise from the axis, then on the levels."""
+    radius, height, grading = section.radius_m, section.height_m, section.grading
+    corners = [(0.0, 0.0), *((radius, z) for z in section.bands_m)]
+    if grading.end_m < radius:
+        corners.append((grading.end_m, height))
     if 0.0 < grading.start_m < grading.end_m:
-        corners.append((grading.start_m, height_m))
-    corners.append((0.0, height_m))
-    path = np.array([*corners, corners[0]])
-    sides = [_graded_line(a, b, height_m, grading) for a, b in pairwise(path)]
-    return np.concatenate(sides)
+        corners.append((grading.start_m, height))
+    corners += [(0.0, z) for z in reversed(section.bands_m)]
+    sides = [_graded_line(a, b, section) for a, b in pairwise(np.array(corners))]
+    inner = [_graded_line(*np.array([(0.0, z), (radius, z)]), section) for z in section.levels_m]
+    return np.concatenate([*sides, *(line[1:] for line in inner)])
 
 
-def _graded_line(
-    start: FloatArray, end: FloatArray, height_m: float, grading: Grading
-) -> FloatArray:
+def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> FloatArray:
     """Return points from ``start`` up to but without ``end``, spaced by the target size."""
     fine = start + np.linspace(0.0, 1.0, 2001)[:, None] * (end - start)
-    density = np.linalg.norm(end - start) / grading.size_at(fine, height_m)
+    density = np.linalg.norm(end - start) / section.size_at(fine)
     arc = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) / 2000.0)])
     count = max(1, round(float(arc[-1])))
     at = np.interp(np.arange(count) / count * arc[-1], arc, np.linspace(0.0, 1.0, 2001))

@@ -21,23 +21,33 @@ class TetMesh:
         tets: Shape [tet_count, 4].
         name: Where it came from, for reports.
         fold: The symmetry by which these tetrahedra stand for the whole pad.
+        layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
+            mesh was made for a gel of one material.
     """
 
     vertices: FloatArray
     tets: IntArray
     name: str
     fold: Fold = field(default_factory=Fold)
+    layers: IntArray | None = None
 
     @property
     def content_hash(self) -> str:
-        """First 16 hex digits of the SHA-256 of vertices and tetrahedra."""
+        """First 16 hex digits of the SHA-256 of vertices, tetrahedra and their layers."""
         digest = hashlib.sha256(np.ascontiguousarray(self.vertices).tobytes())
         digest.update(np.ascontiguousarray(self.tets).tobytes())
+        if self.layers is not None:
+            digest.update(np.ascontiguousarray(self.layers).tobytes())
         return digest.hexdigest()[:16]
 
 
 def oriented(
-    vertices: FloatArray, tets: IntArray, *, name: str, fold: Fold | None = None
+    vertices: FloatArray,
+    tets: IntArray,
+    *,
+    name: str,
+    fold: Fold | None = None,
+    layers: IntArray | None = None,
 ) -> TetMesh:
     """Return a mesh with unused vertices dropped and every tetrahedron turned positive."""
     used, inverse = np.unique(tets, return_inverse=True)
@@ -46,7 +56,7 @@ def oriented(
     corners = vertices[tets]
     negative = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return TetMesh(vertices=vertices, tets=tets, name=name, fold=fold or Fold())
+    return TetMesh(vertices=vertices, tets=tets, name=name, fold=fold or Fold(), layers=layers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -57,7 +57,12 @@ def read_mesh(path: Path) -> TetMesh:
     remedy = f"delete {path}; it is made again when it is needed"
     try:
         with np.load(path, allow_pickle=False) as data:
-            mesh = TetMesh(vertices=data["vertices"], tets=data["tets"], name=str(data["name"]))
+            mesh = TetMesh(
+                vertices=data["vertices"],
+                tets=data["tets"],
+                name=str(data["name"]),
+                layers=data["layers"] if "layers" in data else None,
+            )
             stated = str(data["content_hash"])
     except (OSError, ValueError, KeyError) as error:
         raise RecordError(f"mesh {path} cannot be read: {error}", remedy=remedy) from error
@@ -71,6 +76,7 @@ def read_mesh(path: Path) -> TetMesh:
 def write_mesh(path: Path, mesh: TetMesh) -> None:
     """Write a mesh file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    labels = {} if mesh.layers is None else {"layers": mesh.layers}
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz")
     with os.fdopen(handle, "wb") as file:
         np.savez_compressed(
@@ -79,6 +85,7 @@ def write_mesh(path: Path, mesh: TetMesh) -> None:
             tets=mesh.tets,
             name=np.array(mesh.name),
             content_hash=np.array(mesh.content_hash),
+            **labels,
         )
     Path(temporary).chmod(0o644)
     Path(temporary).replace(path)

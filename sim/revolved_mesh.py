@@ -26,6 +26,7 @@ def revolved_mesh(
     sector_count: int,
     name: str,
     folded: bool = True,
+    interface_shares: tuple[float, ...] = (),
 ) -> TetMesh:
     """Mesh a pad.
 
@@ -33,6 +34,7 @@ def revolved_mesh(
         centre_m: Axis of revolution, x and y [m], inside the pad.
         sector_count: Sectors of a full turn.
         folded: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
+        interface_shares: Rising shares of the local height at which layers meet, with nodes there.
 
     Raises:
         ConfigError: The axis stands outside the pad.
@@ -52,7 +54,9 @@ def revolved_mesh(
     mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
     if fold.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
-    points, triangles = triangulate_half_section(mean_reach, pad.height_m, grading)
+    levels = tuple(share * pad.height_m for share in interface_shares)
+    section = triangulate_half_section(mean_reach, pad.height_m, grading, levels_m=levels)
+    points = section.points
     rings = np.stack(
         [
             _plan(points[:, 0], a, r, round_m, mean_reach)
@@ -63,10 +67,11 @@ def revolved_mesh(
     heights = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
     vertices = np.concatenate([plan, heights[..., None]], axis=2)
     sectors = len(angles) if fold.copies == 1 else len(angles) - 1
-    tets = _revolve(triangles, points[:, 0] <= 1e-12, sectors, len(angles))
+    tets, source = _revolve(section.triangles, points[:, 0] <= 1e-12, sectors, len(angles))
+    layers = section.layers[source] if interface_shares else None
     vertices = vertices.reshape(-1, 3)
     vertices[fold.on_plane(vertices, mean_reach)] = 0.0
-    return oriented(vertices, tets, name=name, fold=fold)
+    return oriented(vertices, tets, name=name, fold=fold, layers=layers)
 
 
 def _turn(fold: Fold) -> tuple[float, float]:
@@ -89,8 +94,12 @@ def _plan(
 
 def _revolve(
     triangles: IntArray, on_axis: NDArray[np.bool_], sectors: int, angle_count: int
-) -> IntArray:
-    """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out."""
+) -> tuple[IntArray, IntArray]:
+    """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out.
+
+    Returns:
+        Tetrahedra [tet_count, 4] and the triangle that each comes from [tet_count].
+    """
     count = len(on_axis)
     a, b, c = np.sort(triangles, axis=1).T
     tets = []
@@ -107,4 +116,6 @@ def _revolve(
         ]
     every = np.concatenate(tets)
     ordered = np.sort(every, axis=1)
-    return every[np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)].astype(np.int32)
+    kept = np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)
+    source = np.tile(np.arange(len(triangles), dtype=np.int32), 3 * sectors)
+    return every[kept].astype(np.int32), source[kept]
