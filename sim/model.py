@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim import contact, elasticity, friction
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.assembly import SparsePattern, sparse_pattern
 from sim.contact_body import body_at
 from sim.elements import (
@@ -33,6 +33,13 @@ class Model:
         young_pa: E [Pa] of every tetrahedron, or one number for all.
         poisson: nu of every tetrahedron, or one number for all.
         device: Warp device, ``cpu`` or ``cuda:0``.
+
+    Attributes:
+        young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness: a
+            softer one would leave the barrier's pressure on a stiff skin short of what it needs.
+        poisson: nu of that layer.
+        energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
+            about 1e-16 of it.
     """
 
     def __init__(
@@ -41,15 +48,15 @@ class Model:
         *,
         order: ElementOrder,
         law: Law,
-        young_pa: float,
-        poisson: float,
+        young_pa: float | FloatArray,
+        poisson: float | FloatArray,
         contact_options: ContactOptions | None = None,
         device: str = "cpu",
     ) -> None:
         self.mesh = mesh
         self.law = law
-        self.young_pa = young_pa
-        self.poisson = poisson
+        self._young_pa = np.broadcast_to(np.asarray(young_pa, np.float64), len(mesh.tets))
+        self._poisson = np.broadcast_to(np.asarray(poisson, np.float64), len(mesh.tets))
         self.contact_options = contact_options or ContactOptions()
         self.device = device
         self.reference: ReferenceElement = reference_element(order)
@@ -63,6 +70,10 @@ class Model:
         outer = ~self.clamped[faces[:, :3]].all(axis=1)
         outer &= ~np.any(held[faces[:, :3]].all(axis=1), axis=1)
         self.faces, self.face_parents = faces[outer], parents[outer]
+        heights = self.nodes[self.faces[:, :3], 2].mean(axis=1)
+        touched = self.face_parents[np.argmax(heights)]
+        self.young_pa = float(self._young_pa[touched])
+        self.poisson = float(self._poisson[touched])
         fixed = held | self.clamped[:, None]
         self.pattern: SparsePattern = sparse_pattern(self.elements, fixed)
         self._kernels = elasticity.elastic_kernels(law)
@@ -108,6 +119,31 @@ class Model:
         inputs = [nodes, gradients, inverse, parameters, self._vectors(positions)]
         self._launch(self._kernels.stress, self._point_shape, inputs, [out])
         return _numpy(out)
+
+    def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
+        """Return the Cauchy stress of given deformation gradients in given elements [Pa].
+
+        Args:
+            deformations: F, shape [count, 3, 3].
+            elements: Whose material, shape [count].
+
+        Returns:
+            Shape [count, 3, 3].
+        """
+        # A made-up element of three nodes, at F's columns, whose gradients are the unit vectors.
+        count = len(deformations)
+        corners = np.arange(3 * count, dtype=np.int32).reshape(count, 3)
+        columns = np.swapaxes(deformations, 1, 2).reshape(-1, 3)
+        out = wp.empty((count, 1), dtype=wp.mat33d, device=self.device)
+        inputs = [
+            self._array(corners, wp.int32),
+            self._array(np.eye(3)[None], wp.vec3d),
+            self._array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
+            self._array(_numpy(self._element_arrays[4])[elements], wp.vec4d),
+            self._vectors(columns),
+        ]
+        self._launch(self._kernels.stress, (count, 1), inputs, [out])
+        return _numpy(out)[:, 0]
 
     def hessian_data(
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
@@ -248,13 +284,16 @@ class Model:
                 remedy="orient the tetrahedra or mesh the pad again",
             )
         self.volume_m3 = float(volumes.sum())
-        parameters = np.array(self.law.parameters(self.young_pa, self.poisson))
+        self.energy_scale_j = float(self._young_pa @ volumes)
+        materials = np.column_stack([self._young_pa, self._poisson])
+        distinct, material = np.unique(materials, axis=0, return_inverse=True)
+        parameters = np.array([self.law.parameters(*constants) for constants in distinct.tolist()])
         self._element_arrays = [
             self._array(self.elements, wp.int32),
             self._array(self.reference.gradients, wp.vec3d),
             self._array(np.linalg.inv(jacobians), wp.mat33d),
             self._array(volumes[:, None] * self.reference.weights, wp.float64),
-            self._array(np.tile(parameters, (len(volumes), 1)), wp.vec4d),
+            self._array(parameters[material.reshape(-1)], wp.vec4d),
         ]
         self._point_shape = (len(self.elements), len(self.reference.weights))
         self._face_shape = (len(self.faces), len(self.reference.face_weights))

@@ -202,7 +202,7 @@ class Problem:
         fraction = overlap_fraction(model, self.indenter, state, tip + rise, full)
         energy, slope = self.energy(state), step.slope_j
         # Rounding of the summed energy: below it only the gradient can tell which way is down.
-        noise = 1e-12 * abs(energy) + 1e-15 * model.young_pa * model.volume_m3
+        noise = 1e-12 * abs(energy) + 1e-15 * model.energy_scale_j
         for _ in range(40):
             state.positions = start + fraction * full
             state.tip = tip + fraction * rise
