@@ -14,6 +14,7 @@ from tacauchy_rig.cli.fault_cases import DeviceFault, FaultCase
 from tacauchy_rig.cli.fault_observation import KILLED_EXIT_CODE, Observation, Resumed
 from tacauchy_rig.cli.fault_record import acknowledged_messages, attempts_of, kept_messages
 from tacauchy_rig.cli.fault_session import CommandProcess, WatchedRun
+from tacauchy_rig.cli.missed import MISSED
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Phase
 from tacauchy_rig.store.run_store import RunStore
@@ -26,7 +27,7 @@ END_TIMEOUT_S = 60.0
 RESUME_TIMEOUT_S = 180.0
 RESUME_TRIES = 3
 REST_TIMEOUT_S = 5.0
-VERDICTS = ("passed", "failed")
+VERDICT = "passed"
 FORCE_WINDOW_NS = 20_000_000_000
 
 
@@ -137,12 +138,18 @@ class _Case:
         return next(e.stamp_ns for e in phases if e.detail["phase"] == Phase.SEARCH.value)
 
     def _told(self, exit_code: int) -> str:
-        """Return the last error, or the verdict; of a killed program, what its journal says."""
-        if exit_code in (0, 1):
-            lines = [line.strip() for line in self._run.command.output().splitlines()]
-            return next((line for line in lines[::-1] if line.startswith(VERDICTS)), "")
+        """Return what the operator read last.
+
+        That is the last error; of a run that went on its verdict or each criterion that it missed;
+        of a killed program what its journal says.
+        """
+        command = self._run.command
+        if exit_code == 0:
+            return "".join(_starting_with(VERDICT, command.output())[-1:])
+        if exit_code == 1:
+            return self._bench.without_places("\n".join(_starting_with(MISSED, command.errors())))
         if exit_code != KILLED_EXIT_CODE:
-            return self._bench.without_places(self._run.command.error_text())
+            return self._bench.without_places(command.error_text())
         ends = [e for e in self._run.journal() if e.name in ("fault", "abort")]
         return f"{ends[-1].detail['reason']}. {ends[-1].detail['arm']}" if ends else ""
 
@@ -163,3 +170,8 @@ class _Case:
             told = self._bench.without_places(command.error_text())
             resumed.append(Resumed(exit_code=exit_code, told=told))
         return tuple(resumed)
+
+
+def _starting_with(start: str, text: str) -> list[str]:
+    lines = (line.strip() for line in text.splitlines())
+    return [line for line in lines if line.startswith(start)]

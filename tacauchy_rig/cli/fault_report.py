@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import textwrap
 from collections.abc import Iterator, Sequence
 
 from tacauchy_rig import __version__
@@ -45,6 +46,15 @@ _MEANING = {
     "kill:recorder": "owns the disk",
 }
 
+_MESSAGES = (
+    "**Messages** are force samples, arm states, events and frames. Readable are those found in "
+    "the recording and its spill files before any repair; after `resume` all of them were found "
+    "again. Between fault and `resume` the device was mended, or the stop unlocked, and nobody "
+    "moved the arm."
+)
+
+WIDTH = 100
+
 _HEAD = """\
 | when | the arm | true force | messages acknowledged / readable | the operator was told \
 | exit | `resume` |
@@ -65,7 +75,7 @@ def summary_line(seen: Sequence[Observation]) -> str:
         parts.append(f"slowest stop {milliseconds:.0f} ms ({worst_stop.name})")
         parts.append(f"largest rise {worst_rise.force_rise_n:.2f} N ({worst_rise.name})")
     parts += [f"acknowledged messages lost: {lost}", f"resumed to the end: {resumed}"]
-    return f"{'; '.join(parts)}; cases that ended in motion, a hang or a loss: {bad}."
+    return f"{'; '.join(parts)}; cases that ended in motion, a hang, silence or a loss: {bad}."
 
 
 def markdown(
@@ -82,7 +92,7 @@ def markdown(
     lines = ["# What happens when something fails", "", f"**{summary_line(seen)}**", ""]
     if len(seen) < case_count:
         lines += [f"{len(seen)} of {case_count} cases are in this table.", ""]
-    lines += [_preface(command, config), ""]
+    lines += [_preface(seen, command, config), ""]
     for group, title in _TITLES.items():
         rows = [s for s in seen if s.cause.partition(":")[0] == group]
         if rows:
@@ -90,28 +100,47 @@ def markdown(
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _preface(command: str, config: RigConfig) -> str:
-    limits, target_n = config.limits, config.protocol.force_targets[0]
+def _preface(seen: Sequence[Observation], command: str, config: RigConfig) -> str:
+    paragraphs = (_how_it_was_made(seen, command, config), _what_is_true(config), _MESSAGES)
+    return "\n\n".join(
+        textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+        for text in paragraphs
+    )
+
+
+def _how_it_was_made(seen: Sequence[Observation], command: str, config: RigConfig) -> str:
     moments = ", ".join(f"{moment.delay_s:g} s into the {moment.value}" for moment in Moment)
-    return f"""\
-Written by `{command}` (version {__version__}, Linux on {platform.machine()}, {os.cpu_count()}
-processors). Nothing real has been broken yet: robot, force sensor and camera are emulated, in
-processes of their own that survive the run; everything else is the program that a laboratory uses,
-with its real drivers. Each case is one press to {target_n:g} N that is disturbed {moments}; the
-first of these is just above the gel.
+    repeated = sum(1 for s in seen if s.tries > 1)
+    text = (
+        f"Written by `{command}` (version {__version__}, Linux on {platform.machine()}, "
+        f"{os.cpu_count()} processors). Nothing real has been broken yet: robot, force sensor and "
+        "camera are emulated, in processes of their own that survive the run; everything else is "
+        "the program that a laboratory uses, with its real drivers. Each case is one press to "
+        f"{config.protocol.force_targets[0]:g} N that is disturbed {moments}; the first of these "
+        "is just above the gel."
+    )
+    if repeated:
+        text += (
+            f" {repeated} of the cases were begun again, because on a busy computer the run had "
+            "ended before the moment of its fault."
+        )
+    return text
 
-**The arm** and **true force** are the truth of the emulated arm and gel, not what the run measured.
-The time counts from the fault until the arm stood still for 0.1 s. It holds the time in which the
-fault is noticed, so it follows the limits, which are patient where a dozen processes share a
-computer: force {_ms(limits.stale_force)}, robot {_ms(limits.stale_robot)}, image
-{_ms(limits.stale_image)}, watchdog of the controller {_ms(1.0 / config.robot.watchdog)}. The
-example for a rig sets 50, 50, 200 and 100 ms. The rise is the largest true force after the fault,
-above the one at the fault; speeds are {config.robot.search_speed * 1e3:g} mm/s in the search and up
-to {config.robot.press_speed * 1e3:g} mm/s in the press.
 
-**Messages** are force samples, arm states, events and frames. Readable are those found in the
-recording and its spill files before any repair; after `resume` all of them were found again.
-Between fault and `resume` the device was mended, or the stop unlocked, and nobody moved the arm."""
+def _what_is_true(config: RigConfig) -> str:
+    limits, robot = config.limits, config.robot
+    return (
+        "**The arm** and **true force** are the truth of the emulated arm and gel, not what the "
+        "run measured. The time counts from the fault until the arm stood still for 0.1 s. It "
+        "holds the time in which the fault is noticed, so it follows the limits, which are patient "
+        f"where a dozen processes share a computer: force {_ms(limits.stale_force)}, robot "
+        f"{_ms(limits.stale_robot)}, image {_ms(limits.stale_image)}, watchdog of the controller "
+        f"{_ms(1.0 / robot.watchdog)}; the example for a rig sets 50, 100, 200 and 100 ms. An arm "
+        f"that does not follow its commands is given {_ms(limits.no_motion)} on both. The "
+        "rise is the largest true force after the fault, above the one at the fault; speeds are "
+        f"{robot.search_speed * 1e3:g} mm/s in the search and up to {robot.press_speed * 1e3:g} "
+        "mm/s in the press."
+    )
 
 
 def _ms(duration_s: float) -> str:
@@ -172,7 +201,8 @@ def _told(seen: Observation) -> str:
     if seen.exit_code == KILLED_EXIT_CODE:
         return f"nothing (killed); the journal says: {first}" if first else "nothing (killed)"
     if seen.went_on:
-        return f"{first}{_streams(seen)}"
+        told = "; ".join(seen.told.splitlines())
+        return f"{told}{_streams(seen)}".strip()
     return first
 
 

@@ -83,9 +83,13 @@ class CommandProcess:
 
     def error_text(self) -> str:
         """Return what it told the operator last: from the last ``error:`` on."""
-        text = self._err.read_text("utf-8", errors="replace").strip()
+        text = self.errors().strip()
         start = text.rfind("error: ")
         return text[start:] if start >= 0 else text
+
+    def errors(self) -> str:
+        """Return its standard error."""
+        return self._err.read_text("utf-8", errors="replace")
 
     def output(self) -> str:
         """Return its standard output."""

@@ -19,8 +19,10 @@ from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError, RecordError
 from tacauchy_rig.store.codec import dumps, from_json, loads
+from tacauchy_rig.store.run_lock import run_lock
 
 OBSERVATION = "observation.json"
+LOCK = "lock"
 
 
 def fault_table(
@@ -43,7 +45,9 @@ def fault_table(
         for case in chosen:
             say(case.name)
         return
-    unreached = [case.name for case in chosen if not _observe(case, work, again=again)]
+    work.mkdir(parents=True, exist_ok=True)
+    with run_lock(work / LOCK):
+        unreached = [case.name for case in chosen if not _observe(case, work, again=again)]
     seen = [found for case in all_cases() if (found := _load(case, work)) is not None]
     _write(
         out,

@@ -16,8 +16,9 @@ from protocols.abort_watch import AbortWatch
 from protocols.confirmation import confirmation_screen, expected_answer
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
+from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
-from tacauchy_rig.cli.output import console, say, write_json
+from tacauchy_rig.cli.output import complain, console, say, write_json
 from tacauchy_rig.cli.pipeline import preset_of, replay_run, report_run, sensor_of
 from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.cli.versions import versions
@@ -125,6 +126,7 @@ def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | No
     result = press(store)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
+    _tell_missed(store, result)
     if press_only:
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code)
@@ -165,6 +167,14 @@ def _confirm(config: RigConfig) -> None:
             f"not confirmed: {answer!r} is not {expected_answer(config)!r}; nothing moved",
             remedy="run the same command again and type the sensor's name",
         )
+
+
+def _tell_missed(store: RunStore, result: SessionResult) -> None:
+    """Say on standard error what a run that went through to its end did not reach."""
+    for line in missed_lines(result.records):
+        complain(line)
+    if result.outcome is Outcome.FAILED:
+        complain(f"{result.reason}\n  -> `tacauchy-rig resume {store.paths.root}` repeats them")
 
 
 def _end_badly(store: RunStore, result: SessionResult) -> None:

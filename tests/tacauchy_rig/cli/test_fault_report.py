@@ -113,6 +113,24 @@ def test_a_run_that_goes_on_shows_what_it_measured():
     assert "image 18.0 Hz, 3 counted as lost, longest gap 121 ms" in table(seen)
 
 
+def test_a_run_that_missed_its_criteria_shows_each_of_them():
+    """Criteria that were missed are something told; all of them stand in one cell."""
+    told = "missed: trial 1: image_rate_hz is 16.6 Hz\nmissed: trial 1: force_drift is 1 N"
+    seen = replace(GOOD, name="camera:drop@search", exit_code=1, told=told)
+    assert seen.problems == ()
+    assert "image_rate_hz is 16.6 Hz; missed: trial 1: force_drift is 1 N |" in table(seen)
+    assert "the operator was told nothing" in replace(seen, told="").problems
+
+
+def test_the_preface_is_wrapped_and_says_how_the_table_was_made():
+    """No ragged lines; cases that had to be begun again are counted."""
+    text = table(replace(GOOD, tries=2))
+    preface = text.partition("## ")[0].splitlines()[4:]
+    assert max(map(len, preface)) <= 100
+    assert "1 of the cases were begun again" in " ".join(preface)
+    assert "`tacauchy-rig fault-table`" in preface[preface.index("") + 1]
+
+
 def test_the_first_line_sums_up():
     """Worst stop and worst rise are named with their case."""
     slow = replace(GOOD, name="kill:control@press", arm=replace(ARM, stopped_after_s=0.5))
