@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from sim.laws import linear, neo_hookean, stable_neo_hookean
+from sim.laws import linear, neo_hookean, paper_eq4, stable_neo_hookean
 from sim.laws.tangent import Law
 
 
@@ -14,6 +14,7 @@ class LawName(StrEnum):
     STABLE_NEO_HOOKEAN = "stable-neo-hookean"
     NEO_HOOKEAN = "neo-hookean"
     LINEAR = "linear"
+    PAPER_EQ4 = "paper-eq4"
 
 
 def law(name: LawName) -> Law:
@@ -22,4 +23,5 @@ def law(name: LawName) -> Law:
         LawName.STABLE_NEO_HOOKEAN: stable_neo_hookean.LAW,
         LawName.NEO_HOOKEAN: neo_hookean.LAW,
         LawName.LINEAR: linear.LAW,
+        LawName.PAPER_EQ4: paper_eq4.LAW,
     }[name]

@@ -35,6 +35,11 @@ class Tangent:
     e: wp.float64
 
 
+def no_rest_stress(_young_pa: float, _poisson: float) -> float:
+    """Return zero [Pa]: what every law for use gives."""
+    return 0.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Law:
     """A constitutive law.
@@ -44,6 +49,8 @@ class Law:
         energy: (F, parameters) to the energy density [J/m^3].
         stress: (F, parameters) to the first Piola-Kirchhoff stress [Pa].
         tangent: (F, parameters) to its derivative.
+        rest_stress: (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the
+            undeformed pad is no equilibrium.
     """
 
     name: str
@@ -51,6 +58,7 @@ class Law:
     energy: Any
     stress: Any
     tangent: Any
+    rest_stress: Callable[[float, float], float] = no_rest_stress
 
 
 def lame(young_pa: float, poisson: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from sim.indenter import describe
+from sim.laws import paper_eq4
 from sim.laws.catalogue import LawName
 from sim.pad import Pad
 from sim.press import PressResult
@@ -15,7 +16,7 @@ from sim.press import press as simulate_press
 from sim.scene import Material, Preset, Scene, Target
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.press_terms import parse_contact, parse_indenter, parse_pad
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
@@ -58,6 +59,8 @@ def press(
         preset=preset,
         sensor=sensor or "",
     )
+    if law is LawName.PAPER_EQ4:
+        _warn_of_rest_stress(scene.material)
     result = simulate_press(scene)
     _show(scene, result)
     write_json(json_file, result.as_json())
@@ -90,6 +93,16 @@ def _length(text: str | None, field: str) -> float | None:
     if text is None:
         return None
     return parse_quantity(text, dimension=Dimension.LENGTH, field=field).value
+
+
+def _warn_of_rest_stress(material: Material) -> None:
+    stress = paper_eq4.LAW.rest_stress(material.young_pa, material.poisson)
+    shrink = 1.0 - paper_eq4.free_stretch(material.poisson)
+    complain(
+        f"warning: law {LawName.PAPER_EQ4} is the paper's Eq. 4 as printed. It has a tension of "
+        f"{stress * 1e-3:.1f} kPa at rest; a free gel would shrink by {shrink:.1%} per axis. The "
+        "pad is first solved without the indenter, and depth counts from touching that shape."
+    )
 
 
 def _show(scene: Scene, result: PressResult) -> None:

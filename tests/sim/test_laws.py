@@ -57,9 +57,9 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(
     assert np.abs(product - expected).max() < 1e-5 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", list(LawName))
+@pytest.mark.parametrize("name", [name for name in LawName if name is not LawName.PAPER_EQ4])
 def test_rest_has_no_stress(name: LawName) -> None:
-    """No force and no energy at rest: the paper's printed Eq. 2 would give mu."""
+    """No force and no energy at rest."""
     model = coarse_model(name, ElementOrder.P2)
     scale = model.young_pa * PAD.height_m**2
     assert np.abs(model.elastic_gradient(model.nodes)).max() < 1e-12 * scale
@@ -89,9 +89,9 @@ def test_projected_hessian_is_positive_definite_under_compression() -> None:
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
-@pytest.mark.parametrize("name", [LawName.STABLE_NEO_HOOKEAN, LawName.NEO_HOOKEAN])
+@pytest.mark.parametrize("name", [name for name in LawName if name is not LawName.LINEAR])
 def test_rigid_motion_makes_no_force(name: LawName, order: ElementOrder) -> None:
-    """A large rotation and a shift leave every node unloaded."""
+    """A large rotation and a shift load no node more than rest does."""
     model = coarse_model(name, order)
     angle = 0.7
     turn = np.array(
@@ -99,7 +99,8 @@ def test_rigid_motion_makes_no_force(name: LawName, order: ElementOrder) -> None
     )
     moved = model.nodes @ turn.T + np.array([1e-3, -2e-3, 5e-4])
     scale = model.young_pa * PAD.height_m**2
-    assert np.abs(model.elastic_gradient(moved)).max() < 1e-10 * scale
+    forces = model.elastic_gradient(moved) - model.elastic_gradient(model.nodes) @ turn.T
+    assert np.abs(forces).max() < 1e-10 * scale
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
