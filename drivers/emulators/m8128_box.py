@@ -1,6 +1,6 @@
 """An emulated M8128-family box as a process: ``python -m drivers.emulators.m8128_box``.
 
-It prints one JSON line with the path of its port when that can be opened, and writes
+It prints one JSON line with the path of its port when that can be opened, and continues
 ``force_trace.jsonl``: for each frame its number, moment, true force and true depth.
 """
 
@@ -17,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 
 from drivers.emulators.faults import Device, FaultInbox
+from drivers.emulators.force_trace import TRACE_FILE, open_trace
 from drivers.emulators.m8128_loop import EmulatedBox
 from drivers.emulators.m8128_port import PseudoPort
 from drivers.emulators.m8128_protocol import BoxCommands, ReplyStyle
@@ -29,7 +30,6 @@ from drivers.emulators.punctuality import keep_time
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.errors import RigError
 
-TRACE_FILE = "force_trace.jsonl"
 LINK_NAME = "force_sensor.port"
 
 
@@ -55,7 +55,7 @@ def _serve(options: argparse.Namespace) -> None:
         source, latency_s = _plant_source(options, plant), plant.truth.force_latency_s
     inbox = FaultInbox(folder, Device.FORCE_SENSOR)
     port = PseudoPort(folder / LINK_NAME)
-    with (folder / TRACE_FILE).open("w", encoding="utf-8") as trace:
+    with open_trace(folder / TRACE_FILE) as trace:
         box = EmulatedBox(
             port,
             inbox,
