@@ -40,6 +40,7 @@ class ReferenceElement:
         face_gradients: Their derivatives along the edges 01 and 02, shape
             [face_point_count, face_node_count, 2].
         face_weights: Contact quadrature weights that sum to one, shape [face_point_count].
+        face_points: Barycentric coordinates of the contact points, shape [face_point_count, 3].
     """
 
     order: ElementOrder
@@ -48,6 +49,7 @@ class ReferenceElement:
     face_values: FloatArray
     face_gradients: FloatArray
     face_weights: FloatArray
+    face_points: FloatArray
 
     @property
     def node_count(self) -> int:
@@ -80,7 +82,22 @@ def reference_element(order: ElementOrder) -> ReferenceElement:
         face_values=face_values,
         face_gradients=face_gradients,
         face_weights=face_weights,
+        face_points=face_points,
     )
+
+
+def shape_gradients(order: ElementOrder, barycentric: FloatArray) -> FloatArray:
+    """Return shape function gradients in reference coordinates at any points.
+
+    Args:
+        barycentric: Shape [..., 4].
+
+    Returns:
+        Shape [..., node_count, 3].
+    """
+    if order is ElementOrder.P2:
+        return _quadratic_gradients(barycentric)
+    return np.broadcast_to(_linear_gradients(), (*barycentric.shape[:-1], 4, 3))
 
 
 def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
@@ -138,10 +155,10 @@ def _linear_gradients() -> FloatArray:
 
 
 def _quadratic_gradients(barycentric: FloatArray) -> FloatArray:
-    linear = _linear_gradients()
-    corners = (4.0 * barycentric - 1.0)[:, None] * linear
-    middles = [4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in EDGES]
-    return np.concatenate([corners, np.array(middles)])
+    linear, at = _linear_gradients(), barycentric[..., None]
+    corners = (4.0 * at - 1.0) * linear
+    middles = [4.0 * (at[..., a, :] * linear[b] + at[..., b, :] * linear[a]) for a, b in EDGES]
+    return np.concatenate([corners, np.stack(middles, axis=-2)], axis=-2)
 
 
 def _quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:

@@ -9,12 +9,15 @@ from sim.arrays import FloatArray, IntArray
 from sim.pad import BoxPad, Pad
 
 
-def pad_surface(pad: Pad, *, spacing_m: float) -> tuple[FloatArray, IntArray]:
-    """Triangulate a pad's surface, outward normals.
+def pad_surface(
+    pad: Pad, *, spacing_m: float, interface_shares: tuple[float, ...] = ()
+) -> tuple[FloatArray, IntArray]:
+    """Triangulate a pad's surface, outward normals, and the interfaces of its layers.
 
     Args:
         pad: The pad.
         spacing_m: About how far apart points of the top lie [m].
+        interface_shares: Shares of the local height at which a sheet cuts the pad.
 
     Returns:
         Vertices [m], shape [vertex_count, 3], and faces [face_count, 3].
@@ -29,8 +32,10 @@ def pad_surface(pad: Pad, *, spacing_m: float) -> tuple[FloatArray, IntArray]:
         np.column_stack([below, np.roll(below, -1), after]),
         np.column_stack([below, after, rim]),
     ]
-    faces = np.concatenate([triangles, triangles[:, ::-1] + len(plan), *walls])
-    return np.concatenate([top, bottom]), faces.astype(np.int32)
+    sheets = [np.column_stack([plan, share * top[:, 2]]) for share in interface_shares]
+    cuts = [triangles + (2 + number) * len(plan) for number in range(len(sheets))]
+    faces = np.concatenate([triangles, triangles[:, ::-1] + len(plan), *walls, *cuts])
+    return np.concatenate([top, bottom, *sheets]), faces.astype(np.int32)
 
 
 def _plan(pad: Pad, spacing_m: float) -> tuple[FloatArray, int]:

@@ -8,9 +8,11 @@ from sim.elements import ElementOrder
 from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import law
+from sim.layers import element_constants, interface_shares, law_name
 from sim.mesh import TetMesh
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.model import Model
+from sim.pad import Pad
 from sim.revolved_mesh import revolved_mesh
 from sim.scene import ContactMode, Preset, Scene
 from sim.state import ContactOptions
@@ -47,18 +49,25 @@ RESOLUTIONS = {
 
 
 def build_model(scene: Scene, *, device: str = "cpu") -> Model:
-    """Mesh a scene's pad and set up its model."""
+    """Mesh a scene's pad and set up its model.
+
+    Raises:
+        ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
+    """
+    name = law_name(scene.material, scene.layers)
+    mesh = mesh_for(scene)
+    young, poisson = element_constants(mesh, scene.material, scene.layers)
     options = ContactOptions(
         distance_m=scene.barrier_m,
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if scene.contact is ContactMode.FRICTION else 0.0,
     )
     return Model(
-        mesh_for(scene),
+        mesh,
         order=ElementOrder.P1 if scene.preset is Preset.PAPER else ElementOrder.P2,
-        law=law(scene.material.law),
-        young_pa=scene.material.young_pa,
-        poisson=scene.material.poisson,
+        law=law(name),
+        young_pa=young,
+        poisson=poisson,
         contact_options=options,
         device=device,
     )
@@ -66,11 +75,9 @@ def build_model(scene: Scene, *, device: str = "cpu") -> Model:
 
 def mesh_for(scene: Scene) -> TetMesh:
     """Return the mesh of a scene's preset."""
+    shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
-        key = mesh_key(scene.pad, PAPER_SIZING)
-        return stored_mesh(
-            "paper", key, lambda: wild_mesh(scene.pad, PAPER_SIZING, name=f"fTetWild, paper, {key}")
-        )
+        return _paper_mesh(scene.pad, shares)
     resolution = RESOLUTIONS[scene.preset]
     return revolved_mesh(
         scene.pad,
@@ -78,6 +85,18 @@ def mesh_for(scene: Scene) -> TetMesh:
         centre_m=scene.centre_m,
         sector_count=resolution.sector_count,
         name=f"revolved, {scene.preset.value}",
+        interface_shares=shares,
+    )
+
+
+def _paper_mesh(pad: Pad, shares: tuple[float, ...]) -> TetMesh:
+    key = mesh_key(pad, PAPER_SIZING, *([shares] if shares else []))
+    return stored_mesh(
+        "paper",
+        key,
+        lambda: wild_mesh(
+            pad, PAPER_SIZING, name=f"fTetWild, paper, {key}", interface_shares=shares
+        ),
     )
 
 

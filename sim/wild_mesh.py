@@ -11,6 +11,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.mesh import TetMesh, oriented
 from sim.pad import Pad
 from sim.pad_surface import pad_surface
+from tacauchy_rig.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +40,23 @@ class WildSizing:
     stop_energy: float = 10.0
 
 
-def wild_mesh(pad: Pad, sizing: WildSizing, *, name: str) -> TetMesh:
-    """Mesh a pad with fTetWild; another run gives another mesh."""
+def wild_mesh(
+    pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
+) -> TetMesh:
+    """Mesh a pad with fTetWild; another run gives another mesh.
+
+    Args:
+        interface_shares: Rising shares of the local height at which layers meet.
+
+    Raises:
+        ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
+            interface.
+    """
     pytetwild = importlib.import_module("pytetwild")
-    vertices, faces = pad_surface(pad, spacing_m=sizing.fine_m)
+    vertices, faces = pad_surface(pad, spacing_m=sizing.fine_m, interface_shares=interface_shares)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
+    snap = 2.0 * sizing.envelope_share * float(np.linalg.norm(high - low))
+    _refuse_thin(pad, interface_shares, snap)
     grid, cells = _background(low, high)
     found, tets = pytetwild.tetrahedralize(
         vertices,
@@ -58,9 +71,40 @@ def wild_mesh(pad: Pad, sizing: WildSizing, *, name: str) -> TetMesh:
         bg_values=edge_length_at(grid, pad, sizing),
     )
     found = np.array(found, dtype=np.float64)
-    base = found[:, 2] < 2.0 * sizing.envelope_share * float(np.linalg.norm(high - low))
-    found[base, 2] = 0.0
-    return oriented(found, np.asarray(tets), name=name)
+    found[found[:, 2] < snap, 2] = 0.0
+    if not interface_shares:
+        return oriented(found, np.asarray(tets), name=name)
+    layers = _snapped_layers(found, np.asarray(tets), pad, interface_shares, snap)
+    return oriented(found, np.asarray(tets), name=name, layers=layers)
+
+
+def _refuse_thin(pad: Pad, shares: tuple[float, ...], snap_m: float) -> None:
+    thin = min(np.diff([0.0, *shares, 1.0])) * pad.height_m
+    if shares and thin < 2.0 * snap_m:
+        raise ConfigError(
+            f"a layer of {thin * 1e6:.3g} um is too thin for preset paper: fTetWild moves surfaces "
+            f"by up to {0.5 * snap_m * 1e6:.3g} um",
+            remedy="use another preset, or a thicker layer",
+        )
+
+
+def _snapped_layers(
+    vertices: FloatArray, tets: IntArray, pad: Pad, shares: tuple[float, ...], snap_m: float
+) -> IntArray:
+    """Move the vertices near an interface onto it; return each tetrahedron's layer."""
+    heights = pad.height_at(vertices[:, 0], vertices[:, 1])
+    layers = np.zeros(len(tets), dtype=np.int32)
+    for share in shares:
+        near = np.abs(vertices[:, 2] - share * heights) < snap_m
+        vertices[near, 2] = share * heights[near]
+        side = np.sign(np.where(near, 0.0, vertices[:, 2] - share * heights))[tets]
+        if np.any((side.min(axis=1) < 0.0) == (side.max(axis=1) > 0.0)):
+            raise ConfigError(
+                f"fTetWild's mesh runs across the interface at {share:.4g} of the height",
+                remedy="run again, which gives another mesh, or use another preset",
+            )
+        layers += side.max(axis=1) > 0.0
+    return layers
 
 
 def edge_length_at(points: FloatArray, pad: Pad, sizing: WildSizing) -> FloatArray:

@@ -1,0 +1,74 @@
+"""Layered gels: where layers meet, and which tetrahedron is of which material."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.laws.catalogue import LawName
+from sim.mesh import TetMesh
+from sim.scene import Layer, Material
+from tacauchy_rig.errors import ConfigError
+
+_SUM_TOLERANCE = 1e-9
+
+
+def interface_shares(layers: Sequence[Layer]) -> tuple[float, ...]:
+    """Return the shares of the height at which layers meet, rising; none for one layer or none.
+
+    Raises:
+        ConfigError: A share is not positive, or they do not sum to one.
+    """
+    for number, layer in enumerate(layers, start=1):
+        if not layer.share > 0.0:
+            raise ConfigError(
+                f"layer {number} from the base has a share of {layer.share:g} of the thickness",
+                remedy="give each layer a share above 0, or leave the layer out",
+            )
+    total = sum(layer.share for layer in layers)
+    if layers and abs(total - 1.0) > _SUM_TOLERANCE:
+        listed = " + ".join(f"{layer.share:g}" for layer in layers)
+        raise ConfigError(
+            f"the layers' shares of the thickness sum to {listed} = {total:.10g}, not 1",
+            remedy="give every layer from the base upwards; their shares fill the thickness",
+        )
+    return tuple(accumulate(layer.share for layer in layers[:-1]))
+
+
+def law_name(material: Material, layers: Sequence[Layer]) -> LawName:
+    """Return the one law of a gel.
+
+    Raises:
+        ConfigError: The layers follow different laws.
+    """
+    names = {layer.material.law for layer in layers} or {material.law}
+    if len(names) > 1:
+        listed = ", ".join(sorted(name.value for name in names))
+        raise ConfigError(
+            f"the layers follow different laws: {listed}",
+            remedy="give all layers the same law; E and nu may differ",
+        )
+    return names.pop()
+
+
+def element_constants(
+    mesh: TetMesh, material: Material, layers: Sequence[Layer]
+) -> tuple[FloatArray, FloatArray]:
+    """Return E [Pa] and nu of every tetrahedron, each of shape [tet_count].
+
+    Raises:
+        ConfigError: The mesh was not made for as many layers.
+    """
+    materials = [layer.material for layer in layers] or [material]
+    labels = np.zeros(len(mesh.tets), dtype=np.int32) if mesh.layers is None else mesh.layers
+    found = int(labels.max()) + 1
+    if found != len(materials):
+        raise ConfigError(
+            f"mesh {mesh.name!r} has {found} layers, the gel {len(materials)}",
+            remedy="mesh the pad again for this gel",
+        )
+    constants = np.array([(each.young_pa, each.poisson) for each in materials])[labels]
+    return constants[:, 0], constants[:, 1]
