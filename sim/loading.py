@@ -29,6 +29,7 @@ from sim.newton import (
 )
 from sim.potentials import NodalPotential
 from sim.state import State
+from sim.unloaded import unloaded_positions
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -61,7 +62,7 @@ class PathPoint:
     """An equilibrium on a path.
 
     Attributes:
-        depth_m: Travel below first touch of the undeformed pad [m].
+        depth_m: Travel below first touch of the unloaded pad [m].
         force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
         stiffness_n_m: dF_z / d(depth) by the tangent [N/m].
     """
@@ -84,6 +85,12 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m].
         potentials: Further energies of the nodes, such as weight.
+
+    Attributes:
+        unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
+            stress at rest deform it.
+        history: (depth [m], F_z [N]) of every equilibrium on the way, those in passing within
+            0.1 %.
     """
 
     model: Model
@@ -95,13 +102,18 @@ class LoadingPath:
     potentials: Sequence[NodalPotential] = ()
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
+    unloaded: FloatArray = field(init=False)
     touch_m: float = field(init=False)
     setup_s: float = field(init=False)
+    history: list[tuple[float, float]] = field(init=False, default_factory=list)
     _point: PathPoint | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         started = time.perf_counter()
         self.solver = linear_solver(self.model.pattern)
+        self.unloaded = unloaded_positions(
+            self.model, self.solver, options=self.options, potentials=self.potentials
+        )
         self.touch_m = self._touch_height()
         self.setup_s = time.perf_counter() - started
 
@@ -191,6 +203,7 @@ class LoadingPath:
                     ) from error
                 point = self._refresh(point)
                 continue
+            self.history.append((point.depth_m, float(point.force_n[2])))
             at = leg.end if abs(leg.end - at - taken) <= leg.exact else at + taken
             step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)))
         self._point = point
@@ -198,11 +211,11 @@ class LoadingPath:
         return point
 
     def _touch_height(self) -> float:
-        """Return the tip height at which the undeformed pad is touched [m]."""
-        high = float(self.model.nodes[:, 2].max())
+        """Return the tip height at which the unloaded pad is touched [m]."""
+        high = float(self.unloaded[:, 2].max())
         state = self.model.rest_state(tip=np.array([*self.centre_m, high]), rotation=self.rotation)
         for _ in range(100):
-            gap = float(self.model.gaps(self.model.nodes, self.indenter, state).min())
+            gap = float(self.model.gaps(self.unloaded, self.indenter, state).min())
             if abs(gap) < 1e-12:
                 break
             state.tip[2] -= gap
@@ -212,7 +225,10 @@ class LoadingPath:
         depth = min(depth_m, OVERLAP_MAX_M)
         tip = np.array([*self.centre_m, self.touch_m - depth])
         state = self.model.rest_state(tip=tip, rotation=self.rotation)
-        return self._settle(state, load_n=None, passing=depth < depth_m)
+        state.positions = self.unloaded.copy()
+        point = self._settle(state, load_n=None, passing=depth < depth_m)
+        self.history.append((point.depth_m, float(point.force_n[2])))
+        return point
 
     def _contact_radius(self, point: PathPoint) -> float:
         """Return how far from the tip the gel is touched [m]."""
@@ -223,7 +239,7 @@ class LoadingPath:
 
     def _refresh(self, point: PathPoint) -> PathPoint:
         """Bring the solver's factor back to a point that was left."""
-        self._problem(None).factorise(point.state, point.equilibrium.contact.stiffness)
+        self._problem(None).factorise_safely(point.state, point.equilibrium.contact)
         return point
 
     def _problem(self, load_n: float | None) -> Problem:
@@ -252,8 +268,8 @@ class LoadingPath:
                 remedy="move in smaller steps, or with less friction",
             )
         self.model.drag_anchors(self.indenter, state)
-        if found.iterations == 0:
-            problem.factorise(state, found.contact.stiffness)
+        # The last step's factor is one step old, and the barrier's stiffness has changed since.
+        problem.factorise_safely(state, found.contact)
         self.counts.increments += 1
         force = self.model.mesh.fold.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
         _, stiffness = self._response(state, found, DOWN, STILL)

@@ -1,6 +1,7 @@
-"""The displacement search: move the indenter until the simulated F_z agrees with a given one.
+"""Two ways to the depth at which the simulated F_z agrees with a given one.
 
-Each guess is a Newton step in depth with the tangent's dF_z/d(depth), kept inside the bracket that
+``push_to_force`` makes the depth an unknown of the solve. ``find_force`` is the paper's displacement
+search (section IV-C): move the indenter until the force agrees. Each guess is a Newton step in depth with the tangent's dF_z/d(depth), kept inside the bracket that
 the evaluations so far have given, and starts from the nearest equilibrium below it. One loading
 path serves all the forces of a run, in ascending order.
 """
@@ -23,13 +24,28 @@ class ForceMatch:
 
     Attributes:
         point: The accepted equilibrium.
-        history: (depth [m], F_z [N]) of every evaluation, in order.
+        history: (depth [m], F_z [N]) of every evaluation, in order; of a push, on the way.
         newton_iterations: Factorisations spent.
     """
 
     point: PathPoint
     history: tuple[tuple[float, float], ...]
     newton_iterations: int
+
+
+def push_to_force(path: LoadingPath, force_n: float) -> ForceMatch:
+    """Solve for the depth at which the indenter carries ``force_n`` [N].
+
+    Raises:
+        ConvergenceError: The force was not reached.
+    """
+    before, passed = path.counts.newton_iterations, len(path.history)
+    point = path.push(force_n)
+    return ForceMatch(
+        point=point,
+        history=tuple(path.history[passed:]),
+        newton_iterations=path.counts.newton_iterations - before,
+    )
 
 
 def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> ForceMatch:

@@ -24,6 +24,7 @@ from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
 from sim.model import Model
 from sim.potentials import NodalPotential
 from sim.state import ContactForces, State
+from sim.untangle import TANGLED_SHARE, inverted_share, untangle
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -149,14 +150,21 @@ class Problem:
             data[diagonal] += self.model.pattern.unknowns(potential.diagonal())
         self.solver.factorise(data)
 
-    def step(self, state: State, balance: _Balance) -> _Step:
-        """Return the Newton step.
+    def factorise_safely(
+        self, state: State, contact: ContactForces, *, first: int = 0
+    ) -> tuple[ContactForces, int]:
+        """Factor the Newton matrix, or the first safer one that is positive definite.
+
+        Args:
+            first: Attempt to begin with.
+
+        Returns:
+            The contact whose stiffness is in it, and the number of the attempt.
 
         Raises:
             ConvergenceError: No safe matrix was found.
         """
-        contact = balance.contact
-        for attempt in range(1 + len(_SHIFTS)):
+        for attempt in range(first, 1 + len(_SHIFTS)):
             if attempt == 1:
                 contact = self.model.contact_forces(
                     state.positions, self.indenter, state, curved=False
@@ -165,14 +173,25 @@ class Problem:
                 self.factorise(state, contact.stiffness, attempt=attempt)
             except NotPositiveDefiniteError:
                 logger.debug("Hessian not positive definite (attempt %d)", attempt)
-                continue
-            step = self._solve(balance, contact.stiffness)
-            if step.slope_j < 0.0 or balance.residual_n == 0.0:
-                return step
+            else:
+                return contact, attempt
         raise ConvergenceError(
             "the stiffness matrix is not positive definite even when projected and shifted",
             remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
         )
+
+    def step(self, state: State, balance: _Balance) -> _Step:
+        """Return the Newton step, which goes down.
+
+        Raises:
+            ConvergenceError: No safe matrix was found.
+        """
+        contact, attempt = self.factorise_safely(state, balance.contact)
+        step = self._solve(balance, contact.stiffness)
+        if step.slope_j >= 0.0 and attempt == 0:
+            contact, _ = self.factorise_safely(state, contact, first=1)
+            step = self._solve(balance, contact.stiffness)
+        return step
 
     def _solve(self, balance: _Balance, stiffness: FloatArray) -> _Step:
         gradient = balance.gradient
@@ -230,7 +249,7 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
     Raises:
         ConvergenceError: No equilibrium was found; ``state`` is left where Newton stopped.
     """
-    iterations = 0
+    iterations = _untangle(problem, state)
     for extension in _EXTENSIONS:
         state.extension = extension
         found = _descend(problem, state, options=options, spent=iterations)
@@ -242,6 +261,19 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
         f"the gel is pressed through the contact barrier: smallest gap {gaps.min() * 1e9:.3g} nm",
         remedy="give the indenter a fillet, coarsen the mesh at its rim, or enlarge the barrier",
     )
+
+
+def _untangle(problem: Problem, state: State) -> int:
+    """Turn a start inside out the right way round, if that lowers the energy; return the solves."""
+    model, start = problem.model, state.positions
+    if model.elastic_energy(start)[1] > 0.0 or inverted_share(model, start) < TANGLED_SHARE:
+        return 0
+    before, found = problem.energy(state), untangle(model, start)
+    state.positions = found.positions
+    if problem.energy(state) > before:
+        state.positions = start
+    logger.debug("untangled in %d passes, %.3g left", found.passes, found.inverted_share)
+    return found.passes
 
 
 def _descend(

@@ -10,11 +10,11 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.force_error import force_error
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import Hold, LoadingPath, PathPoint
 from sim.match import find_force
 from sim.model import Model
 from sim.presets import build_model
-from sim.scene import Scene, Target
+from sim.scene import Drive, Scene, Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,15 +79,41 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
     """
     started = time.perf_counter()
     model = model or build_model(scene)
-    path = LoadingPath(model, scene.indenter, scene.centre_m)
+    path = LoadingPath(
+        model, scene.indenter, scene.centre_m, rotation=tilted(*scene.motion.tilt_rad)
+    )
     setup = time.perf_counter() - started
-    if scene.target.depth_m is not None:
-        point = path.advance(scene.target.depth_m)
-    else:
-        force = scene.target.force_n or 0.0
-        point = find_force(path, force, tolerance_n=scene.force_tolerance_n).point
+    point = follow(scene, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
     return measure(scene, path, point, wall_s=wall)
+
+
+def follow(scene: Scene, path: LoadingPath) -> PathPoint:
+    """Take the indenter to the scene's depth or force, then along its motion.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+    """
+    depth, force = scene.target.depth_m, scene.target.force_n
+    if depth is not None:
+        point = path.advance(depth)
+    elif scene.drive is Drive.LOAD:
+        point = path.push(force or 0.0)
+    else:
+        point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
+    motion = scene.motion
+    if any(motion.shift_m) or motion.twist_rad:
+        hold = Hold.DEPTH if depth is not None else Hold.FORCE
+        point = path.carry(shift_m=motion.shift_m, twist_rad=motion.twist_rad, hold=hold)
+    return point
+
+
+def tilted(about_x_rad: float, about_y_rad: float) -> FloatArray:
+    """Return the rotation about x, then about y, shape [3, 3]."""
+    c, s = np.cos(about_x_rad), np.sin(about_x_rad)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    c, s = np.cos(about_y_rad), np.sin(about_y_rad)
+    return np.asarray(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ about_x)
 
 
 def measure(

@@ -12,10 +12,10 @@ from sim.elements import ElementOrder
 from sim.fields import TrialFields, trial_fields
 from sim.indenter import Indenter, describe
 from sim.loading import LoadingPath
-from sim.match import ForceMatch, find_force
+from sim.match import ForceMatch, find_force, push_to_force
 from sim.presets import build_model
 from sim.press import PressResult, measure
-from sim.scene import ContactMode, Preset, Scene, Target
+from sim.scene import ContactMode, Drive, Preset, Scene, Target
 from sim.sensor import Sensor
 from tacauchy_rig.run import Replay, ReplayTrial
 
@@ -31,13 +31,15 @@ def replay_forces(
     tolerance_n: float = 0.08,
     centre_m: tuple[float, float] = (0.0, 0.0),
     contact: ContactMode = ContactMode.FRICTIONLESS,
+    drive: Drive = Drive.LOAD,
     on_progress: Progress | None = None,
     name: str = "force-matched",
 ) -> tuple[Replay, list[TrialFields]]:
-    """Press until F_z agrees with each measured force (paper, section IV-C).
+    """Press until F_z agrees with each measured force.
 
-    The search goes on to a tenth of ``tolerance_n``, since that costs one Newton step or two: the
-    remaining mismatch then says nothing about the simulation.
+    Driven by load, the force is met to rounding. The paper's displacement search (section IV-C)
+    goes on to a tenth of ``tolerance_n``, since that costs one Newton step or two: the remaining
+    mismatch then says nothing about the simulation.
 
     Args:
         sensor: Pad and material.
@@ -47,6 +49,7 @@ def replay_forces(
         tolerance_n: Largest |F_z simulated - measured| [N].
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
         contact: What touching points may do along the indenter.
+        drive: How a force is reached.
         on_progress: Called with the trial's number (from 1, 0 before all) and a line of text.
         name: Name of the replay.
 
@@ -64,6 +67,7 @@ def replay_forces(
         target=Target(force_n=max([0.0, *forces_n])),
         centre_m=centre_m,
         contact=contact,
+        drive=drive,
         preset=preset,
         force_tolerance_n=tolerance_n,
         sensor=sensor.name,
@@ -90,7 +94,10 @@ def _trial(
     scene: Scene, path: LoadingPath, position: int, force_n: float, tolerance_n: float
 ) -> tuple[ReplayTrial, TrialFields]:
     started = time.perf_counter()
-    match = find_force(path, force_n, tolerance_n=0.1 * tolerance_n)
+    if scene.drive is Drive.LOAD:
+        match = push_to_force(path, force_n)
+    else:
+        match = find_force(path, force_n, tolerance_n=0.1 * tolerance_n)
     solved = time.perf_counter()
     fields = trial_fields(path, match.point)
     wall = {"solve_s": solved - started, "fields_s": time.perf_counter() - solved}
@@ -124,6 +131,7 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "centre_x_m": scene.centre_m[0],
         "centre_y_m": scene.centre_m[1],
         "contact": scene.contact.value,
+        "drive": scene.drive.value,
         "law": scene.material.law.value,
         "young_pa": scene.material.young_pa,
         "poisson": scene.material.poisson,

@@ -17,7 +17,7 @@ from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import height_maps
 from sim.optics.render import TactileRenderer
 from sim.replay import replay_forces
-from sim.scene import Preset
+from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
@@ -55,6 +55,7 @@ def replay_run(store: RunStore) -> Replay:
         indenter,
         [record.force_measured_n or 0.0 for record in records],
         preset=preset_of(config),
+        drive=drive_of(config),
         tolerance_n=config.replay.force_tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: say(f"  {text}"),
@@ -120,6 +121,21 @@ def preset_of(config: RigConfig) -> Preset:
         raise ConfigError(
             f"replay.preset: {config.replay.preset!r} is no preset",
             remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
+        ) from error
+
+
+def drive_of(config: RigConfig) -> Drive:
+    """Return how the replay reaches a force.
+
+    Raises:
+        ConfigError: There is no such way.
+    """
+    try:
+        return Drive(config.replay.drive)
+    except ValueError as error:
+        raise ConfigError(
+            f"replay.drive: {config.replay.drive!r} is no way to reach a force",
+            remedy=f"one of: {', '.join(drive.value for drive in Drive)}",
         ) from error
 
 

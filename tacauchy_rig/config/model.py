@@ -243,6 +243,7 @@ class ReplaySection(Section):
 
     force_tolerance: Force = Field(gt=0)
     preset: str
+    drive: str
     young: Pressure | None = Field(default=None, gt=0)
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)
 
