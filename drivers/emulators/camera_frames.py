@@ -88,7 +88,9 @@ class FrameFactory:
         whole = self._raw(self._unloaded, self._camera.whole, self._whole)
         self._versions = [self._encode(whole) for _ in range(_VERSION_COUNT)]
         self._renewed_rows = 0
-        self._overexposed: Tiles = []
+        # Made beforehand: too much light holds no camera up.
+        glare = self._camera.render(None, light=_OVEREXPOSURE)
+        self._overexposed = self._encode(self._raw(glare, self._camera.whole, self._whole))
 
     def is_ready(self, key: PressKey) -> bool:
         """Return whether ``compose`` can show ``key`` rather than an unloaded gel."""
@@ -131,9 +133,6 @@ class FrameFactory:
 
     def compose_overexposed(self, number: int) -> bytes:
         """Return a frame in which far too much light drowns everything."""
-        if not self._overexposed:
-            glare = self._camera.render(None, light=_OVEREXPOSURE)
-            self._overexposed = self._encode(self._raw(glare, self._camera.whole, self._whole))
         return self._finish([list(row) for row in self._overexposed], number)
 
     def renew(self) -> None:
