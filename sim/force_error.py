@@ -96,6 +96,7 @@ def _forces(sensor: Sensor, indenter: Indenter, preset: Preset) -> list[float]:
     scene = Scene(
         pad=sensor.pad,
         material=sensor.material,
+        layers=sensor.layers,
         indenter=indenter,
         target=Target(depth_m=max(DEPTHS_M)),
         preset=preset,
@@ -124,6 +125,8 @@ def _row_kind(row: ForceErrorRow) -> str:
 def _outside(scene: Scene) -> str:
     """Say what of a scene lies outside the presses that were measured, or nothing."""
     depth = scene.target.depth_m
+    if scene.layers:
+        return "no gel of several layers was measured"
     if scene.material.poisson > _POISSON_MAX:
         return f"Poisson's ratio {scene.material.poisson:g} is above {_POISSON_MAX:g}"
     if depth is not None and depth > _DEPTH_SHARE_MAX * scene.pad.height_m:

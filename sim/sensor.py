@@ -8,9 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from sim.laws.catalogue import LawName
+from sim.layers import interface_shares
 from sim.pad import BoxPad
-from sim.scene import Material
+from sim.scene import Layer, Material
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -71,24 +71,38 @@ class Sensor:
     """A tactile sensor as its file says.
 
     Attributes:
-        numbers: Every number of the file by its dotted name, for reports.
+        material: Of the whole gel, or of the layer that is touched.
+        layers: From the clamped base upwards; empty for a gel of one material.
+        numbers: Every number of the file by its dotted name, for reports; layers count from 1.
     """
 
     name: str
     title: str
     pad: BoxPad
     material: Material
+    layers: tuple[Layer, ...]
     camera: CameraView
     markers: MarkerGrid | None
     lamps: tuple[SensorLamp, ...]
     numbers: dict[str, Measured]
 
+    def young_uncertainty(self) -> tuple[float, str]:
+        """Return the relative uncertainty of the stiffness and its source.
 
+        A force scales with all moduli together, so that of a layered gel is no less certain than
+        its least certain layer.
+        """
+        found = [number for name, number in self.numbers.items() if name.endswith(".young")]
+        worst = max(found, key=lambda number: number.uncertainty / number.value)
+        return worst.uncertainty / worst.value, worst.source
+
+
+_MATERIAL = {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO}
 _DIMENSIONS = {
     "pad": dict.fromkeys(
         ("size_x", "size_y", "height", "dome_radius_x", "dome_radius_y"), Dimension.LENGTH
     ),
-    "material": {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO},
+    "material": _MATERIAL,
     "camera": dict.fromkeys(("pixel_x", "pixel_y", "centre_x", "centre_y"), Dimension.LENGTH),
     "markers": dict.fromkeys(("pitch_x", "pitch_y", "radius"), Dimension.LENGTH),
 }
@@ -142,6 +156,7 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
         for axis in "xy"
         if f"pad.dome_radius_{axis}" in numbers
     }
+    layers = _layers(data, numbers, origin)
     return Sensor(
         name=str(data["name"]),
         title=str(data["title"]),
@@ -151,11 +166,8 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
             height_m=value("pad.height"),
             **domes,
         ),
-        material=Material(
-            young_pa=value("material.young"),
-            poisson=value("material.poisson"),
-            law=LawName.STABLE_NEO_HOOKEAN,
-        ),
+        material=layers[-1].material if layers else _material(numbers, "material"),
+        layers=layers,
         camera=CameraView(
             width=counts["camera.width"],
             height=counts["camera.height"],
@@ -166,6 +178,33 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
         lamps=_lamps(data.get("lamps", []), origin),
         numbers=numbers,
     )
+
+
+def _material(numbers: dict[str, Measured], name: str) -> Material:
+    young, poisson = (numbers[f"{name}.{key}"].value for key in _MATERIAL)
+    return Material(young_pa=young, poisson=poisson)
+
+
+def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> tuple[Layer, ...]:
+    """Read the layers from the base upwards and note their numbers."""
+    wanted = {"share": Dimension.RATIO, **_MATERIAL}
+    layers = []
+    for index, entry in enumerate(data.get("layers", []), start=1):
+        name = f"layers.{index}"
+        if set(entry) != set(wanted):
+            raise ConfigError(
+                f"{origin}: {name} has {', '.join(entry) or 'nothing'}",
+                remedy=f"give {', '.join(wanted)}, no more and no less",
+            )
+        for key, dimension in wanted.items():
+            numbers[f"{name}.{key}"] = _number(entry[key], f"{origin}: {name}.{key}", dimension)
+        share = numbers[f"{name}.share"].value
+        layers.append(Layer(share=share, material=_material(numbers, name)))
+    try:
+        interface_shares(layers)
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
+    return tuple(layers)
 
 
 def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid | None:
@@ -200,12 +239,17 @@ def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[SensorLamp, ...]
 
 
 def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
-    known = {"name", "title", "lamps", *_DIMENSIONS}
+    known = {"name", "title", "lamps", "layers", *_DIMENSIONS}
     keys = [key for key in data if key not in known]
     for section, dimensions in _DIMENSIONS.items():
         allowed = {*dimensions, *_COUNTS.get(section, ())}
         keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]
-    missing = [key for key in ("name", "title", "pad", "material", "camera") if key not in data]
+    missing = [key for key in ("name", "title", "pad", "camera") if key not in data]
+    if ("material" in data) == ("layers" in data):
+        raise ConfigError(
+            f"{origin}: {'both' if 'material' in data else 'neither'} material and layers",
+            remedy="give [material] for a gel of one material, else one [[layers]] a layer",
+        )
     if keys:
         raise ConfigError(
             f"{origin}: unknown {', '.join(keys)}", remedy="remove it or correct its spelling"

@@ -28,7 +28,7 @@ def ball_profiles(
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.
 
     Args:
-        sensor: Pad and material; Young's modulus does not matter for the shape.
+        sensor: Pad and material; only the ratio of layers' moduli matters for the shape.
         ball_diameter_m: Diameter of the ball [m].
         depths_m: Rising depths [m].
         preset: Mesh and element.
@@ -39,6 +39,7 @@ def ball_profiles(
     scene = Scene(
         pad=sensor.pad,
         material=sensor.material,
+        layers=sensor.layers,
         indenter=Sphere(diameter_m=ball_diameter_m),
         target=Target(depth_m=depths_m[-1]),
         preset=preset,

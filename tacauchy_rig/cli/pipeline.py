@@ -76,10 +76,10 @@ def replay_run(store: RunStore) -> Replay:
 
 
 def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
-    young = sensor.numbers["material.young"]
+    uncertainty, source = sensor.young_uncertainty()
     return {
-        "young_uncertainty_relative": young.uncertainty / young.value,
-        "young_source": young.source,
+        "young_uncertainty_relative": uncertainty,
+        "young_source": source,
         "optics": dict(optics.model.provenance),
         "scale_x_m_px": optics.geometry.scale_x_m,
         "scale_y_m_px": optics.geometry.scale_y_m,
@@ -99,9 +99,18 @@ def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
 
 
 def sensor_of(config: RigConfig) -> Sensor:
-    """Load the configured sensor with the configured material."""
+    """Load the configured sensor with the configured material.
+
+    Raises:
+        ConfigError: There is no such sensor, or it has layers and one material is configured.
+    """
     sensor = load_sensor(config.sensor.name)
     material = sensor.material
+    if sensor.layers and (config.replay.young, config.replay.poisson) != (None, None):
+        raise ConfigError(
+            f"replay.young and replay.poisson do not say which layer of {sensor.title} is meant",
+            remedy="leave them out, and name a sensor file of your own with its layers",
+        )
     if config.replay.young is not None:
         material = replace(material, young_pa=config.replay.young)
     if config.replay.poisson is not None:

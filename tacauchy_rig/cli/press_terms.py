@@ -1,10 +1,11 @@
-"""Pads and indenters as text: ``box:20.75x25.25x4.5mm``, ``cylinder:diameter=5mm,fillet=0.1mm``."""
+"""Pads, layers and indenters as text: ``box:20.75x25.25x4.5mm``, ``cylinder:diameter=5mm``."""
 
 from __future__ import annotations
 
 from sim.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.laws.catalogue import LawName
 from sim.pad import BoxPad, DiscPad, Pad
-from sim.scene import ContactMode
+from sim.scene import ContactMode, Layer, Material
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -43,6 +44,30 @@ def _box(sizes: str) -> BoxPad:
         for part in parts
     )
     return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
+
+
+def parse_layer(text: str, *, law: LawName) -> Layer:
+    """Read ``share=0.925,young=0.1MPa,poisson=0.48``.
+
+    Raises:
+        ConfigError: One of the three is missing, unknown or no number.
+    """
+    wanted = {
+        "share": Dimension.RATIO,
+        "young": Dimension.PRESSURE,
+        "poisson": Dimension.RATIO,
+    }
+    given = dict(part.partition("=")[::2] for part in text.split(","))
+    if set(given) != set(wanted):
+        raise ConfigError(
+            f"--layer {text!r} does not give share, young and poisson, once each",
+            remedy="write --layer share=0.925,young=0.1MPa,poisson=0.48, from the base upwards",
+        )
+    share, young, poisson = (
+        parse_quantity(given[name], dimension=dimension, field=f"--layer {name}").value
+        for name, dimension in wanted.items()
+    )
+    return Layer(share=share, material=Material(young_pa=young, poisson=poisson, law=law))
 
 
 def parse_indenter(text: str) -> Indenter:
