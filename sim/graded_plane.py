@@ -129,8 +129,9 @@ def _boundary(section: _Section) -> FloatArray:
         corners.append((grading.start_m, height))
     corners += [(0.0, z) for z in reversed(section.bands_m)]
     sides = [_graded_line(a, b, section) for a, b in pairwise(np.array(corners))]
-    inner = [_graded_line(*np.array([(0.0, z), (radius, z)]), section) for z in section.levels_m]
-    return np.concatenate([*sides, *(line[1:] for line in inner)])
+    across = [np.array([(0.0, z), (radius, z)]) for z in section.levels_m]
+    inner = [_graded_line(start, end, section)[1:] for start, end in across]
+    return np.concatenate([*sides, *inner])
 
 
 def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> FloatArray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
@@ -19,7 +21,14 @@ class InterfaceTraction:
     Forces are those of the gel below on the gel above for the whole pad, +z in compression, as the
     force on the indenter is.
 
+    The elements' own stress is discontinuous. That of a stiff skin is worth little across it: the
+    error scales with the skin's modulus, the traction with the soft gel's. The recovered traction
+    has the nodal forces of either side as its virtual work, so it is one and balances the press.
+
     Attributes:
+        nodes: Nodes of the interface, shape [node_count].
+        recovered_pa: Recovered traction on the upper side of the lower layer, shape [node_count,
+            3].
         normals: Deformed unit normals, out of the lower layer.
         areas_m2: Deformed area of each point.
         below_pa: t = sigma n, sigma of the element below.
@@ -30,6 +39,8 @@ class InterfaceTraction:
         force_above_n: Integral of ``above_pa``, shape [3].
     """
 
+    nodes: IntArray
+    recovered_pa: FloatArray
     normals: FloatArray
     areas_m2: FloatArray
     below_pa: FloatArray
@@ -71,12 +82,16 @@ def _traction(model: Model, positions: FloatArray, below: NDArray[np.bool_]) -> 
         for parents in (under, over)
     )
     fold = model.mesh.fold
+    nodes = np.unique(faces)
+    forces = _nodal_forces(model, positions, below)[nodes]
     return InterfaceTraction(
+        nodes=nodes,
+        recovered_pa=_recovered(model, faces, areas, nodes, forces),
         normals=normals,
         areas_m2=areas,
         below_pa=lower,
         above_pa=upper,
-        force_n=-fold.whole_force(_nodal_force(model, positions, np.flatnonzero(below), faces)),
+        force_n=-fold.whole_force(forces.sum(axis=0)),
         force_below_n=-fold.whole_force(np.einsum("fpi,fp->i", lower, areas)),
         force_above_n=-fold.whole_force(np.einsum("fpi,fp->i", upper, areas)),
     )
@@ -87,7 +102,8 @@ def _shared_faces(
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the faces between two sets of elements and the element on either side of each."""
     sides = []
-    for chosen in (np.flatnonzero(below), np.flatnonzero(~below)):
+    for side in (below, ~below):
+        chosen = np.flatnonzero(side).astype(np.int32)
         faces, parents = boundary_faces(elements[chosen])
         corners = np.sort(faces[:, :3], axis=1)
         order = np.lexsort(corners.T)
@@ -118,20 +134,42 @@ def _stress_on_faces(
     return stress.reshape(deformations.shape)
 
 
-def _nodal_force(
-    model: Model, positions: FloatArray, elements: IntArray, faces: IntArray
-) -> FloatArray:
-    """Return the sum of some elements' nodal forces on the nodes of faces [N], shape [3].
+def _nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+    """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
 
     An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.
     """
-    nodes = model.elements[elements]
+    nodes = model.elements[chosen]
     deformed = np.einsum("enx,qny->eqxy", positions[nodes], model.reference.gradients)
-    cofactors = np.linalg.det(deformed)[..., None, None] * np.swapaxes(
-        np.linalg.inv(deformed), 2, 3
+    inverse = np.swapaxes(np.linalg.inv(deformed), 2, 3)
+    cofactors = np.linalg.det(deformed)[..., None, None] * inverse
+    weighted = model.cauchy_stress(positions)[chosen] * model.reference.weights[:, None, None] / 6.0
+    forces = np.einsum("eqik,qnk->eni", weighted @ cofactors, model.reference.gradients)
+    total = np.zeros_like(positions)
+    np.add.at(total, nodes, forces)
+    return total
+
+
+def _recovered(
+    model: Model, faces: IntArray, areas: FloatArray, nodes: IntArray, forces: FloatArray
+) -> FloatArray:
+    """Return the traction whose virtual work on the faces is that of nodal forces [Pa].
+
+    On a mirror plane its components across the plane are zero.
+    """
+    values = model.reference.face_values
+    local = np.searchsorted(nodes, faces)
+    blocks = np.einsum("fp,pi,pj->fij", areas, values, values)
+    rows, columns = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    shape = (len(nodes), len(nodes))
+    mass = scipy.sparse.csc_matrix(
+        (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape
     )
-    stress = model.cauchy_stress(positions)[elements]
-    weights = model.reference.weights / 6.0
-    flux = np.einsum("q,eqij,eqjk->eqik", weights, stress, cofactors)
-    forces = np.einsum("eqik,qnk->eni", flux, model.reference.gradients)
-    return np.asarray(forces[np.isin(nodes, faces)].sum(axis=0))
+    size = float(np.abs(model.mesh.vertices).max())
+    held = model.mesh.fold.on_plane(model.nodes[nodes], size)
+    traction = np.zeros_like(forces)
+    for axis in range(3):
+        free = np.flatnonzero(~held[:, axis])
+        part = mass[free][:, free]
+        traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
+    return traction

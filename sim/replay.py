@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from sim.effects import EffectPlan, plan_effects
 from sim.elements import ElementOrder
 from sim.fields import TrialFields, trial_fields
 from sim.indenter import Indenter, describe
 from sim.loading import LoadingPath
 from sim.match import ForceMatch, find_force, push_to_force
-from sim.presets import build_model
-from sim.press import PressResult, measure
+from sim.press import PressResult, measure, path_for
 from sim.scene import ContactMode, Drive, Preset, Scene, Target
 from sim.sensor import Sensor
 from tacauchy_rig.run import Replay, ReplayTrial
@@ -42,7 +42,7 @@ def replay_forces(
     mismatch then says nothing about the simulation.
 
     Args:
-        sensor: Pad and material.
+        sensor: Pad and material or layers.
         indenter: The rigid body.
         forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
         preset: Mesh and element.
@@ -63,6 +63,7 @@ def replay_forces(
     scene = Scene(
         pad=sensor.pad,
         material=sensor.material,
+        layers=sensor.layers,
         indenter=indenter,
         target=Target(force_n=max([0.0, *forces_n])),
         centre_m=centre_m,
@@ -73,35 +74,35 @@ def replay_forces(
         sensor=sensor.name,
     )
     say(0, f"meshing {sensor.title}, preset {preset.value}")
-    model = build_model(scene)
-    path = LoadingPath(model, indenter, centre_m)
+    plan = plan_effects(scene)
+    path = path_for(scene, plan)
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
-        trials[position] = _trial(scene, path, position, forces_n[position], tolerance_n)
+        trials[position] = _trial(scene, plan, path, position, forces_n[position])
         done = trials[position][0]
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replay = Replay(
         name=name,
         trials=tuple(trial for trial, _ in ordered),
-        model=_model_facts(scene, path),
+        model={**_model_facts(scene, path), "effects": plan.as_json()},
         versions=_versions(),
     )
     return replay, [fields for _, fields in ordered]
 
 
 def _trial(
-    scene: Scene, path: LoadingPath, position: int, force_n: float, tolerance_n: float
+    scene: Scene, plan: EffectPlan, path: LoadingPath, position: int, force_n: float
 ) -> tuple[ReplayTrial, TrialFields]:
     started = time.perf_counter()
     if scene.drive is Drive.LOAD:
         match = push_to_force(path, force_n)
     else:
-        match = find_force(path, force_n, tolerance_n=0.1 * tolerance_n)
+        match = find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
     solved = time.perf_counter()
     fields = trial_fields(path, match.point)
     wall = {"solve_s": solved - started, "fields_s": time.perf_counter() - solved}
-    result = measure(scene, path, match.point, wall_s=wall)
+    result = measure(scene, path, match.point, plan=plan, wall_s=wall)
     return _record(position + 1, force_n, match, result), fields
 
 
@@ -135,6 +136,14 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "law": scene.material.law.value,
         "young_pa": scene.material.young_pa,
         "poisson": scene.material.poisson,
+        "layers": [
+            {
+                "share": layer.share,
+                "young_pa": layer.material.young_pa,
+                "poisson": layer.material.poisson,
+            }
+            for layer in scene.layers
+        ],
         "preset": scene.preset.value,
         "element": model.reference.order.value,
         "element_is_linear": model.reference.order is ElementOrder.P1,
