@@ -40,7 +40,7 @@ class ElasticKernels:
 
 
 @wp.func
-def _reference_gradient(
+def reference_gradient(
     nodes: wp.array2d(dtype=wp.int32),
     reference_gradients: wp.array2d(dtype=wp.vec3d),
     positions: wp.array(dtype=wp.vec3d),
@@ -74,7 +74,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         volume_ratio_out: wp.array2d(dtype=wp.float64),
     ):
         e, q = wp.tid()
-        D = _reference_gradient(nodes, reference_gradients, positions, e, q)
+        D = reference_gradient(nodes, reference_gradients, positions, e, q)
         F = D * inverse_jacobians[e]
         energy_out[e, q] = weights[e, q] * law_energy(F, parameters[e])
         volume_ratio_out[e, q] = wp.determinant(F)
@@ -93,7 +93,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         gradient_out: wp.array(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        D = _reference_gradient(nodes, reference_gradients, positions, e, q)
+        D = reference_gradient(nodes, reference_gradients, positions, e, q)
         inverse = inverse_jacobians[e]
         P = law_stress(D * inverse, parameters[e])
         K = (P * wp.transpose(inverse)) * weights[e, q]
@@ -118,7 +118,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         cofactor_out: wp.array3d(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        D = _reference_gradient(nodes, reference_gradients, positions, e, q)
+        D = reference_gradient(nodes, reference_gradients, positions, e, q)
         inverse = inverse_jacobians[e]
         t = law_tangent(D * inverse, parameters[e])
         if projected:
@@ -149,7 +149,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         stress_out: wp.array2d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
-        D = _reference_gradient(nodes, reference_gradients, positions, e, q)
+        D = reference_gradient(nodes, reference_gradients, positions, e, q)
         F = D * inverse_jacobians[e]
         P = law_stress(F, parameters[e])
         stress_out[e, q] = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))

@@ -22,6 +22,8 @@ from sim.elements import (
 from sim.indenter import Indenter
 from sim.laws.tangent import Law, Tangent
 from sim.mesh import TetMesh
+from sim.prony import PronySeries
+from sim.relaxation import Relaxation
 from sim.state import ContactForces, ContactOptions, Grip, State
 from tacauchy_rig.errors import ConfigError
 
@@ -32,6 +34,7 @@ class Model:
     Args:
         young_pa: E [Pa] of every tetrahedron, or one number for all.
         poisson: nu of every tetrahedron, or one number for all.
+        prony: How the gel relaxes, if it does; E is then that of slow loading.
         device: Warp device, ``cpu`` or ``cuda:0``.
 
     Attributes:
@@ -40,6 +43,7 @@ class Model:
         poisson: nu of that layer.
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
+        relaxation: What the gel remembers; None for an elastic one.
     """
 
     def __init__(
@@ -51,6 +55,7 @@ class Model:
         young_pa: float | FloatArray,
         poisson: float | FloatArray,
         contact_options: ContactOptions | None = None,
+        prony: PronySeries | None = None,
         device: str = "cpu",
     ) -> None:
         self.mesh = mesh
@@ -78,6 +83,9 @@ class Model:
         self.pattern: SparsePattern = sparse_pattern(self.elements, fixed)
         self._kernels = elasticity.elastic_kernels(law)
         self._upload()
+        self.relaxation = (
+            None if prony is None else Relaxation(law, self._element_arrays, prony, self.nodes)
+        )
 
     def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
         """Return the undeformed state with the indenter's tip at ``tip`` [m]."""
@@ -97,31 +105,37 @@ class Model:
     def elastic_energy(self, positions: FloatArray) -> tuple[float, float]:
         """Return the elastic energy [J] and the smallest volume ratio J."""
         energies, ratios = self._points(wp.float64), self._points(wp.float64)
-        self._launch(
-            self._kernels.energy,
-            self._point_shape,
-            [*self._element_arrays, self._vectors(positions)],
-            [energies, ratios],
-        )
+        at = self._vectors(positions)
+        inputs = [*self._loaded_arrays, at]
+        self._launch(self._kernels.energy, self._point_shape, inputs, [energies, ratios])
+        if self.relaxation is not None:
+            self.relaxation.add_energy(at, energies)
         return float(_numpy(energies).sum()), float(_numpy(ratios).min())
 
     def elastic_gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
         out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
-        inputs = [*self._element_arrays, self._vectors(positions)]
-        self._launch(self._kernels.gradient, self._point_shape, inputs, [out])
+        at = self._vectors(positions)
+        self._launch(self._kernels.gradient, self._point_shape, [*self._loaded_arrays, at], [out])
+        if self.relaxation is not None:
+            self.relaxation.add_gradient(at, out)
         return _numpy(out)
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
         out = self._points(wp.mat33d)
         nodes, gradients, inverse, _, parameters = self._element_arrays
-        inputs = [nodes, gradients, inverse, parameters, self._vectors(positions)]
+        at = self._vectors(positions)
+        inputs = [nodes, gradients, inverse, parameters, at]
         self._launch(self._kernels.stress, self._point_shape, inputs, [out])
+        if self.relaxation is not None:
+            self.relaxation.add_stress(at, out)
         return _numpy(out)
 
     def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
-        """Return the Cauchy stress of given deformation gradients in given elements [Pa].
+        """Return the elastic Cauchy stress of given deformation gradients [Pa].
+
+        What the gel remembers is known at quadrature points only, and is left out.
 
         Args:
             deformations: F, shape [count, 3, 3].
@@ -157,7 +171,7 @@ class Model:
         shape = (*self._point_shape, self.reference.node_count)
         vectors = [wp.empty(shape, dtype=wp.vec3d, device=self.device) for _ in range(3)]
         tangents = self._points(Tangent)
-        inputs = [*self._element_arrays, self._vectors(positions), projected]
+        inputs = [*self._loaded_arrays, self._vectors(positions), projected]
         self._launch(self._kernels.tangent, self._point_shape, inputs, [tangents, *vectors])
         values = wp.zeros(self.pattern.block_count, dtype=wp.mat33d, device=self.device)
         self._launch(
@@ -166,6 +180,8 @@ class Model:
             [self._element_slots, tangents, *vectors],
             [values],
         )
+        if self.relaxation is not None:
+            self.relaxation.add_hessian(self._element_slots, values, projected=projected)
         self._launch(
             contact.hessian,
             (len(self.faces), self.reference.face_node_count),
@@ -180,7 +196,7 @@ class Model:
         Collapsed elements have no stiffness at all, so that no multiple of theirs would do.
         """
         free = np.zeros((*self._face_shape, 3, 3))
-        return self.hessian_data(self.nodes, free, projected=False)
+        return self.hessian_data(self.nodes, free, projected=self.relaxation is not None)
 
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
@@ -273,6 +289,14 @@ class Model:
     def contact_areas(self) -> FloatArray:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
         return _numpy(self._areas)
+
+    @property
+    def _loaded_arrays(self) -> list[Any]:
+        """The element arrays, their weights stiffened by what relaxation adds in a step."""
+        if self.relaxation is None:
+            return self._element_arrays
+        nodes, gradients, inverse, _, parameters = self._element_arrays
+        return [nodes, gradients, inverse, self.relaxation.weights, parameters]
 
     def _upload(self) -> None:
         corners = self.nodes[self.elements[:, :4]]

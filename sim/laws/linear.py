@@ -50,4 +50,11 @@ def _parameters(young_pa: float, poisson: float) -> tuple[float, float, float, f
     return mu, lam, 0.0, 0.0
 
 
-LAW = Law(name="linear", parameters=_parameters, energy=_energy, stress=_stress, tangent=_tangent)
+LAW = Law(
+    name="linear",
+    parameters=_parameters,
+    energy=_energy,
+    stress=_stress,
+    tangent=_tangent,
+    is_objective=False,
+)

@@ -51,6 +51,8 @@ class Law:
         tangent: (F, parameters) to its derivative.
         rest_stress: (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the
             undeformed pad is no equilibrium.
+        is_objective: The energy does not see rotations. A law that is not objective is quadratic
+            in F - 1.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Law:
     stress: Any
     tangent: Any
     rest_stress: Callable[[float, float], float] = no_rest_stress
+    is_objective: bool = True
 
 
 def lame(young_pa: float, poisson: float) -> tuple[float, float]:

@@ -40,7 +40,7 @@ def disc(order: ElementOrder, *, folded: bool = False, law_name: LawName = LawNa
 @pytest.mark.parametrize("masses", [weighing_masses, inertial_masses])
 @pytest.mark.parametrize("order", list(ElementOrder))
 def test_masses_sum_to_the_pad(
-    masses: Callable[[Model, float], FloatArray], order: ElementOrder
+    masses: Callable[[Model, float | FloatArray], FloatArray], order: ElementOrder
 ) -> None:
     """Nothing is lost, and one density an element gives what one density for all gives."""
     model = disc(order)
