@@ -211,11 +211,16 @@ class LoadingPath:
         return point
 
     def _touch_height(self) -> float:
-        """Return the tip height at which the unloaded pad is touched [m]."""
+        """Return the tip height at which the unloaded pad is first felt [m]: a gap of d_hat.
+
+        Counted from there, a press depends on d_hat ten times less than counted from gap zero: the
+        gel then stays d_hat (1 - s) off, s near 1, instead of d_hat s.
+        """
         high = float(self.unloaded[:, 2].max())
+        distance = self.model.contact_options.distance_m
         state = self.model.rest_state(tip=np.array([*self.centre_m, high]), rotation=self.rotation)
         for _ in range(100):
-            gap = float(self.model.gaps(self.unloaded, self.indenter, state).min())
+            gap = float(self.model.gaps(self.unloaded, self.indenter, state).min()) - distance
             if abs(gap) < 1e-12:
                 break
             state.tip[2] -= gap
