@@ -43,6 +43,8 @@ class Model:
         poisson: nu of that layer.
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
+        rounding_n: About how much the nodal forces change, in norm, when every coordinate is
+            rounded [N]: no residual can be asked to be smaller.
         relaxation: What the gel remembers; None for an elastic one.
     """
 
@@ -309,6 +311,7 @@ class Model:
             )
         self.volume_m3 = float(volumes.sum())
         self.energy_scale_j = float(self._young_pa @ volumes)
+        self.rounding_n = self._rounding_force(corners, np.linalg.inv(jacobians), volumes)
         materials = np.column_stack([self._young_pa, self._poisson])
         distinct, material = np.unique(materials, axis=0, return_inverse=True)
         parameters = np.array([self.law.parameters(*constants) for constants in distinct.tolist()])
@@ -328,6 +331,15 @@ class Model:
         a, b, c = (self.nodes[self.faces[:, k]] for k in range(3))
         areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         self._areas = self._array(areas[:, None] * self.reference.face_weights, wp.float64)
+
+    def _rounding_force(
+        self, corners: FloatArray, inverses: FloatArray, volumes: FloatArray
+    ) -> float:
+        mu, lam = self._young_pa / (2.0 * (1.0 + self._poisson)), self._poisson * self._young_pa
+        lam = lam / ((1.0 + self._poisson) * (1.0 - 2.0 * self._poisson))
+        stiffness = (lam + 2.0 * mu) * volumes * (inverses**2).sum(axis=(1, 2))
+        reach = np.abs(corners).max(axis=(1, 2))
+        return float(np.finfo(np.float64).eps * np.linalg.norm(stiffness * reach))
 
     def _settings_of(self, state: State) -> Any:
         options = self.contact_options

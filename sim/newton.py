@@ -42,7 +42,7 @@ class NewtonOptions:
 
     Attributes:
         residual_relative: Residual norm over the contact force's norm.
-        residual_floor_n: Residual norm that is always enough [N].
+        residual_floor_n: Residual norm that is always enough [N], as is the rounding's.
     """
 
     residual_relative: float = 1e-8
@@ -288,7 +288,8 @@ def _descend(
                 f"the residual is not finite after {iterations} Newton iterations",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
-        if residual <= max(options.residual_relative * scale, options.residual_floor_n):
+        floor = max(options.residual_floor_n, problem.model.rounding_n)
+        if residual <= max(options.residual_relative * scale, floor):
             _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
