@@ -68,7 +68,10 @@ class Relaxation:
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
-        """Prepare a step of ``step_s`` from the last commit; a step may be begun again."""
+        """Prepare a step of ``step_s`` [s] from the last commit, inf for one that takes for ever.
+
+        A step may be begun again.
+        """
         spent = step_s / self.series.times_s
         self._set_step(np.exp(-spent), -np.expm1(-spent) / spent)
         inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
