@@ -49,6 +49,7 @@ class StreamHealth:
         lost_count: Samples that the device counted and this host never saw.
         corrupt_count: Bytes or frames dropped because length or checksum disagreed.
         repeat_count: Longest run of identical consecutive samples, now.
+        clipped_ratio: Share of the newest judged image that is at full scale; 0 for other streams.
     """
 
     received_count: int
@@ -57,6 +58,7 @@ class StreamHealth:
     repeat_count: int
     age_s: float
     rate_hz: float
+    clipped_ratio: float = 0.0
 
 
 class Arm(Protocol):

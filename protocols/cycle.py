@@ -241,6 +241,7 @@ class Cycle:
         except RecordError as error:
             raise _recorder_breach(str(error)) from error
         self.rates.frame_losses(health.lost_count)
+        self.rates.exposure(health.clipped_ratio)
         self._streams.check_image(health)
 
 

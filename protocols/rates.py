@@ -20,6 +20,7 @@ class RateMeter:
         self._turns_s: list[float] = []
         self._arm_count = 0
         self._frames_lost: list[int] = []
+        self._clipped_ratio = 0.0
         self._record_lag_s = 0.0
         self._force_lag_s = 0.0
 
@@ -36,6 +37,10 @@ class RateMeter:
         """Note how many frames the camera's driver has dropped since it was started."""
         if not self._frames_lost or self._frames_lost[-1] != lost_count:
             self._frames_lost.append(lost_count)
+
+    def exposure(self, clipped_ratio: float) -> None:
+        """Note how much of an image was at full scale."""
+        self._clipped_ratio = max(self._clipped_ratio, clipped_ratio)
 
     def arm(self, count: int) -> None:
         """Count arm states."""
@@ -70,6 +75,7 @@ class RateMeter:
             "force_lost_count": float(_missing(self._force_counters)),
             **image,
             "image_lost_count": float(frames_lost),
+            "image_clipped_ratio": self._clipped_ratio,
             "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
             "force_lag_max_ms": self._force_lag_s * 1e3,
             "record_lag_max_ms": self._record_lag_s * 1e3,

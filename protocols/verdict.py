@@ -12,6 +12,8 @@ from tacauchy_rig.run import Criterion
 
 MIN_DWELL_FRAMES = 5
 MIN_REFERENCE_FRAMES = 3
+MAX_CLIPPED_RATIO = 0.25
+"""Of the pixels of an image at full scale; a lit gel has next to none."""
 
 
 def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> tuple[Criterion, ...]:
@@ -39,6 +41,13 @@ def _criteria(
         )
     yield from _rates(rates, config)
     yield from _losses(rates, config)
+    yield _at_most(
+        "image_clipped_ratio",
+        rates["image_clipped_ratio"],
+        MAX_CLIPPED_RATIO,
+        "",
+        "too much light: lower camera.exposure and camera.gain, keep daylight off the gel",
+    )
 
 
 def _force(dwell: Dwell, target_n: float, config: RigConfig) -> Iterator[Criterion]:

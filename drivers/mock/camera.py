@@ -20,7 +20,8 @@ FIRST_S = 0.05
 class MockCamera:
     """Obeys ``drivers.interfaces.Camera`` without a device.
 
-    Faults it knows (in ``world.faults``): ``camera-silent``, ``camera-unplugged``.
+    Faults it knows (in ``world.faults``): ``camera-silent``, ``camera-unplugged``,
+    ``camera-overexposed`` (every pixel white).
     """
 
     def __init__(self, world: MockWorld) -> None:
@@ -31,8 +32,7 @@ class MockCamera:
         self._lost_count = 0
         self._waiting: list[ImageFrame] = []
         self._stamps: deque[int] = deque(maxlen=50)
-        grey = np.full((HEIGHT, WIDTH, 3), 128, dtype=np.uint8)
-        self._jpeg = cv2.imencode(".jpg", grey)[1].tobytes()
+        self._grey, self._white = _plain_jpeg(128), _plain_jpeg(255)
         world.on_step(self._expose)
 
     def connect(self) -> DeviceIdentity:
@@ -73,10 +73,15 @@ class MockCamera:
             repeat_count=0,
             age_s=age_s,
             rate_hz=(len(stamps) - 1) / span_s if span_s > 0.0 else 0.0,
+            clipped_ratio=1.0 if self._is_overexposed else 0.0,
         )
 
     def close(self) -> None:
         """Do nothing."""
+
+    @property
+    def _is_overexposed(self) -> bool:
+        return "camera-overexposed" in self.world.faults
 
     def _expose(self, now_ns: int) -> None:
         if now_ns < self._next_ns:
@@ -94,6 +99,11 @@ class MockCamera:
                 device_stamp_s=None,
                 width=WIDTH,
                 height=HEIGHT,
-                jpeg=self._jpeg,
+                jpeg=self._white if self._is_overexposed else self._grey,
             )
         )
+
+
+def _plain_jpeg(level: int) -> bytes:
+    image = np.full((HEIGHT, WIDTH, 3), level, dtype=np.uint8)
+    return cv2.imencode(".jpg", image)[1].tobytes()

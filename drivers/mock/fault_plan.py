@@ -19,6 +19,7 @@ NAMES = {
     (Device.CAMERA, FaultKind.FREEZE): "camera-silent",
     (Device.CAMERA, FaultKind.STALL): "camera-silent",
     (Device.CAMERA, FaultKind.DROP): "camera-silent",
+    (Device.CAMERA, FaultKind.SATURATE): "camera-overexposed",
     (Device.CAMERA, FaultKind.UNPLUG): "camera-unplugged",
 }
 """Failures that mocks can show, by the name the mock devices look for."""

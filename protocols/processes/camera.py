@@ -6,7 +6,9 @@ import logging
 import socket
 import sys
 import time
+from dataclasses import replace
 
+from drivers.exposure import clipped_ratio
 from drivers.interfaces import Camera
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel
@@ -22,6 +24,7 @@ logger = logging.getLogger(__name__)
 
 NICENESS = -5
 LOOK_S = 0.005
+EXPOSURE_S = 1.0
 TELL_S = 0.1
 ORPHAN_S = 20.0
 MARKS_MAX = 1000
@@ -80,21 +83,38 @@ def _film_until_told(
             alive = _pass_on(camera, link, marks)
 
 
+class ExposureWatch:
+    """Judges one image a second: more would cost a computer that has to keep up with the rest."""
+
+    def __init__(self) -> None:
+        self._judged_ns = 0
+        self.clipped_ratio = 0.0
+
+    def look(self, frames: list[ImageFrame]) -> None:
+        """Take in new frames, the newest last."""
+        if frames and frames[-1].stamp_ns - self._judged_ns >= EXPOSURE_S * 1e9:
+            self._judged_ns = frames[-1].stamp_ns
+            ratio = clipped_ratio(frames[-1].jpeg)
+            self.clipped_ratio = self.clipped_ratio if ratio is None else ratio
+
+
 class MarkPost:
     """Sends marks of frames to control; what control is too busy to take goes with the next."""
 
     def __init__(self, control: Channel) -> None:
         self._control = control
         self._marks: list[FrameMark] = []
+        self._exposure = ExposureWatch()
 
     def post(self, frames: list[ImageFrame], camera: Camera) -> None:
         """Tell control of new frames."""
         self._marks += [FrameMark(frame.stamp_ns, frame.counter) for frame in frames]
         self._marks = self._marks[-MARKS_MAX:]
-        if self._marks and self._control.send(
-            CameraStatus(marks=tuple(self._marks), health=camera.health())
-        ):
-            self._marks.clear()
+        self._exposure.look(frames)
+        if self._marks:
+            health = replace(camera.health(), clipped_ratio=self._exposure.clipped_ratio)
+            if self._control.send(CameraStatus(marks=tuple(self._marks), health=health)):
+                self._marks.clear()
 
     def fail(self, error: DeviceError) -> None:
         """Tell control that the camera is gone."""

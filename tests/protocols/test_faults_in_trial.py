@@ -124,6 +124,19 @@ def test_an_arm_that_begins_late_is_not_called_stalled(laboratory, press_speed):
     assert result.outcome is Outcome.PASSED, result.reason
 
 
+def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
+    """The press goes on, but nobody takes white images for a result."""
+    lab = laboratory('protocol.force_targets=["1 N"]', "protocol.attempts=1")
+    lab.when_phase("dwell", lambda: fault(lab, "camera-overexposed"), delay_s=0.3)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAILED
+    missed = [criterion for criterion in result.records[0].criteria if not criterion.passed]
+    assert [(c.name, c.measured, c.limit) for c in missed] == [
+        ("image_clipped_ratio", 1.0, "<= 0.25")
+    ]
+    assert "camera.exposure" in missed[0].remedy
+
+
 def test_no_gel_within_the_travel_is_a_fault(laboratory):
     """A sensor that is not there: the search ends, the arm goes up again."""
     lab = laboratory('protocol.search_travel="3 mm"', surface_offset_m=-0.003)
