@@ -120,9 +120,10 @@ def _how_it_was_made(seen: Sequence[Observation], command: str, config: RigConfi
         "is just above the gel."
     )
     if repeated:
+        cases = "1 case was" if repeated == 1 else f"{repeated} cases were"
         text += (
-            f" {repeated} of the cases were begun again, because on a busy computer the run had "
-            "ended before the moment of its fault."
+            f" {cases} begun again, because on a busy computer the run had ended before the moment "
+            "of its fault."
         )
     return text
 

@@ -127,7 +127,7 @@ def test_the_preface_is_wrapped_and_says_how_the_table_was_made():
     text = table(replace(GOOD, tries=2))
     preface = text.partition("## ")[0].splitlines()[4:]
     assert max(map(len, preface)) <= 100
-    assert "1 of the cases were begun again" in " ".join(preface)
+    assert "1 case was begun again" in " ".join(preface)
     assert "`tacauchy-rig fault-table`" in preface[preface.index("") + 1]
 
 
