@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact_body import Body, distance_curvature, signed_distance
+from sim.contact_body import BodyKernel, distance_curvature, signed_distance
 
 
 @wp.struct
@@ -90,12 +90,13 @@ def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
     return v - n * wp.dot(v, n)
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def gap(
     # Model:
     faces: wp.array2d(dtype=wp.int32),
     face_values: wp.array2d(dtype=wp.float64),
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     # Data out:
@@ -107,6 +108,7 @@ def gap(
     gap_out[f, q] = distance
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def energy(
     # Model:
@@ -114,7 +116,7 @@ def energy(
     face_values: wp.array2d(dtype=wp.float64),
     areas: wp.array2d(dtype=wp.float64),
     settings: ContactSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     # Data out:
@@ -123,13 +125,14 @@ def energy(
     """Evaluate the contact energy of every point [J]."""
     f, q = wp.tid()
     x = surface_point(faces, face_values, positions, f, q)
-    distance, n = signed_distance(body, x)
+    distance, _ = signed_distance(body, x)
     total = wp.float64(0.0)
     if distance < settings.distance:
         total = settings.stiffness * _barrier(distance / settings.distance, settings.extension)
     energy_out[f, q] = areas[f, q] * total
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def force(
     # Model:
@@ -137,7 +140,7 @@ def force(
     face_values: wp.array2d(dtype=wp.float64),
     areas: wp.array2d(dtype=wp.float64),
     settings: ContactSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     curved: wp.bool,

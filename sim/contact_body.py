@@ -1,16 +1,22 @@
-"""Signed distance to the rigid indenter on the device."""
+"""Signed distance to the rigid indenter on the device.
+
+Kernels take either kind of body and are compiled for the analytic one; a mesh has its own build of
+them, made when the first mesh is pressed, so that the others carry nothing of its search.
+"""
 
 # Device code: Warp compiles it, and Python type checkers do not speak its dialect.
 # mypy: ignore-errors
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.indenter import Cylinder, Indenter, Sphere
+from sim.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.mesh_distance import DeviceSurface, surface_distance, uploaded_surface
+from sim.mesh_indenter import MeshIndenter
 
 PLANE = wp.constant(0)
 CYLINDER = wp.constant(1)
@@ -19,7 +25,7 @@ SPHERE = wp.constant(2)
 
 @wp.struct
 class Body:
-    """An indenter at its pose; local = rotation^T (x - position)."""
+    """An analytic indenter at its pose; local = rotation^T (x - position)."""
 
     shape: wp.int32
     radius: wp.float64
@@ -28,26 +34,71 @@ class Body:
     rotation: wp.mat33d
 
 
-def body_at(indenter: Indenter, position: FloatArray, rotation: FloatArray) -> Any:
+@wp.struct
+class MeshBody:
+    """An indenter made of triangles at its pose."""
+
+    surface: DeviceSurface
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+class BodyKernel:
+    """A kernel whose argument ``body`` may be of either kind; a decorator of such kernels."""
+
+    every: ClassVar[list[BodyKernel]] = []
+
+    def __init__(self, kernel: Any) -> None:
+        self.kernel = kernel
+        self.analytic = wp.overload(kernel, {"body": Body})
+        self.meshed: Any = None
+        self.every.append(self)
+
+    def of(self, indenter: Indenter) -> Any:
+        """Return the build that an indenter needs."""
+        if not isinstance(indenter, MeshIndenter):
+            return self.analytic
+        if self.meshed is None:
+            # All at once, because every declaration outdates what was compiled of its module.
+            for other in self.every:
+                other.meshed = wp.overload(other.kernel, {"body": MeshBody})
+        return self.meshed
+
+
+def body_at(
+    indenter: Indenter, position: FloatArray, rotation: FloatArray, *, device: str = "cpu"
+) -> Any:
     """Return the device's description of an indenter.
 
     Args:
         position: Tip in the pad's frame [m], shape [3].
         rotation: Indenter frame to pad frame, shape [3, 3].
+        device: Where the kernels run; a mesh is uploaded there once.
     """
+    body = _mesh_body(indenter, device) if isinstance(indenter, MeshIndenter) else _body(indenter)
+    body.position = wp.vec3d(*position)
+    body.rotation = wp.mat33d(*rotation.reshape(-1))
+    return body
+
+
+def _body(indenter: Cylinder | Sphere | Plane) -> Any:
     body = Body()
     body.shape = PLANE
     if isinstance(indenter, Cylinder):
         body.shape, body.radius, body.fillet = CYLINDER, indenter.radius_m, indenter.fillet_m
     elif isinstance(indenter, Sphere):
         body.shape, body.radius = SPHERE, indenter.radius_m
-    body.position = wp.vec3d(*position)
-    body.rotation = wp.mat33d(*rotation.reshape(-1))
+    return body
+
+
+def _mesh_body(indenter: MeshIndenter, device: str) -> Any:
+    body = MeshBody()
+    body.surface = uploaded_surface(indenter, device).surface
     return body
 
 
 @wp.func
-def local_point(body: Body, x: wp.vec3d) -> wp.vec3d:
+def local_point(body: Any, x: wp.vec3d) -> wp.vec3d:
     """Return a point of the pad's frame in the indenter's frame [m]."""
     return wp.transpose(body.rotation) * (x - body.position)
 
@@ -82,6 +133,13 @@ def signed_distance(body: Body, x: wp.vec3d):
 
 
 @wp.func
+def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
+    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+    gap, n = surface_distance(body.surface, local_point(body, x))
+    return gap, body.rotation * n
+
+
+@wp.func
 def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
     """Return the second derivative of the gap [1/m] in the pad's frame.
 
@@ -111,3 +169,9 @@ def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
         elif side > below:
             H = wp.outer(around, around) * (one / r)
     return body.rotation * H * wp.transpose(body.rotation)
+
+
+@wp.func
+def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: ARG001, F811
+    """Return zero: faces are flat, and edges are left out as a sharp rim is."""
+    return wp.mat33d()

@@ -24,7 +24,7 @@ from typing import Any
 import warp as wp
 
 from sim.contact import surface_point, tangential_part
-from sim.contact_body import Body, local_point, signed_distance
+from sim.contact_body import BodyKernel, local_point, signed_distance
 
 
 @wp.struct
@@ -57,7 +57,7 @@ def grip_settings(
 
 
 @wp.func
-def _offset(body: Body, anchor: wp.vec3d, load: wp.vec3d, x: wp.vec3d) -> wp.vec3d:
+def _offset(body: Any, anchor: wp.vec3d, load: wp.vec3d, x: wp.vec3d) -> wp.vec3d:
     """Return the tangential offset from the anchor in the pad's frame [m]."""
     p = wp.length(load)
     away = local_point(body, x) - anchor
@@ -66,6 +66,7 @@ def _offset(body: Body, anchor: wp.vec3d, load: wp.vec3d, x: wp.vec3d) -> wp.vec
     return body.rotation * away
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def refresh(
     # Model:
@@ -73,7 +74,7 @@ def refresh(
     face_values: wp.array2d(dtype=wp.float64),
     areas: wp.array2d(dtype=wp.float64),
     settings: GripSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     normal_forces: wp.array2d(dtype=wp.vec3d),
@@ -98,13 +99,14 @@ def refresh(
         load_out[f, q] = (wp.transpose(body.rotation) * n) * wp.max(p, wp.float64(1.0e-12))
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def drag(
     # Model:
     faces: wp.array2d(dtype=wp.int32),
     face_values: wp.array2d(dtype=wp.float64),
     settings: GripSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     held: wp.array2d(dtype=wp.int32),
@@ -123,6 +125,7 @@ def drag(
             anchor_out[f, q] = local_point(body, x) - wp.transpose(body.rotation) * u
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def add_energy(
     # Model:
@@ -130,7 +133,7 @@ def add_energy(
     face_values: wp.array2d(dtype=wp.float64),
     areas: wp.array2d(dtype=wp.float64),
     settings: GripSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     held: wp.array2d(dtype=wp.int32),
@@ -155,6 +158,7 @@ def add_energy(
         energy_out[f, q] += areas[f, q] * density
 
 
+@BodyKernel
 @wp.kernel(enable_backward=False)
 def add_force(
     # Model:
@@ -162,7 +166,7 @@ def add_force(
     face_values: wp.array2d(dtype=wp.float64),
     areas: wp.array2d(dtype=wp.float64),
     settings: GripSettings,
-    body: Body,
+    body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
     held: wp.array2d(dtype=wp.int32),

@@ -1,4 +1,4 @@
-"""Rigid indenters as data: analytic solids whose lowest point is the origin of their own frame.
+"""Rigid indenters as data: solids whose lowest point is the origin of their own frame.
 
 In the indenter's frame +z points up, away from the gel, and the body lies at z >= 0.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.mesh_indenter import MeshIndenter
 from tacauchy_rig.errors import ConfigError
 
 
@@ -77,7 +78,7 @@ class Plane:
         return np.zeros(np.broadcast(x, y).shape)
 
 
-Indenter = Cylinder | Sphere | Plane
+Indenter = Cylinder | Sphere | Plane | MeshIndenter
 
 
 def describe(indenter: Indenter) -> str:
@@ -87,6 +88,8 @@ def describe(indenter: Indenter) -> str:
         return f"cylinder:diameter={indenter.diameter_m * 1e3:g}mm{fillet}"
     if isinstance(indenter, Sphere):
         return f"sphere:diameter={indenter.diameter_m * 1e3:g}mm"
+    if isinstance(indenter, MeshIndenter):
+        return f"mesh:{indenter.name}"
     return "plane"
 
 

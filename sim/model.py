@@ -205,17 +205,17 @@ class Model:
         out = self._face_points(wp.float64)
         body = body_at(indenter, state.tip, state.rotation, device=self.device)
         inputs = [*self._face_arrays, body, self._vectors(positions)]
-        self._launch(contact.gap, self._face_shape, inputs, [out])
+        self._launch(contact.gap.of(indenter), self._face_shape, inputs, [out])
         return _numpy(out)
 
     def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
         out = self._face_points(wp.float64)
         inputs = self._contact_inputs(positions, indenter, state)
-        self._launch(contact.energy, self._face_shape, inputs, [out])
+        self._launch(contact.energy.of(indenter), self._face_shape, inputs, [out])
         if state.grip is not None:
             inputs = self._grip_inputs(positions, indenter, state, state.grip)
-            self._launch(friction.add_energy, self._face_shape, inputs, [out])
+            self._launch(friction.add_energy.of(indenter), self._face_shape, inputs, [out])
         return float(_numpy(out).sum())
 
     def contact_forces(
@@ -227,10 +227,10 @@ class Model:
         """
         out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
         inputs = [*self._contact_inputs(positions, indenter, state), curved]
-        self._launch(contact.force, self._face_shape, inputs, out)
+        self._launch(contact.force.of(indenter), self._face_shape, inputs, out)
         if state.grip is not None:
             inputs = self._grip_inputs(positions, indenter, state, state.grip)
-            self._launch(friction.add_force, self._face_shape, inputs, out[1:])
+            self._launch(friction.add_force.of(indenter), self._face_shape, inputs, out[1:])
         points, forces, stiffness = (_numpy(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
@@ -254,11 +254,13 @@ class Model:
         before = grip.loads
         out = [self._face_points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
         inputs = [*self._contact_inputs(state.positions, indenter, state), True]
-        self._launch(contact.force, self._face_shape, inputs, out)
+        self._launch(contact.force.of(indenter), self._face_shape, inputs, out)
         held, anchors = self._array(grip.held, wp.int32), self._array(grip.anchors, wp.vec3d)
         loads = self._face_points(wp.vec3d)
         inputs = [*self._grip_model(indenter, state), self._vectors(state.positions), out[1]]
-        self._launch(friction.refresh, self._face_shape, inputs, [held, anchors, loads])
+        self._launch(
+            friction.refresh.of(indenter), self._face_shape, inputs, [held, anchors, loads]
+        )
         state.grip = Grip(
             held=_numpy(held).copy(), anchors=_numpy(anchors).copy(), loads=_numpy(loads).copy()
         )
@@ -278,7 +280,7 @@ class Model:
         faces, values, _, settings, body = self._grip_model(indenter, state)
         inputs = [faces, values, settings, body, self._vectors(state.positions)]
         inputs += [self._array(grip.held, wp.int32), self._array(grip.loads, wp.vec3d)]
-        self._launch(friction.drag, self._face_shape, inputs, [anchors])
+        self._launch(friction.drag.of(indenter), self._face_shape, inputs, [anchors])
         grip.anchors = _numpy(anchors).copy()
 
     def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
@@ -311,7 +313,9 @@ class Model:
             )
         self.volume_m3 = float(volumes.sum())
         self.energy_scale_j = float(self._young_pa @ volumes)
-        self.rounding_n = self._rounding_force(corners, np.linalg.inv(jacobians), volumes)
+        self.rounding_n = self._rounding_force(
+            corners, np.asarray(np.linalg.inv(jacobians), dtype=np.float64), volumes
+        )
         materials = np.column_stack([self._young_pa, self._poisson])
         distinct, material = np.unique(materials, axis=0, return_inverse=True)
         parameters = np.array([self.law.parameters(*constants) for constants in distinct.tolist()])
