@@ -30,7 +30,7 @@ from sim.newton import (
 from sim.potentials import NodalPotential
 from sim.state import State
 from sim.unloaded import unloaded_positions
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +39,8 @@ _PASSING = 1e-3
 _GRIP_ROUNDS = 30
 _GRIP_CHANGE = 1e-4
 _GRIP_CHANGE_PASSING = 1e-2
+# Of a push's time, until its force has a tangent to go by.
+_TOUCHING_SHARE = 0.02
 
 
 class Hold(StrEnum):
@@ -122,27 +124,42 @@ class LoadingPath:
         """The equilibrium that was reached last, also when a leg ended in an error."""
         return self._point
 
-    def advance(self, depth_m: float, *, start: PathPoint | None = None) -> PathPoint:
+    def advance(
+        self,
+        depth_m: float,
+        *,
+        start: PathPoint | None = None,
+        duration_s: float | None = None,
+    ) -> PathPoint:
         """Press (or retract) to a depth.
 
         Args:
             start: Continue from here instead of from the last point.
+            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
 
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
                 last depth that was reached, ``last`` holds it.
         """
-        point = start or self._point or self._first(depth_m)
+        point = start or self._point or self._first(depth_m, duration_s)
         leg = DepthLeg(
             start=point.depth_m, end=depth_m, touch_m=self.touch_m, step_max_m=self.step_max_m
         )
-        return self._travel(point, leg, foreign=start is not None and start is not self._point)
+        foreign = start is not None and start is not self._point
+        return self._travel(point, leg, foreign=foreign, duration_s=duration_s)
 
-    def push(self, force_n: float, *, start: PathPoint | None = None) -> PathPoint:
+    def push(
+        self,
+        force_n: float,
+        *,
+        start: PathPoint | None = None,
+        duration_s: float | None = None,
+    ) -> PathPoint:
         """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
 
         Args:
             start: Continue from here instead of from the last point.
+            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
 
         Raises:
             ConvergenceError: As for ``advance``.
@@ -151,9 +168,24 @@ class LoadingPath:
             return self.advance(0.0)
         point = start or self._point
         if point is None or not point.force_n[2] > 0.0:
-            point = self.advance(OVERLAP_MAX_M)
+            touching = None if duration_s is None else _TOUCHING_SHARE * duration_s
+            point = self.advance(OVERLAP_MAX_M, duration_s=touching)
         leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
-        return self._travel(point, leg, foreign=start is not None and start is not self._point)
+        foreign = start is not None and start is not self._point
+        return self._travel(point, leg, foreign=foreign, duration_s=duration_s)
+
+    def dwell(self, duration_s: float) -> PathPoint:
+        """Let time pass at the same depth; a gel that relaxes pushes back less.
+
+        Raises:
+            ConvergenceError: As for ``advance``, or nothing was pressed yet.
+        """
+        point = self._pressed("dwells")
+        self._begin(duration_s)
+        point = self._settle(point.state.copy(), load_n=None, passing=False)
+        self._accept(point)
+        self._point = point
+        return point
 
     def carry(
         self,
@@ -161,17 +193,17 @@ class LoadingPath:
         shift_m: tuple[float, float] = (0.0, 0.0),
         twist_rad: float = 0.0,
         hold: Hold = Hold.DEPTH,
+        duration_s: float | None = None,
     ) -> PathPoint:
         """Translate the pressed-in indenter and turn it about z through its tip.
+
+        Args:
+            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
 
         Raises:
             ConvergenceError: As for ``advance``, or nothing was pressed yet.
         """
-        point = self._point
-        if point is None:
-            raise ConvergenceError(
-                "the indenter is carried before it was pressed in", remedy="press it in first"
-            )
+        point = self._pressed("is carried")
         leg = CarryLeg(
             origin=Pose(tip=point.state.tip, rotation=point.state.rotation),
             shift_m=np.array([*shift_m, 0.0]),
@@ -180,17 +212,39 @@ class LoadingPath:
             step_max_m=self.step_max_m,
             radius_m=self._contact_radius(point),
         )
-        return self._travel(point, leg, foreign=False)
+        return self._travel(point, leg, foreign=False, duration_s=duration_s)
 
-    def _travel(self, point: PathPoint, leg: Leg, *, foreign: bool) -> PathPoint:
+    def body_force_n(self, point: PathPoint) -> FloatArray:
+        """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""
+        free = ~self.model.clamped
+        part = np.zeros(3)
+        for potential in self.potentials:
+            part += potential.gradient(point.state.positions)[free].sum(axis=0)
+        return self.model.mesh.fold.whole_force(part)
+
+    def _pressed(self, what: str) -> PathPoint:
+        if self._point is None:
+            raise ConvergenceError(
+                f"the indenter {what} before it was pressed in", remedy="press it in first"
+            )
+        return self._point
+
+    def _travel(
+        self, point: PathPoint, leg: Leg, *, foreign: bool, duration_s: float | None
+    ) -> PathPoint:
         started = time.perf_counter()
+        if foreign and self.model.relaxation is not None:
+            raise ConfigError(
+                "a gel that relaxes cannot go back to an earlier point of its path",
+                remedy="drive it by load or by depth, not by the displacement search",
+            )
         point = self._refresh(point) if foreign else point
-        at, longest = leg.start, leg.longest(point.stiffness_n_m)
-        step = longest
+        pace = None if duration_s is None else duration_s / max(abs(leg.end - leg.start), 1e-300)
+        at, step = leg.start, leg.longest(point.stiffness_n_m)
         while leg.is_short_of(at):
             advance = float(np.clip(leg.end - at, -step, step))
             try:
-                point, taken = self._increment(point, leg, at, advance)
+                point, taken = self._increment(point, leg, at, advance, pace)
             except ConvergenceError as error:
                 step = abs(advance) / 4.0
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
@@ -203,7 +257,7 @@ class LoadingPath:
                     ) from error
                 point = self._refresh(point)
                 continue
-            self.history.append((point.depth_m, float(point.force_n[2])))
+            self._accept(point)
             at = leg.end if abs(leg.end - at - taken) <= leg.exact else at + taken
             step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)))
         self._point = point
@@ -226,13 +280,24 @@ class LoadingPath:
             state.tip[2] -= gap
         return float(state.tip[2])
 
-    def _first(self, depth_m: float) -> PathPoint:
+    def _begin(self, duration_s: float | None) -> None:
+        if self.model.relaxation is not None and duration_s:
+            self.model.relaxation.begin_step(duration_s)
+
+    def _accept(self, point: PathPoint) -> None:
+        """Remember a point that is gone on from."""
+        self.history.append((point.depth_m, float(point.force_n[2])))
+        if self.model.relaxation is not None:
+            self.model.relaxation.commit(point.state.positions)
+
+    def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, OVERLAP_MAX_M)
+        self._begin(None if duration_s is None else duration_s * depth / max(depth_m, 1e-300))
         tip = np.array([*self.centre_m, self.touch_m - depth])
         state = self.model.rest_state(tip=tip, rotation=self.rotation)
         state.positions = self.unloaded.copy()
         point = self._settle(state, load_n=None, passing=depth < depth_m)
-        self.history.append((point.depth_m, float(point.force_n[2])))
+        self._accept(point)
         return point
 
     def _contact_radius(self, point: PathPoint) -> float:
@@ -308,7 +373,7 @@ class LoadingPath:
         return motion, rate
 
     def _increment(
-        self, point: PathPoint, leg: Leg, at: float, advance: float
+        self, point: PathPoint, leg: Leg, at: float, advance: float, pace: float | None
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the leg was done."""
         found, state = point.equilibrium, point.state.copy()
@@ -329,6 +394,7 @@ class LoadingPath:
         state.positions = state.positions + fraction * advance * motion
         state.tip = state.tip + fraction * (tip - state.tip)
         reached = at + fraction * advance
+        self._begin(None if pace is None else pace * fraction * abs(advance))
         passing = leg.is_short_of(reached)
         settled = self._settle(state, load_n=leg.load_at(reached), passing=passing)
         return settled, fraction * advance

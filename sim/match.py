@@ -1,9 +1,10 @@
 """Two ways to the depth at which the simulated F_z agrees with a given one.
 
-``push_to_force`` makes the depth an unknown of the solve. ``find_force`` is the paper's displacement
-search (section IV-C): move the indenter until the force agrees. Each guess is a Newton step in depth with the tangent's dF_z/d(depth), kept inside the bracket that
-the evaluations so far have given, and starts from the nearest equilibrium below it. One loading
-path serves all the forces of a run, in ascending order.
+``push_to_force`` makes the depth an unknown of the solve. ``find_force`` is the paper's
+displacement search (section IV-C): move the indenter until the force agrees. Each guess is a
+Newton step in depth with the tangent's dF_z/d(depth), kept inside the bracket that the evaluations
+so far have given, and starts from the nearest equilibrium below it. One loading path serves all the
+forces of a run, in ascending order.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def read_mesh(path: Path) -> TetMesh:
                 vertices=data["vertices"],
                 tets=data["tets"],
                 name=str(data["name"]),
-                layers=data["layers"] if "layers" in data else None,
+                layers=data.get("layers"),
             )
             stated = str(data["content_hash"])
     except (OSError, ValueError, KeyError) as error:
@@ -76,16 +77,16 @@ def read_mesh(path: Path) -> TetMesh:
 def write_mesh(path: Path, mesh: TetMesh) -> None:
     """Write a mesh file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    labels = {} if mesh.layers is None else {"layers": mesh.layers}
+    contents: dict[str, Any] = {
+        "vertices": mesh.vertices,
+        "tets": mesh.tets,
+        "name": np.array(mesh.name),
+        "content_hash": np.array(mesh.content_hash),
+    }
+    if mesh.layers is not None:
+        contents["layers"] = mesh.layers
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz")
     with os.fdopen(handle, "wb") as file:
-        np.savez_compressed(
-            file,
-            vertices=mesh.vertices,
-            tets=mesh.tets,
-            name=np.array(mesh.name),
-            content_hash=np.array(mesh.content_hash),
-            **labels,
-        )
+        np.savez_compressed(file, **contents)
     Path(temporary).chmod(0o644)
     Path(temporary).replace(path)

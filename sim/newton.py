@@ -276,9 +276,7 @@ def _untangle(problem: Problem, state: State) -> int:
     return found.passes
 
 
-def _descend(
-    problem: Problem, state: State, *, options: NewtonOptions, spent: int
-) -> Equilibrium:
+def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: int) -> Equilibrium:
     iterations = spent
     while True:
         balance = problem.balance(state)

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.effect_estimates import materials
+from sim.effects import EffectPlan, plan_effects
 from sim.elements import ElementOrder
 from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Sphere
-from sim.laws.catalogue import law
+from sim.laws.catalogue import LawName, law
 from sim.layers import element_constants, interface_shares, law_name
 from sim.mesh import TetMesh
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.model import Model
 from sim.pad import Pad
+from sim.prony import PronySeries, prony_series
 from sim.revolved_mesh import revolved_mesh
-from sim.scene import ContactMode, Preset, Scene
+from sim.scene import ContactMode, Effect, Preset, Scene
 from sim.state import ContactOptions
 from sim.wild_mesh import WildSizing, wild_mesh
 
@@ -48,33 +54,52 @@ RESOLUTIONS = {
 }
 
 
-def build_model(scene: Scene, *, device: str = "cpu") -> Model:
+def build_model(scene: Scene, *, plan: EffectPlan | None = None, device: str = "cpu") -> Model:
     """Mesh a scene's pad and set up its model.
+
+    Args:
+        plan: Effects to include; None plans them.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
     """
+    plan = plan or plan_effects(scene)
     name = law_name(scene.material, scene.layers)
-    mesh = mesh_for(scene)
+    if not plan.is_on(Effect.FINITE_STRAIN):
+        name = LawName.LINEAR
+    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY))
     young, poisson = element_constants(mesh, scene.material, scene.layers)
     options = ContactOptions(
         distance_m=scene.barrier_m,
         bonded=scene.contact is ContactMode.BONDED,
-        friction=scene.friction if scene.contact is ContactMode.FRICTION else 0.0,
+        friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
     )
     return Model(
         mesh,
-        order=ElementOrder.P1 if scene.preset is Preset.PAPER else ElementOrder.P2,
+        order=ElementOrder.P2 if plan.is_on(Effect.LOCKING_FREE_ELEMENT) else ElementOrder.P1,
         law=law(name),
         young_pa=young,
         poisson=poisson,
         contact_options=options,
+        prony=prony_of(mesh, scene) if plan.is_on(Effect.VISCOELASTICITY) else None,
         device=device,
     )
 
 
-def mesh_for(scene: Scene) -> TetMesh:
-    """Return the mesh of a scene's preset."""
+def prony_of(mesh: TetMesh, scene: Scene) -> PronySeries | None:
+    """Return how a scene's gel relaxes; None for an elastic one."""
+    labels = np.zeros(len(mesh.tets), dtype=np.int32) if mesh.layers is None else mesh.layers
+    return prony_series([material.relaxation for material in materials(scene)], labels)
+
+
+def densities_of(mesh: TetMesh, scene: Scene) -> FloatArray:
+    """Return the density of every tetrahedron [kg/m^3], shape [tet_count]."""
+    labels = np.zeros(len(mesh.tets), dtype=np.int32) if mesh.layers is None else mesh.layers
+    return np.array([material.density_kg_m3 for material in materials(scene)])[labels]
+
+
+def mesh_for(scene: Scene, *, folded: bool = True) -> TetMesh:
+    """Return the mesh of a scene's preset; ``folded`` meshes a part where symmetry allows."""
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene.pad, shares)
@@ -86,6 +111,7 @@ def mesh_for(scene: Scene) -> TetMesh:
         sector_count=resolution.sector_count,
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
+        folded=folded,
     )
 
 

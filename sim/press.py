@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.effects import EffectPlan, plan_effects
 from sim.force_error import force_error
+from sim.gravity import weight
 from sim.loading import Hold, LoadingPath, PathPoint
 from sim.match import find_force
 from sim.model import Model
-from sim.presets import build_model
-from sim.scene import Drive, Scene, Target
+from sim.presets import build_model, densities_of
+from sim.scene import Drive, Effect, Scene, Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,12 +31,13 @@ class PressResult:
         contact_radius_m: Radius of the disc of the same area seen along z [m].
         max_pressure_pa: Largest contact pressure [Pa]; at a sharp rim it grows with refinement.
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
-        force_balance_relative: |force + base reaction| over |force|.
+        force_balance_relative: |force + base reaction - weight| over |force|.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
         estimated_force_error_relative: Believed relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
+        effects: What was simulated and what was left out, with reasons.
     """
 
     force_n: tuple[float, float, float]
@@ -56,6 +59,7 @@ class PressResult:
     mesh_hash: str
     estimated_force_error_relative: float | None
     estimated_force_error_basis: str
+    effects: list[dict[str, Any]]
     model: Model = field(repr=False)
     point: PathPoint | None = field(repr=False)
 
@@ -78,14 +82,32 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
         ConfigError: The scene cannot be built.
     """
     started = time.perf_counter()
-    model = model or build_model(scene)
-    path = LoadingPath(
-        model, scene.indenter, scene.centre_m, rotation=tilted(*scene.motion.tilt_rad)
-    )
+    plan = plan_effects(scene)
+    path = path_for(scene, plan, model=model)
     setup = time.perf_counter() - started
     point = follow(scene, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
-    return measure(scene, path, point, wall_s=wall)
+    return measure(scene, path, point, plan=plan, wall_s=wall)
+
+
+def path_for(scene: Scene, plan: EffectPlan, *, model: Model | None = None) -> LoadingPath:
+    """Return the path that a scene's indenter will go, with the planned effects.
+
+    Args:
+        model: Reuse this model instead of meshing and assembling anew.
+
+    Raises:
+        ConfigError: The scene cannot be built.
+    """
+    model = model or build_model(scene, plan=plan)
+    heavy = plan.is_on(Effect.GRAVITY)
+    return LoadingPath(
+        model,
+        scene.indenter,
+        scene.centre_m,
+        rotation=tilted(*scene.motion.tilt_rad),
+        potentials=(weight(model, densities_of(model.mesh, scene)),) if heavy else (),
+    )
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -96,15 +118,20 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
     """
     depth, force = scene.target.depth_m, scene.target.force_n
     if depth is not None:
-        point = path.advance(depth)
+        point = path.advance(depth, duration_s=scene.duration_s)
     elif scene.drive is Drive.LOAD:
-        point = path.push(force or 0.0)
+        point = path.push(force or 0.0, duration_s=scene.duration_s)
     else:
         point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
     motion = scene.motion
     if any(motion.shift_m) or motion.twist_rad:
         hold = Hold.DEPTH if depth is not None else Hold.FORCE
-        point = path.carry(shift_m=motion.shift_m, twist_rad=motion.twist_rad, hold=hold)
+        point = path.carry(
+            shift_m=motion.shift_m,
+            twist_rad=motion.twist_rad,
+            hold=hold,
+            duration_s=scene.duration_s,
+        )
     return point
 
 
@@ -117,7 +144,12 @@ def tilted(about_x_rad: float, about_y_rad: float) -> FloatArray:
 
 
 def measure(
-    scene: Scene, path: LoadingPath, point: PathPoint, *, wall_s: dict[str, float]
+    scene: Scene,
+    path: LoadingPath,
+    point: PathPoint,
+    *,
+    plan: EffectPlan,
+    wall_s: dict[str, float],
 ) -> PressResult:
     """Evaluate an equilibrium."""
     model = path.model
@@ -125,7 +157,7 @@ def measure(
     reaction = -model.mesh.fold.whole_force(
         point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
     )
-    balance = float(np.linalg.norm(point.force_n + reaction))
+    balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
     error, basis = force_error(replace(scene, target=Target(depth_m=point.depth_m)))
     return PressResult(
@@ -148,6 +180,7 @@ def measure(
         mesh_hash=model.mesh.content_hash,
         estimated_force_error_relative=error,
         estimated_force_error_basis=basis,
+        effects=plan.as_json(),
         model=model,
         point=point,
     )

@@ -177,12 +177,12 @@ class Scene:
         motion: What the indenter does besides going straight down.
         duration_s: Time in which the indenter reaches its target [s].
         outputs: What is asked for besides the force.
-        tolerance: Relative error of F_z that the user accepts; what may be left out follows.
+        tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
         effects: Effects switched on or off by the user, against the plan.
         drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
-            from the indenter, which adds as much to the depth it feels.
+            from the indenter, and depth counts from there.
         sensor: Name of the sensor, for reports; empty for a bare pad.
     """
 
@@ -197,7 +197,7 @@ class Scene:
     motion: Motion = Motion()
     duration_s: float = 1.0
     outputs: frozenset[Output] = frozenset()
-    tolerance: float = 0.02
+    tolerance: float | None = None
     effects: tuple[tuple[Effect, bool], ...] = ()
     drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED

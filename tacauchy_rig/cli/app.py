@@ -14,6 +14,7 @@ from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.output import complain, say
+from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
 from tacauchy_rig.errors import AbortedError, RigError
 
@@ -31,6 +32,7 @@ app.command("replay")(replay)
 app.command("report")(report)
 app.command("export")(export)
 app.command("press")(press)
+app.command("plan")(plan)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")

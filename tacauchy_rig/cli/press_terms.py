@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from sim.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.laws.catalogue import LawName
+from sim.mesh_indenter import MeshIndenter, MeshUnit, read_mesh_indenter
 from sim.pad import BoxPad, DiscPad, Pad
-from sim.scene import ContactMode, Layer, Material
+from sim.scene import ContactMode, Effect, Layer, Material
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -71,10 +74,11 @@ def parse_layer(text: str, *, law: LawName) -> Layer:
 
 
 def parse_indenter(text: str) -> Indenter:
-    """Read ``cylinder:diameter=[,fillet=]``, ``sphere:diameter=`` or ``plane``.
+    """Read ``cylinder:diameter=[,fillet=]``, ``sphere:diameter=``, ``plane`` or ``mesh:FILE``.
 
     Raises:
-        ConfigError: Another shape, or a size that is missing or has no length unit.
+        ConfigError: Another shape, a size that is missing or has no length unit, or a mesh that
+            bounds no body.
     """
     kind, _, sizes = text.partition(":")
     match kind:
@@ -88,26 +92,78 @@ def parse_indenter(text: str) -> Indenter:
             return Sphere(diameter_m=given["diameter"])
         case "plane":
             return Plane()
+        case "mesh":
+            return _mesh(sizes)
         case _:
             raise ConfigError(
                 f"--indenter {text!r}: no such indenter",
-                remedy="write cylinder:diameter=5mm, sphere:diameter=15mm or plane",
+                remedy="write cylinder:diameter=5mm, sphere:diameter=15mm, plane or "
+                "mesh:part.stl,unit=mm",
             )
 
 
-def parse_contact(text: str) -> ContactMode:
-    """Read what touching points may do along the indenter.
+def _mesh(text: str) -> MeshIndenter:
+    """Read ``FILE[,unit=]``; triangle files name no unit, so millimetres are assumed."""
+    file, _, unit = text.partition(",unit=")
+    if unit and unit not in set(MeshUnit):
+        raise ConfigError(
+            f"--indenter mesh: no such unit {unit!r}", remedy=f"one of: {', '.join(MeshUnit)}"
+        )
+    return read_mesh_indenter(Path(file), unit=MeshUnit(unit or MeshUnit.MILLIMETRE))
+
+
+def parse_contact(text: str) -> tuple[ContactMode, float]:
+    """Read ``frictionless``, ``bonded`` or ``friction:MU``; mu is zero for the first two.
 
     Raises:
-        ConfigError: Another contact.
+        ConfigError: Another contact, or a coefficient that is missing or negative.
     """
+    name, _, coefficient = text.partition(":")
+    remedy = "write frictionless, bonded or friction:0.5"
     try:
-        return ContactMode(text)
+        mode = ContactMode(name)
+        friction = float(coefficient) if mode is ContactMode.FRICTION else 0.0
     except ValueError as error:
-        raise ConfigError(
-            f"--contact {text!r}: no such contact",
-            remedy=f"one of: {', '.join(mode.value for mode in ContactMode)}",
-        ) from error
+        raise ConfigError(f"--contact {text!r}: no such contact", remedy=remedy) from error
+    if not 0.0 <= friction < float("inf"):
+        raise ConfigError(f"--contact {text!r}: mu is not 0 or above", remedy=remedy)
+    return mode, friction
+
+
+def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[float, float]:
+    """Read one quantity, for x alone, or two with one unit: ``0.3mm``, ``0.3,-0.1mm``.
+
+    Raises:
+        ConfigError: More than two, or no unit of the dimension.
+    """
+    if text is None:
+        return 0.0, 0.0
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) > 2:
+        raise ConfigError(f"{field} {text!r}: more than x and y", remedy="write 0.3,0.1mm")
+    unit = parts[-1].lstrip("+-.0123456789eE ")
+    values = [
+        parse_quantity(
+            part if part.endswith(unit) else part + unit, dimension=dimension, field=field
+        ).value
+        for part in parts
+    ]
+    return values[0], values[1] if len(values) == 2 else 0.0
+
+
+def parse_switch(text: str) -> tuple[Effect, bool]:
+    """Read ``friction=on`` or ``friction=off``.
+
+    Raises:
+        ConfigError: No such effect, or neither on nor off.
+    """
+    name, _, state = text.partition("=")
+    names = [effect.value for effect in Effect]
+    if name not in names:
+        raise ConfigError(f"--effect {text!r}: no such effect", remedy=f"one of {', '.join(names)}")
+    if state not in ("on", "off"):
+        raise ConfigError(f"--effect {text!r}: neither on nor off", remedy=f"write {name}=on")
+    return Effect(name), state == "on"
 
 
 def _lengths(

@@ -28,7 +28,8 @@ def test_disc_and_indenters() -> None:
     assert (cylinder.diameter_m, cylinder.fillet_m) == pytest.approx((5e-3, 1e-4))
     assert parse_indenter("sphere:diameter=15mm") == Sphere(diameter_m=0.015)
     assert parse_indenter("plane") == Plane()
-    assert parse_contact("bonded") is ContactMode.BONDED
+    assert parse_contact("bonded") == (ContactMode.BONDED, 0.0)
+    assert parse_contact("friction:0.5") == (ContactMode.FRICTION, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,178 @@
+"""A scene stated on the command line: the options that ``press`` and ``plan`` share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import typer
+
+from sim.laws.catalogue import LawName
+from sim.layers import interface_shares
+from sim.scene import Drive, Layer, Material, Motion, Output, Preset, Scene, Target
+from sim.sensor import Sensor, load_sensor
+from tacauchy_rig.cli.press_terms import (
+    parse_contact,
+    parse_indenter,
+    parse_layer,
+    parse_pad,
+    parse_pair,
+    parse_switch,
+)
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
+
+IndenterOption = Annotated[
+    str,
+    typer.Option(
+        "--indenter", help="cylinder:diameter=5mm[,fillet=], sphere:diameter=, plane, mesh:FILE"
+    ),
+]
+SensorOption = Annotated[str | None, typer.Option("--sensor", help="Sensor by name or TOML file.")]
+PadOption = Annotated[str | None, typer.Option("--pad", help="box:LxWxHmm or disc:radius=,height=")]
+DepthOption = Annotated[str | None, typer.Option("--depth", help="Travel, such as 0.5mm.")]
+ForceOption = Annotated[str | None, typer.Option("--force", help="Target, such as 4.7332N.")]
+AtOption = Annotated[
+    str | None, typer.Option("--at", help="Where the tip comes down on the pad, such as 1,0.5mm.")
+]
+ShiftOption = Annotated[
+    str | None, typer.Option("--shift", help="Motion once pressed in, along x, or as 0.3,0.1mm.")
+]
+TwistOption = Annotated[
+    str | None, typer.Option("--twist", help="Turn about z once pressed in, such as 5deg.")
+]
+TiltOption = Annotated[
+    str | None, typer.Option("--tilt", help="Of the indenter about x and y, such as 2,0deg.")
+]
+YoungOption = Annotated[str | None, typer.Option("--young", help="Such as 0.3MPa.")]
+PoissonOption = Annotated[float | None, typer.Option("--poisson", help="Such as 0.48.")]
+LayerOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--layer",
+        help="share=0.925,young=0.1MPa,poisson=0.48; once a layer, from the base upwards.",
+    ),
+]
+LawOption = Annotated[LawName, typer.Option("--law")]
+ContactOption = Annotated[
+    str, typer.Option("--contact", help="frictionless, bonded or friction:MU.")
+]
+DurationOption = Annotated[
+    str | None, typer.Option("--duration", help="Time that the press takes; 1 s if not given.")
+]
+PresetOption = Annotated[Preset, typer.Option("--preset")]
+ToleranceOption = Annotated[
+    float | None,
+    typer.Option("--tolerance", help="Relative error of F_z by which effects may be left out."),
+]
+EffectOption = Annotated[
+    list[str] | None,
+    typer.Option("--effect", metavar="NAME=on|off", help="Overrule the plan; may be repeated."),
+]
+OutputOption = Annotated[
+    list[Output] | None, typer.Option("--output", help="What else is asked for; may be repeated.")
+]
+DriveOption = Annotated[Drive, typer.Option("--drive", help="How a force is reached.")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneTerms:
+    """A scene as texts of the command line."""
+
+    indenter: str
+    sensor: str | None = None
+    pad: str | None = None
+    depth: str | None = None
+    force: str | None = None
+    at: str | None = None
+    shift: str | None = None
+    twist: str | None = None
+    tilt: str | None = None
+    young: str | None = None
+    poisson: float | None = None
+    layers: list[str] = field(default_factory=list)
+    law: LawName = LawName.STABLE_NEO_HOOKEAN
+    contact: str = "frictionless"
+    duration: str | None = None
+    preset: Preset = Preset.BALANCED
+    tolerance: float | None = None
+    effects: list[str] = field(default_factory=list)
+    outputs: list[Output] = field(default_factory=list)
+    drive: Drive = Drive.LOAD
+
+
+def scene_of(terms: SceneTerms) -> Scene:
+    """Read a scene.
+
+    Raises:
+        ConfigError: A text is not understood, or the scene is not complete.
+    """
+    if (terms.sensor is None) == (terms.pad is None):
+        raise ConfigError("a press needs either --sensor or --pad", remedy="give exactly one")
+    known = None if terms.sensor is None else load_sensor(terms.sensor)
+    layers = _layers(known, terms)
+    contact, friction = parse_contact(terms.contact)
+    duration = _quantity(terms.duration, Dimension.TIME, "--duration")
+    return Scene(
+        pad=known.pad if known is not None else parse_pad(terms.pad or ""),
+        material=layers[-1].material,
+        layers=layers if interface_shares(layers) else (),
+        indenter=parse_indenter(terms.indenter),
+        target=Target(
+            depth_m=_quantity(terms.depth, Dimension.LENGTH, "--depth"),
+            force_n=_quantity(terms.force, Dimension.FORCE, "--force"),
+        ),
+        centre_m=parse_pair(terms.at, Dimension.LENGTH, "--at"),
+        contact=contact,
+        friction=friction,
+        motion=Motion(
+            shift_m=parse_pair(terms.shift, Dimension.LENGTH, "--shift"),
+            twist_rad=_quantity(terms.twist, Dimension.ANGLE, "--twist") or 0.0,
+            tilt_rad=parse_pair(terms.tilt, Dimension.ANGLE, "--tilt"),
+        ),
+        duration_s=1.0 if duration is None else duration,
+        outputs=frozenset(terms.outputs),
+        tolerance=terms.tolerance,
+        effects=tuple(parse_switch(text) for text in terms.effects),
+        drive=terms.drive,
+        preset=terms.preset,
+        sensor=terms.sensor or "",
+    )
+
+
+def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
+    """Return the gel's layers, one for a gel of one material."""
+    one_material = terms.young is not None or terms.poisson is not None
+    known = () if sensor is None else sensor.layers
+    if one_material and (terms.layers or known):
+        raise ConfigError(
+            "--young and --poisson do not say which layer they are for",
+            remedy="give every layer with --layer share=,young=,poisson=, from the base upwards",
+        )
+    if terms.layers:
+        return tuple(parse_layer(text, law=terms.law) for text in terms.layers)
+    if known:
+        return tuple(replace(k, material=replace(k.material, law=terms.law)) for k in known)
+    whole = None if sensor is None else sensor.material
+    return (Layer(share=1.0, material=_material(whole, terms)),)
+
+
+def _material(known: Material | None, terms: SceneTerms) -> Material:
+    young = _quantity(terms.young, Dimension.PRESSURE, "--young")
+    if known is not None:
+        return replace(
+            known,
+            young_pa=known.young_pa if young is None else young,
+            poisson=known.poisson if terms.poisson is None else terms.poisson,
+            law=terms.law,
+        )
+    if young is None or terms.poisson is None:
+        raise ConfigError(
+            "--pad has no material of its own",
+            remedy="give --young and --poisson too, or --layer for every layer",
+        )
+    return Material(young_pa=young, poisson=terms.poisson, law=terms.law)
+
+
+def _quantity(text: str | None, dimension: Dimension, field: str) -> float | None:
+    return None if text is None else parse_quantity(text, dimension=dimension, field=field).value
