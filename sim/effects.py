@@ -94,7 +94,8 @@ def plan_effects(scene: Scene) -> EffectPlan:
         ConfigError: The user switched something on or off that cannot be.
     """
     tolerance = PRESET_TOLERANCE[scene.preset] if scene.tolerance is None else scene.tolerance
-    rows = {row.effect: row for row in _called_for(scene)}
+    called = {row.effect: row for row in _called_for(scene)}
+    rows = dict(called)
     doubtful = [row for row in rows.values() if row.on and row.estimated_error is not None]
     spent = 0.0
     for row in sorted(doubtful, key=lambda row: row.estimated_error or 0.0):
@@ -106,7 +107,12 @@ def plan_effects(scene: Scene) -> EffectPlan:
         reason = f"{row.reason}; left out: within the tolerance of {tolerance:.2%}"
         rows[row.effect] = replace(row, on=False, reason=reason)
     for effect, on in scene.effects:
-        rows[effect] = _switched(rows[effect], on=on)
+        if on and not called[effect].on and effect in _CANNOT_BE_ADDED:
+            raise ConfigError(
+                f"effect {effect.value} cannot be switched on: {called[effect].reason}",
+                remedy=_CANNOT_BE_ADDED[effect],
+            )
+        rows[effect] = _switched(called[effect], on=on)
     return EffectPlan(effects=tuple(rows[effect] for effect in Effect), tolerance=tolerance)
 
 
@@ -114,11 +120,6 @@ _ALWAYS_IF_CALLED = {Effect.SYMMETRY, Effect.SECOND_LAYER, *_DRAWN}
 
 
 def _switched(row: PlannedEffect, *, on: bool) -> PlannedEffect:
-    if on and not row.on and row.effect in _CANNOT_BE_ADDED:
-        raise ConfigError(
-            f"effect {row.effect.value} cannot be switched on: {row.reason}",
-            remedy=_CANNOT_BE_ADDED[row.effect],
-        )
     if on == row.on:
         return replace(row, asked=True)
     return replace(row, on=on, asked=True, reason=f"switched by the user; {row.reason}")

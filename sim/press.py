@@ -15,6 +15,7 @@ from sim.gravity import weight
 from sim.loading import Hold, LoadingPath, PathPoint
 from sim.match import find_force
 from sim.model import Model
+from sim.moving_press import moving_press
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene, Target
 
@@ -31,7 +32,8 @@ class PressResult:
         contact_radius_m: Radius of the disc of the same area seen along z [m].
         max_pressure_pa: Largest contact pressure [Pa]; at a sharp rim it grows with refinement.
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
-        force_balance_relative: |force + base reaction - weight| over |force|.
+        force_balance_relative: |force + base reaction - weight| over |force|; with inertia, what
+            accelerates the gel is in it.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
@@ -85,7 +87,11 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
     plan = plan_effects(scene)
     path = path_for(scene, plan, model=model)
     setup = time.perf_counter() - started
-    point = follow(scene, path)
+    if plan.is_on(Effect.INERTIA):
+        densities = densities_of(path.model.mesh, scene)
+        point = moving_press(scene, path, density_kg_m3=densities)
+    else:
+        point = follow(scene, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
     return measure(scene, path, point, plan=plan, wall_s=wall)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import tempfile
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,18 +60,20 @@ def wild_mesh(
     snap = 2.0 * sizing.envelope_share * float(np.linalg.norm(high - low))
     _refuse_thin(pad, interface_shares, snap)
     grid, cells = _background(low, high)
-    found, tets = pytetwild.tetrahedralize(
-        vertices,
-        faces,
-        edge_length_abs=sizing.coarse_m,
-        epsilon=sizing.envelope_share,
-        stop_energy=sizing.stop_energy,
-        optimize=True,
-        num_threads=1,
-        bg_vertices=grid,
-        bg_tets=cells,
-        bg_values=edge_length_at(grid, pad, sizing),
-    )
+    # The mesher drops a file of its own where it runs.
+    with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
+        found, tets = pytetwild.tetrahedralize(
+            vertices,
+            faces,
+            edge_length_abs=sizing.coarse_m,
+            epsilon=sizing.envelope_share,
+            stop_energy=sizing.stop_energy,
+            optimize=True,
+            num_threads=1,
+            bg_vertices=grid,
+            bg_tets=cells,
+            bg_values=edge_length_at(grid, pad, sizing),
+        )
     found = np.array(found, dtype=np.float64)
     found[found[:, 2] < snap, 2] = 0.0
     if not interface_shares:
