@@ -7,6 +7,7 @@ its depth or its force is held. Each of these is a leg with one parameter that g
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -116,6 +117,8 @@ class LoadingPath:
         self.unloaded = unloaded_positions(
             self.model, self.solver, options=self.options, potentials=self.potentials
         )
+        if self.model.relaxation is not None:
+            self.model.relaxation.forget(self.unloaded)
         self.touch_m = self._touch_height()
         self.setup_s = time.perf_counter() - started
 
@@ -281,8 +284,8 @@ class LoadingPath:
         return float(state.tip[2])
 
     def _begin(self, duration_s: float | None) -> None:
-        if self.model.relaxation is not None and duration_s:
-            self.model.relaxation.begin_step(duration_s)
+        if self.model.relaxation is not None:
+            self.model.relaxation.begin_step(math.inf if duration_s is None else duration_s)
 
     def _accept(self, point: PathPoint) -> None:
         """Remember a point that is gone on from."""
@@ -292,7 +295,8 @@ class LoadingPath:
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, OVERLAP_MAX_M)
-        self._begin(None if duration_s is None else duration_s * depth / max(depth_m, 1e-300))
+        share = depth / depth_m if depth_m > 0.0 else 1.0
+        self._begin(None if duration_s is None else share * duration_s)
         tip = np.array([*self.centre_m, self.touch_m - depth])
         state = self.model.rest_state(tip=tip, rotation=self.rotation)
         state.positions = self.unloaded.copy()

@@ -68,12 +68,14 @@ class Relaxation:
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
-        """Prepare a step of ``step_s`` [s] from the last commit, inf for one that takes for ever.
+        """Prepare a step from the last commit; it may be begun again.
 
-        A step may be begun again.
+        Args:
+            step_s: From 0 s, at once, to inf, for ever.
         """
         spent = step_s / self.series.times_s
-        self._set_step(np.exp(-spent), -np.expm1(-spent) / spent)
+        gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
+        self._set_step(np.exp(-spent), gains)
         inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
         self._launch(kernels.recall, self._points, inputs, [self._history])
 

@@ -10,7 +10,9 @@ import pytest
 from sim.arrays import FloatArray
 from sim.elements import ElementOrder
 from sim.graded_plane import Grading
+from sim.indenter import Sphere
 from sim.laws.catalogue import LawName, law
+from sim.loading import LoadingPath
 from sim.model import Model
 from sim.pad import DiscPad
 from sim.prony import PronySeries, prony_series
@@ -149,7 +151,9 @@ def test_even_strain_rate_follows_the_closed_form() -> None:
         gel.relaxation.commit(gel.nodes @ F.T)
 
 
-@pytest.mark.parametrize(("step_s", "factor"), [(1e-9, 1.0 / LEFT), (1e9, 1.0), (math.inf, 1.0)])
+@pytest.mark.parametrize(
+    ("step_s", "factor"), [(0.0, 1.0 / LEFT), (1e-9, 1.0 / LEFT), (1e9, 1.0), (math.inf, 1.0)]
+)
 def test_fast_and_slow_steps_have_the_two_moduli(step_s: float, factor: float) -> None:
     """Energy and forces of one step from rest: instantaneous and slow stiffness."""
     gel, slow = (model(LawName.STABLE_NEO_HOOKEAN, terms=terms) for terms in (TERMS, ()))
@@ -226,3 +230,18 @@ def test_gel_that_relaxes_to_nothing_is_refused() -> None:
     """A liquid has no slow modulus."""
     with pytest.raises(ConfigError, match=r"takes 1\.1 of the instantaneous stiffness"):
         PronySeries(times_s=np.array([1.0, 2.0]), shares=np.array([[0.6], [0.5]]))
+
+
+def test_path_that_takes_its_time_forgets_its_haste() -> None:
+    """Fast, then on for ever: the slow force. Fast from above the pad: the instantaneous one."""
+    ball = Sphere(diameter_m=4e-3)
+    slow = LoadingPath(model(LawName.STABLE_NEO_HOOKEAN, terms=()), ball).advance(1e-4).force_n[2]
+    path = LoadingPath(model(LawName.STABLE_NEO_HOOKEAN), ball)
+    path.advance(5e-5, duration_s=1e-3)
+    assert path.advance(1e-4).force_n[2] == pytest.approx(slow, rel=1e-6)
+    path = LoadingPath(model(LawName.STABLE_NEO_HOOKEAN), ball)
+    path.advance(-2e-5, duration_s=1e-6)
+    fast = path.advance(1e-4, duration_s=1e-6).force_n[2]
+    # The barrier is as stiff as for the slow gel, and yields 1 % more to the fast one.
+    assert fast == pytest.approx(slow / LEFT, rel=0.02)
+    assert path.dwell(math.inf).force_n[2] == pytest.approx(slow, rel=1e-6)
