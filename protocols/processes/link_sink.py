@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from drivers.interfaces import StreamHealth
 from drivers.rig import FrameMark
@@ -90,13 +91,6 @@ class RemoteCamera:
 
     def health(self) -> StreamHealth:
         """Return counts and rate as last reported, and the age as it is now."""
-        health, newest_ns = self._health, self._newest_ns
+        newest_ns = self._newest_ns
         age_s = math.inf if newest_ns is None else (time.monotonic_ns() - newest_ns) * 1e-9
-        return StreamHealth(
-            received_count=health.received_count,
-            lost_count=health.lost_count,
-            corrupt_count=health.corrupt_count,
-            repeat_count=health.repeat_count,
-            age_s=age_s,
-            rate_hz=health.rate_hz,
-        )
+        return replace(self._health, age_s=age_s)

@@ -1,12 +1,20 @@
-"""The camera process looks at the light once a second."""
+"""The camera process looks at the light once a second, and control learns of it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.camera import EXPOSURE_S, ExposureWatch
+from drivers.mock.camera import MockCamera
+from drivers.mock.clock import SimulatedClock
+from drivers.mock.world import MockWorld
+from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkPost
+from protocols.processes.channel import Channel
+from protocols.processes.link_sink import RemoteCamera
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ImageFrame
 
 SECOND_NS = round(EXPOSURE_S * 1e9)
@@ -39,3 +47,18 @@ def test_one_image_a_second_is_judged(looks: list[tuple[int, int | None]], ratio
     for stamp_ns, level in looks:
         watch.look([frame(stamp_ns, level)])
     assert watch.clipped_ratio == ratio
+
+
+def test_control_learns_what_the_camera_process_saw(config: RigConfig) -> None:
+    """Nothing of the stream's health is left behind between the two, only its age is control's."""
+    ours, theirs = Channel.pair()
+    camera, remote = MockCamera(MockWorld(SimulatedClock(), config)), RemoteCamera(theirs)
+    camera.connect()
+    try:
+        MarkPost(ours).post([frame(5 * SECOND_NS, 255)], camera)
+        assert [mark.stamp_ns for mark in remote.poll()] == [5 * SECOND_NS]
+        expected = replace(camera.health(), clipped_ratio=1.0)
+        assert replace(remote.health(), age_s=expected.age_s) == expected
+    finally:
+        ours.close()
+        theirs.close()
