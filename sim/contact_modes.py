@@ -64,13 +64,11 @@ def _normals(path: LoadingPath, point: PathPoint) -> FloatArray:
     """Return the indenter's outward normals as contact knows them, zero where nothing touches."""
     grip = point.state.grip
     if grip is None:
-        loads = path.model.contact_forces(
-            point.state.positions, path.indenter, point.state
-        ).forces.reshape(-1, 3)
+        loads = point.equilibrium.contact.forces.reshape(-1, 3)
     else:
         loads = (grip.loads @ point.state.rotation.T).reshape(-1, 3)
     sizes = np.linalg.norm(loads, axis=1, keepdims=True)
-    return np.divide(loads, sizes, out=np.zeros_like(loads), where=sizes > 0.0)
+    return np.asarray(loads / np.maximum(sizes, 1e-300))
 
 
 def _along(forces: FloatArray, directions: FloatArray) -> float:
