@@ -14,6 +14,7 @@ from importlib import resources
 from pathlib import Path
 
 from sim.indenter import Cylinder, Indenter, Sphere, describe
+from sim.laws.catalogue import LawName
 from sim.loading import LoadingPath
 from sim.presets import build_model
 from sim.scene import ContactMode, Preset, Scene, Target
@@ -131,6 +132,10 @@ def _outside(scene: Scene) -> str:
         return f"Poisson's ratio {scene.material.poisson:g} is above {_POISSON_MAX:g}"
     if depth is not None and depth > _DEPTH_SHARE_MAX * scene.pad.height_m:
         return f"the press is deeper than {_DEPTH_SHARE_MAX:.0%} of the pad"
-    if scene.contact is ContactMode.BONDED:
-        return "no bonded contact was measured"
+    if scene.contact is not ContactMode.FRICTIONLESS:
+        return "no bonded contact and none with friction was measured"
+    if scene.material.law is LawName.PAPER_EQ4:
+        return "the paper's printed Eq. 4 was not measured"
+    if not scene.motion.is_straight:
+        return "only straight presses were measured"
     return ""
