@@ -25,7 +25,7 @@ from sim.state import ContactOptions
 from sim.wild_mesh import WildSizing, wild_mesh
 
 PAPER_SIZING = WildSizing()
-_FILLET_SHARE = 0.5
+_SLOPE_MAX = 0.75
 _EXPECTED_DEPTH_SHARE = 0.2
 
 
@@ -38,12 +38,16 @@ class Resolution:
         smooth_share: Edge length under a rounded indenter over the expected contact radius.
         growth: Ratio of neighbouring edge lengths away from there.
         sector_count: Sectors of a full turn.
+        fillet_share: Largest edge length at a rounded rim over its fillet.
+        size_max_m: Largest edge length [m].
     """
 
     edge_share: float
     smooth_share: float
     growth: float
     sector_count: int
+    fillet_share: float = 0.5
+    size_max_m: float = 2.5e-3
 
 
 RESOLUTIONS = {
@@ -54,11 +58,33 @@ RESOLUTIONS = {
 }
 
 
-def build_model(scene: Scene, *, plan: EffectPlan | None = None, device: str = "cpu") -> Model:
+def refined(resolution: Resolution, factor: float) -> Resolution:
+    """Return a resolution with every edge ``factor`` times shorter, near the indenter and away."""
+    if factor == 1.0:
+        return resolution
+    slope = min((resolution.growth - 1.0) / resolution.growth / factor, _SLOPE_MAX)
+    return Resolution(
+        edge_share=resolution.edge_share / factor,
+        smooth_share=resolution.smooth_share / factor,
+        fillet_share=resolution.fillet_share / factor,
+        growth=1.0 / (1.0 - slope),
+        size_max_m=resolution.size_max_m / factor,
+        sector_count=max(8, 4 * round(0.25 * resolution.sector_count * factor)),
+    )
+
+
+def build_model(
+    scene: Scene,
+    *,
+    plan: EffectPlan | None = None,
+    refinement: float = 1.0,
+    device: str = "cpu",
+) -> Model:
     """Mesh a scene's pad and set up its model.
 
     Args:
         plan: Effects to include; None plans them.
+        refinement: Make every edge this many times shorter than the preset does.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
@@ -67,7 +93,7 @@ def build_model(scene: Scene, *, plan: EffectPlan | None = None, device: str = "
     name = law_name(scene.material, scene.layers)
     if not plan.is_on(Effect.FINITE_STRAIN):
         name = LawName.LINEAR
-    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY))
+    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
     young, poisson = element_constants(mesh, scene.material, scene.layers)
     options = ContactOptions(
         distance_m=scene.barrier_m,
@@ -98,12 +124,17 @@ def densities_of(mesh: TetMesh, scene: Scene) -> FloatArray:
     return np.array([material.density_kg_m3 for material in materials(scene)])[labels]
 
 
-def mesh_for(scene: Scene, *, folded: bool = True) -> TetMesh:
-    """Return the mesh of a scene's preset; ``folded`` meshes a part where symmetry allows."""
+def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> TetMesh:
+    """Return the mesh of a scene's preset.
+
+    Args:
+        folded: Mesh a part where symmetry allows.
+        refinement: Make every edge this many times shorter; preset paper has but one mesh.
+    """
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene.pad, shares)
-    resolution = RESOLUTIONS[scene.preset]
+    resolution = refined(RESOLUTIONS[scene.preset], refinement)
     return revolved_mesh(
         scene.pad,
         _grading(scene, resolution),
@@ -131,12 +162,18 @@ def _grading(scene: Scene, resolution: Resolution) -> Grading:
     if isinstance(indenter, Cylinder):
         size = resolution.edge_share * indenter.radius_m
         if indenter.fillet_m > 0.0:
-            size = min(size, _FILLET_SHARE * indenter.fillet_m)
+            size = min(size, resolution.fillet_share * indenter.fillet_m)
         start, end = indenter.radius_m - indenter.fillet_m, indenter.radius_m
     else:
         start, end = 0.0, _contact_radius(scene)
         size = resolution.smooth_share * end
-    return Grading(start_m=start, end_m=end, size_m=size, growth=resolution.growth)
+    return Grading(
+        start_m=start,
+        end_m=end,
+        size_m=size,
+        growth=resolution.growth,
+        size_max_m=resolution.size_max_m,
+    )
 
 
 def _contact_radius(scene: Scene) -> float:
