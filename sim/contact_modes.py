@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import PathPoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,10 +36,10 @@ class ContactSignature:
         return float(np.linalg.norm(self.tangential_n)) / max(self.normal_n, 1e-300)
 
 
-def contact_signature(path: LoadingPath, point: PathPoint) -> ContactSignature:
+def contact_signature(point: PathPoint) -> ContactSignature:
     """Measure the contact of an equilibrium of a whole, unfolded pad."""
     contact = point.equilibrium.contact
-    normals = _normals(path, point)
+    normals = _normals(point)
     forces = -contact.forces.reshape(-1, 3)
     normal = np.einsum("pi,pi->p", forces, normals)
     tangential = forces - normal[:, None] * normals
@@ -60,7 +60,7 @@ def contact_signature(path: LoadingPath, point: PathPoint) -> ContactSignature:
     )
 
 
-def _normals(path: LoadingPath, point: PathPoint) -> FloatArray:
+def _normals(point: PathPoint) -> FloatArray:
     """Return the indenter's outward normals as contact knows them, zero where nothing touches."""
     grip = point.state.grip
     if grip is None:

@@ -37,7 +37,7 @@ def pressed() -> LoadingPath:
 def test_pressing_pulls_radially_and_sums_to_nothing(pressed: LoadingPath) -> None:
     """Tangential forces of a straight press cancel."""
     assert pressed.last is not None
-    signature = contact_signature(pressed, pressed.last)
+    signature = contact_signature(pressed.last)
     assert signature.radial_share > 0.85
     assert np.linalg.norm(signature.tangential_n[:2]) < 1e-3 * signature.normal_n
 
@@ -47,7 +47,7 @@ def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(pressed: Load
     assert pressed.last is not None
     before = pressed.last.force_n[2]
     point = pressed.carry(shift_m=(0.4e-3, 0.0), hold=Hold.FORCE)
-    signature = contact_signature(pressed, point)
+    signature = contact_signature(point)
     on_indenter = -np.array(signature.tangential_n)
     assert on_indenter[0] / np.linalg.norm(on_indenter[:2]) < -0.98
     assert signature.mobilised_friction == pytest.approx(MU, rel=0.03)
@@ -59,7 +59,7 @@ def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(pressed: Load
 def test_torsion_pulls_around_the_axis(pressed: LoadingPath) -> None:
     """A third of a radian is enough for the contact to slip round."""
     point = pressed.carry(twist_rad=0.35)
-    signature = contact_signature(pressed, point)
+    signature = contact_signature(point)
     assert signature.circumferential_share >= 0.95
     assert np.linalg.norm(point.force_n[:2]) < 1e-6 * point.force_n[2]
 
