@@ -134,7 +134,9 @@ class SharedWorld:
             offset = _HEADER.size + slot * _SLOT_SIZE
             data = self._mapping[offset : offset + _SLOT_SIZE]
             body = data[: _STATE.size]
-            if zlib.crc32(body) == _CHECKSUM.unpack_from(data, _STATE.size)[0]:
+            # Filled but not yet current: returned, the next read could show an older state.
+            ahead = not other and (self._words[_CURRENT_SLOT] & 1) != slot
+            if not ahead and zlib.crc32(body) == _CHECKSUM.unpack_from(data, _STATE.size)[0]:
                 return self._decode(body)
         raise DeviceError(
             f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
