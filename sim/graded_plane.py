@@ -14,7 +14,7 @@ import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
 
-_THIN_ASPECT = 3.0
+_THIN_ASPECT = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

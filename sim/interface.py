@@ -33,8 +33,8 @@ class InterfaceTraction:
         areas_m2: Deformed area of each point.
         below_pa: t = sigma n, sigma of the element below.
         above_pa: t = sigma n, sigma of the element above; the same in the exact solution.
-        force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, shape
-            [3].
+        force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, but for
+            the weight in between, shape [3].
         force_below_n: Integral of ``below_pa``, shape [3].
         force_above_n: Integral of ``above_pa``, shape [3].
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
+from itertools import accumulate, combinations
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from sim.scene import Layer, Material
 from tacauchy_rig.errors import ConfigError
 
 _SUM_TOLERANCE = 1e-9
+_CONTRAST_COARSE = 100.0
 
 
 def interface_shares(layers: Sequence[Layer]) -> tuple[float, ...]:
@@ -72,3 +73,16 @@ def element_constants(
         )
     constants = np.array([(each.young_pa, each.poisson) for each in materials])[labels]
     return constants[:, 0], constants[:, 1]
+
+
+def sector_factor(layers: Sequence[Layer]) -> float:
+    """Return how many times more sectors a revolved mesh needs for a stiff layer above a soft one.
+
+    The stiff layer feels that a sector's quadratic displacement is not quite axisymmetric: under a
+    smooth pressure on 0.3 mm of skin, 10,000 times as stiff as its 3.7 mm of base, 16, 24, 32 and
+    48 sectors leave the deflection 37, 17, 8.6 and 3.6 % too small; at a ratio of 100, 16 and 32
+    leave 8.8 and 4.7 %.
+    """
+    moduli = [layer.material.young_pa for layer in layers]
+    contrast = max((high / low for low, high in combinations(moduli, 2)), default=1.0)
+    return float(max(1.0, contrast / _CONTRAST_COARSE) ** 0.25)

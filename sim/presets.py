@@ -13,7 +13,7 @@ from sim.elements import ElementOrder
 from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import LawName, law
-from sim.layers import element_constants, interface_shares, law_name
+from sim.layers import element_constants, interface_shares, law_name, sector_factor
 from sim.mesh import TetMesh
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.model import Model
@@ -139,7 +139,7 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
         scene.pad,
         _grading(scene, resolution),
         centre_m=scene.centre_m,
-        sector_count=resolution.sector_count,
+        sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
         folded=folded,

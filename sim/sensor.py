@@ -245,17 +245,18 @@ def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
         allowed = {*dimensions, *_COUNTS.get(section, ())}
         keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]
     missing = [key for key in ("name", "title", "pad", "camera") if key not in data]
-    if ("material" in data) == ("layers" in data):
-        raise ConfigError(
-            f"{origin}: {'both' if 'material' in data else 'neither'} material and layers",
-            remedy="give [material] for a gel of one material, else one [[layers]] a layer",
-        )
     if keys:
         raise ConfigError(
             f"{origin}: unknown {', '.join(keys)}", remedy="remove it or correct its spelling"
         )
     if missing:
         raise ConfigError(f"{origin}: no {', '.join(missing)}", remedy="add what is missing")
+    if ("material" in data) == ("layers" in data):
+        found = "both material and layers" if "material" in data else "neither material nor layers"
+        raise ConfigError(
+            f"{origin}: {found}",
+            remedy="give [material] for a gel of one material, else one [[layers]] a layer",
+        )
 
 
 def _numbers(data: dict[str, Any], origin: str) -> dict[str, Measured]:

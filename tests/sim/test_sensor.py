@@ -66,3 +66,43 @@ def test_unknown_sensor_lists_the_known() -> None:
     with pytest.raises(ConfigError, match="neither built in") as caught:
         load_sensor("gelsight-maxi")
     assert "gelsight-mini" in caught.value.remedy
+
+
+LAYERED = resources.files("sim.sensors").joinpath("9dtact.toml").read_text("utf-8")
+
+
+def test_9dtact_has_a_stiffer_skin() -> None:
+    """Two layers that fill the pad; the material is the one that is touched."""
+    sensor = load_sensor("9dtact")
+    base, skin = sensor.layers
+    assert base.share + skin.share == pytest.approx(1.0)
+    assert skin.share * sensor.pad.height_m == pytest.approx(0.3e-3)
+    assert skin.material.young_pa > base.material.young_pa
+    assert sensor.material == skin.material
+    assert "layers.2.share" in sensor.numbers
+    assert load_sensor("gelsight-mini").layers == ()
+
+
+def test_stiffness_is_as_uncertain_as_the_worst_layer() -> None:
+    """One number and its source, layered or not."""
+    relative, source = load_sensor("9dtact").young_uncertainty()
+    assert relative == pytest.approx(0.75)
+    assert source == "assumed: stiffer than the base"
+    assert load_sensor("gelsight-mini").young_uncertainty()[0] == pytest.approx(0.05 / 0.435)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
+        ("share =", "thickness =", "layers.1 has thickness"),
+        ("[[layers]]", "[[layer]]", "unknown layer"),
+        ("[camera]", "[material]\n[camera]", "both material and layers"),
+        ('{ value = "0.1 MPa"', '{ value = "0.1 mm"', "layers.1.young.value"),
+    ],
+)
+def test_broken_layers_are_refused(old: str, new: str, message: str) -> None:
+    """The message names the file and the layer."""
+    with pytest.raises(ConfigError, match=message) as caught:
+        parse_sensor(LAYERED.replace(old, new), origin="mine.toml")
+    assert "mine.toml" in caught.value.message

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from sim.indenter import Cylinder, Plane, Sphere
+from sim.laws.catalogue import LawName
 from sim.pad import BoxPad, DiscPad
 from sim.scene import ContactMode
-from tacauchy_rig.cli.press_terms import parse_contact, parse_indenter, parse_pad
+from tacauchy_rig.cli.press_terms import parse_contact, parse_indenter, parse_layer, parse_pad
 from tacauchy_rig.errors import ConfigError
 
 
@@ -52,3 +53,21 @@ def test_wrong_pads_are_refused(text: str) -> None:
     """A pad without three sizes or without a unit is no pad."""
     with pytest.raises(ConfigError):
         parse_pad(text)
+
+
+def test_layer_is_read_with_its_law() -> None:
+    """Share, modulus and Poisson's ratio, in SI."""
+    layer = parse_layer("share=0.925,young=0.1MPa,poisson=0.48", law=LawName.LINEAR)
+    assert layer.share == pytest.approx(0.925)
+    assert layer.material.young_pa == pytest.approx(1e5)
+    assert (layer.material.poisson, layer.material.law) == (0.48, LawName.LINEAR)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "share=0.9", "share=0.9,young=0.1MPa,poisson=0.48,law=x", "share=0.9,young=1,poisson=0"],
+)
+def test_incomplete_layers_are_refused(text: str) -> None:
+    """A layer needs its three numbers, the modulus with a unit."""
+    with pytest.raises(ConfigError, match="--layer"):
+        parse_layer(text, law=LawName.LINEAR)
