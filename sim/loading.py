@@ -21,7 +21,7 @@ from sim.legs import CarryLeg, DepthLeg, ForceLeg, Leg, Pose
 from sim.linear_solver import LinearSolver, linear_solver
 from sim.model import Model
 from sim.newton import (
-    OVERLAP_MAX_M,
+    OVERLAP_SHARE,
     Equilibrium,
     NewtonOptions,
     Problem,
@@ -35,7 +35,9 @@ from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
 
-_STEP_MIN_M = 1e-9
+_STEP_MIN_SHARE = 2e-5
+_DEPTH_EXACT_SHARE = 2.5e-12
+_TOUCH_EXACT_SHARE = 2.5e-10
 _PASSING = 1e-3
 _GRIP_ROUNDS = 30
 _GRIP_CHANGE = 1e-4
@@ -146,7 +148,11 @@ class LoadingPath:
         """
         point = start or self._point or self._first(depth_m, duration_s)
         leg = DepthLeg(
-            start=point.depth_m, end=depth_m, touch_m=self.touch_m, step_max_m=self.step_max_m
+            start=point.depth_m,
+            end=depth_m,
+            touch_m=self.touch_m,
+            step_max_m=self.step_max_m,
+            exact=_DEPTH_EXACT_SHARE * self.model.height_m,
         )
         foreign = start is not None and start is not self._point
         return self._travel(point, leg, foreign=foreign, duration_s=duration_s)
@@ -172,7 +178,7 @@ class LoadingPath:
         point = start or self._point
         if point is None or not point.force_n[2] > 0.0:
             touching = None if duration_s is None else _TOUCHING_SHARE * duration_s
-            point = self.advance(OVERLAP_MAX_M, duration_s=touching)
+            point = self.advance(OVERLAP_SHARE * self.model.height_m, duration_s=touching)
         leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
         foreign = start is not None and start is not self._point
         return self._travel(point, leg, foreign=foreign, duration_s=duration_s)
@@ -251,7 +257,7 @@ class LoadingPath:
             except ConvergenceError as error:
                 step = abs(advance) / 4.0
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
-                if step < leg.longest(point.stiffness_n_m) * _STEP_MIN_M / self.step_max_m:
+                if step < leg.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
                     self._point = point
                     raise ConvergenceError(
                         f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
@@ -272,15 +278,25 @@ class LoadingPath:
 
         Counted from there, a press depends on d_hat ten times less than counted from gap zero: the
         gel then stays d_hat (1 - s) off, s near 1, instead of d_hat s.
+
+        Raises:
+            ConfigError: The indenter comes down beside the pad.
         """
         high = float(self.unloaded[:, 2].max())
         distance = self.model.contact_options.distance_m
         state = self.model.rest_state(tip=np.array([*self.centre_m, high]), rotation=self.rotation)
         for _ in range(100):
             gap = float(self.model.gaps(self.unloaded, self.indenter, state).min()) - distance
-            if abs(gap) < 1e-12:
+            if abs(gap) < _TOUCH_EXACT_SHARE * self.model.height_m:
                 break
             state.tip[2] -= gap
+            if state.tip[2] < 0.0:
+                x, y = self.centre_m
+                raise ConfigError(
+                    f"the indenter at x = {x * 1e3:.4g} mm, y = {y * 1e3:.4g} mm comes down beside "
+                    "the pad and never touches its top",
+                    remedy="move it over the pad",
+                )
         return float(state.tip[2])
 
     def _begin(self, duration_s: float | None) -> None:
@@ -294,7 +310,7 @@ class LoadingPath:
             self.model.relaxation.commit(point.state.positions)
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        depth = min(depth_m, OVERLAP_MAX_M)
+        depth = min(depth_m, OVERLAP_SHARE * self.model.height_m)
         share = depth / depth_m if depth_m > 0.0 else 1.0
         self._begin(None if duration_s is None else share * duration_s)
         tip = np.array([*self.centre_m, self.touch_m - depth])

@@ -15,8 +15,7 @@ from sim.loading import LoadingPath, PathPoint
 from tacauchy_rig.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40
-_FIRST_DEPTH_M = 0.05e-3
-_GUESS_MAX_M = 0.25e-3
+_GUESS_MAX_STEPS = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +55,7 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
         ConvergenceError: The force was not reached.
     """
     before = path.counts.newton_iterations
-    point = path.last or path.advance(_FIRST_DEPTH_M)
+    point = path.last or path.advance(path.step_max_m)
     history = [(point.depth_m, _force(point))]
     low: PathPoint | None = None
     high: PathPoint | None = None
@@ -69,7 +68,7 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
                 newton_iterations=path.counts.newton_iterations - before,
             )
         low, high = (point, high) if missing > 0.0 else (low, point)
-        depth = _tangent_guess(point, missing)
+        depth = _tangent_guess(path, point, missing)
         if low is not None and high is not None:
             depth = _bracketed(depth, low, high, force_n, halved=len(history) % 4 == 0)
         point = path.advance(depth, start=point)
@@ -86,9 +85,9 @@ def _force(point: PathPoint) -> float:
     return float(point.force_n[2])
 
 
-def _tangent_guess(point: PathPoint, missing_n: float) -> float:
-    step = missing_n / max(point.stiffness_n_m, 1e-30)
-    return point.depth_m + min(max(step, -_GUESS_MAX_M), _GUESS_MAX_M)
+def _tangent_guess(path: LoadingPath, point: PathPoint, missing_n: float) -> float:
+    step, longest = missing_n / max(point.stiffness_n_m, 1e-30), _GUESS_MAX_STEPS * path.step_max_m
+    return point.depth_m + min(max(step, -longest), longest)
 
 
 def _bracketed(

@@ -41,6 +41,7 @@ class Model:
         young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness: a
             softer one would leave the barrier's pressure on a stiff skin short of what it needs.
         poisson: nu of that layer.
+        height_m: Of the highest node at rest [m].
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
         rounding_n: About how much the nodal forces change, in norm, when every coordinate is
@@ -312,6 +313,7 @@ class Model:
                 remedy="orient the tetrahedra or mesh the pad again",
             )
         self.volume_m3 = float(volumes.sum())
+        self.height_m = float(self.nodes[:, 2].max())
         self.energy_scale_j = float(self._young_pa @ volumes)
         self.rounding_n = self._rounding_force(
             corners, np.asarray(np.linalg.inv(jacobians), dtype=np.float64), volumes

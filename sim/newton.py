@@ -29,11 +29,13 @@ from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 
-OVERLAP_MAX_M = 2e-5
+OVERLAP_SHARE = 0.005
+_FLOOR_SHARE = 1.5e-11
+_PENETRATION_SHARE = 0.3
 _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SLOPE_LEFT = 0.3
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
-_TIP_STEP_MAX_M = 1e-4
+_TIP_STEP_SHARE = 0.025
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +44,12 @@ class NewtonOptions:
 
     Attributes:
         residual_relative: Residual norm over the contact force's norm.
-        residual_floor_n: Residual norm that is always enough [N], as is the rounding's.
+        residual_floor_n: Residual norm that is always enough [N], as is the rounding's; None is
+            1.5e-11 E H^2 with the pad's height H, so that it scales with the problem.
     """
 
     residual_relative: float = 1e-8
-    residual_floor_n: float = 1e-10
+    residual_floor_n: float | None = None
     iteration_max: int = 60
 
 
@@ -59,6 +62,7 @@ class Equilibrium:
         contact: Contact forces at the last positions.
         elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
         residual_n: Norm of the unbalanced force [N].
+        stalled: Rounding of the coordinates ended Newton before its tolerance was met.
     """
 
     iterations: int
@@ -66,6 +70,7 @@ class Equilibrium:
     elastic_gradient: FloatArray
     residual_n: float
     min_jacobian: float
+    stalled: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,8 +208,10 @@ class Problem:
         corner = float(stiffness[..., 2, 2].sum()) + float(border @ along)
         pull = balance.tip_n + float(border @ unknowns)
         # Without contact nothing holds the indenter, and it is brought down by the largest step.
-        rise = -pull / corner if corner > 1e-12 * self.model.young_pa * 1e-3 else -np.inf * pull
-        rise = float(np.clip(rise, -_TIP_STEP_MAX_M, _TIP_STEP_MAX_M)) if pull else 0.0
+        longest = _TIP_STEP_SHARE * self.model.height_m
+        held = corner > 1e-13 * self.model.young_pa * self.model.height_m
+        rise = -pull / corner if held else -np.inf * pull
+        rise = float(np.clip(rise, -longest, longest)) if pull else 0.0
         unknowns = unknowns + rise * along
         slope = float(gradient @ unknowns) + balance.tip_n * rise
         return _Step(unknowns=unknowns, rise_m=rise, slope_j=slope)
@@ -250,6 +257,7 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
         ConvergenceError: No equilibrium was found; ``state`` is left where Newton stopped.
     """
     iterations = _untangle(problem, state)
+    _refuse_deep_overlap(problem, state)
     for extension in _EXTENSIONS:
         state.extension = extension
         found = _descend(problem, state, options=options, spent=iterations)
@@ -261,6 +269,20 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
         f"the gel is pressed through the contact barrier: smallest gap {gaps.min() * 1e9:.3g} nm",
         remedy="give the indenter a fillet, coarsen the mesh at its rim, or enlarge the barrier",
     )
+
+
+def _refuse_deep_overlap(problem: Problem, state: State) -> None:
+    """End where gel starts so far inside the indenter that its nearest side may be the wrong one.
+
+    Raises:
+        ConvergenceError: The overlap is 30 % of the pad's height or more.
+    """
+    deepest = -float(problem.model.gaps(state.positions, problem.indenter, state).min())
+    if deepest >= _PENETRATION_SHARE * problem.model.height_m:
+        raise ConvergenceError(
+            f"the gel starts {deepest * 1e3:.3g} mm inside the indenter",
+            remedy="start with the indenter above the gel and press it in",
+        )
 
 
 def _untangle(problem: Problem, state: State) -> int:
@@ -286,8 +308,8 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
                 f"the residual is not finite after {iterations} Newton iterations",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
-        floor = max(options.residual_floor_n, problem.model.rounding_n)
-        if residual <= max(options.residual_relative * scale, floor):
+        asked = max(options.residual_relative * scale, _floor(problem.model, options))
+        if residual <= max(asked, problem.model.rounding_n):
             _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
@@ -295,6 +317,7 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
                 elastic_gradient=balance.elastic,
                 residual_n=residual,
                 min_jacobian=ratio,
+                stalled=residual > asked,
             )
         if iterations >= options.iteration_max:
             raise ConvergenceError(
@@ -307,6 +330,12 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
         logger.debug("iteration %d: residual %.3g N of %.4g N", iterations, residual, scale)
 
 
+def _floor(model: Model, options: NewtonOptions) -> float:
+    if options.residual_floor_n is not None:
+        return options.residual_floor_n
+    return _FLOOR_SHARE * model.young_pa * model.height_m**2
+
+
 def overlap_fraction(
     model: Model, indenter: Indenter, state: State, tip: FloatArray, motion: FloatArray
 ) -> float:
@@ -317,7 +346,7 @@ def overlap_fraction(
         motion: Motion of the nodes [m], shape [node_count, 3].
     """
     before = model.gaps(state.positions, indenter, state)
-    floor = np.minimum(-OVERLAP_MAX_M, before)
+    floor = np.minimum(-OVERLAP_SHARE * model.height_m, before)
     fraction, trial = 1.0, state.copy()
     for _ in range(60):
         trial.tip = state.tip + fraction * (tip - state.tip)
