@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from drivers.rig import FrameMark
 from tacauchy_rig.run import ForceSample
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class RateMeter:
@@ -64,8 +67,12 @@ class RateMeter:
 
     def report(self) -> dict[str, float]:
         """Return the numbers of ``TrialRecord.rates``; units are in the keys."""
-        force = _stream(self._force_stamps, "force")
-        image = _stream([mark.stamp_ns for mark in self._frames], "image")
+        force = _stream(self._force_stamps, self._force_counters, "force")
+        image = _stream(
+            [mark.stamp_ns for mark in self._frames],
+            [mark.counter for mark in self._frames],
+            "image",
+        )
         turns_ms = np.array(self._turns_s or [0.0]) * 1e3
         span_s = float(np.sum(turns_ms)) * 1e-3
         dropped = self._frames_lost or [0]
@@ -89,11 +96,31 @@ def _missing(counters: list[int]) -> int:
     return counters[-1] - counters[0] + 1 - len(counters) if counters else 0
 
 
-def _stream(stamps_ns: list[int], name: str) -> dict[str, float]:
+def lateness_ms(stamps_ns: Sequence[int], counters: Sequence[int]) -> FloatArray:
+    """Return how much later than the promptest each sample arrived, shape [n] [ms].
+
+    The device's clock is the straight line through stamps over counters; what all samples share
+    (exposure, transfer) cannot be seen from here and is not in these numbers.
+    """
+    if len(stamps_ns) < 2:
+        return np.zeros(len(stamps_ns))
+    elapsed_ms = (np.array(stamps_ns, dtype=np.int64) - stamps_ns[0]) * 1e-6
+    counted = np.array(counters, dtype=np.float64) - counters[0]
+    clock = np.polynomial.Polynomial.fit(counted, elapsed_ms, 1)
+    late = elapsed_ms - clock(counted)
+    return np.asarray(late - late.min())
+
+
+def _stream(stamps_ns: list[int], counters: list[int], name: str) -> dict[str, float]:
+    late_ms = lateness_ms(stamps_ns, counters)
+    late_ms = late_ms if len(late_ms) else np.zeros(1)
     gaps_ms = np.diff(np.array(stamps_ns, dtype=np.int64)) * 1e-6
     span_s = float(np.sum(gaps_ms)) * 1e-3
     return {
         f"{name}_count": float(len(stamps_ns)),
         f"{name}_rate_hz": len(gaps_ms) / span_s if span_s > 0.0 else 0.0,
         f"{name}_gap_max_ms": float(np.max(gaps_ms)) if len(gaps_ms) else 0.0,
+        f"{name}_latency_ms_p50": float(np.percentile(late_ms, 50)),
+        f"{name}_latency_ms_p99": float(np.percentile(late_ms, 99)),
+        f"{name}_latency_ms_max": float(np.max(late_ms)),
     }

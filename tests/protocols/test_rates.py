@@ -1,0 +1,24 @@
+"""What an attempt reports of its streams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from protocols.rates import lateness_ms
+
+
+def test_lateness_is_that_of_the_late_samples_alone() -> None:
+    """One sample of a 25 Hz stream that is 30 ms late reads so; a lost one changes nothing."""
+    counters = [n for n in range(500) if n != 100]
+    stamps_ns = [5_000_000_000 + n * 40_000_000 for n in counters]
+    stamps_ns[250] += 30_000_000
+    late_ms = lateness_ms(stamps_ns, counters)
+    assert late_ms[250] == pytest.approx(30.0, abs=0.1)
+    assert np.delete(late_ms, 250).max() < 0.2
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_samples_are_not_late(count: int) -> None:
+    """Nothing is said of a stream that has not moved."""
+    assert lateness_ms([1] * count, [1] * count).tolist() == [0.0] * count
