@@ -72,12 +72,13 @@ class PressResult:
         return {name: getattr(self, name) for name in names}
 
 
-def press(scene: Scene, *, model: Model | None = None) -> PressResult:
+def press(scene: Scene, *, model: Model | None = None, device: str = "cpu") -> PressResult:
     """Press as a scene asks.
 
     Args:
         scene: What to press into what, and how far.
         model: Reuse this model instead of meshing and assembling anew.
+        device: Warp device of a new model, ``cpu`` or ``cuda:0``.
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
@@ -85,7 +86,7 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
     """
     started = time.perf_counter()
     plan = plan_effects(scene)
-    path = path_for(scene, plan, model=model)
+    path = path_for(scene, plan, model=model, device=device)
     setup = time.perf_counter() - started
     if plan.is_on(Effect.INERTIA):
         densities = densities_of(path.model.mesh, scene)
@@ -96,16 +97,19 @@ def press(scene: Scene, *, model: Model | None = None) -> PressResult:
     return measure(scene, path, point, plan=plan, wall_s=wall)
 
 
-def path_for(scene: Scene, plan: EffectPlan, *, model: Model | None = None) -> LoadingPath:
+def path_for(
+    scene: Scene, plan: EffectPlan, *, model: Model | None = None, device: str = "cpu"
+) -> LoadingPath:
     """Return the path that a scene's indenter will go, with the planned effects.
 
     Args:
         model: Reuse this model instead of meshing and assembling anew.
+        device: Warp device of a new model.
 
     Raises:
         ConfigError: The scene cannot be built.
     """
-    model = model or build_model(scene, plan=plan)
+    model = model or build_model(scene, plan=plan, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
     return LoadingPath(
         model,

@@ -10,6 +10,8 @@ from contextlib import contextmanager, nullcontext
 
 import warp as wp
 
+from tacauchy_rig.errors import ConfigError
+
 
 def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
@@ -17,6 +19,22 @@ def start_warp() -> None:
     has_driver = ctypes.util.find_library("cuda") is not None
     with nullcontext() if has_driver else _silent_stderr():
         wp.init()  # type: ignore[no-untyped-call]
+
+
+def warp_device(name: str) -> str:
+    """Return a device's name if it is here.
+
+    Raises:
+        ConfigError: There is no such device.
+    """
+    start_warp()
+    present = [device.alias for device in wp.get_devices()]
+    if name not in present:
+        raise ConfigError(
+            f"device {name!r}: not on this machine",
+            remedy=f"choose one of {', '.join(present)}; a GPU needs its NVIDIA driver",
+        )
+    return name
 
 
 @contextmanager

@@ -9,12 +9,14 @@ from sim.laws.catalogue import LawName
 from sim.press import PressResult
 from sim.press import press as simulate_press
 from sim.scene import Drive, Material, Preset, Scene
+from sim.warp_start import warp_device
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.scene_options import (
     AtOption,
     ContactOption,
     DepthOption,
+    DeviceOption,
     DriveOption,
     DurationOption,
     EffectOption,
@@ -56,6 +58,7 @@ def press(
     tolerance: ToleranceOption = None,
     effect: EffectOption = None,
     drive: DriveOption = Drive.LOAD,
+    device: DeviceOption = "cpu",
     json_file: JsonFile = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
@@ -84,7 +87,7 @@ def press(
     )
     if law is LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
-    result = simulate_press(scene)
+    result = simulate_press(scene, device=warp_device(device))
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())

@@ -72,6 +72,9 @@ EffectOption = Annotated[
 OutputOption = Annotated[
     list[Output] | None, typer.Option("--output", help="What else is asked for; may be repeated.")
 ]
+DeviceOption = Annotated[
+    str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")
+]
 DriveOption = Annotated[Drive, typer.Option("--drive", help="How a force is reached.")]
 
 
