@@ -13,6 +13,7 @@ import numpy as np
 import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.errors import ConfigError
 
 _THIN_ASPECT = 2.0
 
@@ -152,6 +153,11 @@ def _offset_rings(radius_m: float, height_m: float, grading: Grading) -> FloatAr
         size = min(size * grading.growth, grading.size_max_m)
         distance += size
         odd = not odd
+    if not rings:
+        raise ConfigError(
+            f"edges of {grading.size_m * 1e3:.3g} mm are longer than the pad",
+            remedy="choose a finer preset or a larger refinement",
+        )
     points = np.concatenate(rings)
     inside = (points[:, 0] > 0.0) & (points[:, 0] < radius_m) & (points[:, 1] > 0.0)
     return points[inside]

@@ -10,6 +10,7 @@ import typer
 
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import config_commands, emulate, session
+from tacauchy_rig.cli.accuracy import accuracy
 from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
@@ -33,6 +34,7 @@ app.command("report")(report)
 app.command("export")(export)
 app.command("press")(press)
 app.command("plan")(plan)
+app.command("accuracy")(accuracy)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")

@@ -1,0 +1,112 @@
+"""What one configuration gives for a press, and how long it takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.accuracy.configurations import Configuration
+from sim.arrays import FloatArray
+from sim.effects import plan_effects
+from sim.fields import surface_state
+from sim.loading import LoadingPath
+from sim.newton import NewtonOptions
+from sim.optics.geometry import CameraGeometry
+from sim.optics.height_map import HeightMaps, height_maps
+from sim.presets import build_model
+from sim.press import contact_measures
+from sim.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A press to a force.
+
+    Attributes:
+        force_n: The force that was asked for [N].
+        depth_m: Where it is reached [m].
+        stiffness_n_m: dF_z / d(depth) there [N/m].
+        pressure_max_pa: Largest contact pressure [Pa].
+        contact_radius_m: Radius of the disc of the contact's area [m].
+        maps: Height maps at the image's resolution.
+        setup_s: Meshing, upload and symbolic factorisation [s].
+        solve_s: From the unloaded gel to the force [s].
+        steps: Increments on the way.
+    """
+
+    configuration: Configuration
+    force_n: float
+    depth_m: float
+    stiffness_n_m: float
+    pressure_max_pa: float
+    contact_radius_m: float
+    maps: HeightMaps
+    setup_s: float
+    solve_s: float
+    steps: int
+    newton_iterations: int
+    tet_count: int
+    node_count: int
+    path: LoadingPath
+
+    def force_at(self, depth_m: float) -> float:
+        """Press on, or back, to a depth [m] and return F_z there [N].
+
+        Raises:
+            ConvergenceError: The gel cannot be pressed that far.
+        """
+        return float(self.path.advance(depth_m).force_n[2])
+
+
+def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry) -> Observation:
+    """Press a scene to its force with one configuration; the kernels should be warm.
+
+    Raises:
+        ConvergenceError: The force cannot be reached with these settings.
+        ConfigError: The scene cannot be meshed so.
+    """
+    scene = configuration.applied(scene)
+    force = scene.target.force_n or 0.0
+    started = time.perf_counter()
+    plan = plan_effects(scene)
+    model = build_model(
+        scene, plan=plan, refinement=configuration.refinement, device=configuration.device
+    )
+    options = NewtonOptions(residual_relative=configuration.residual_relative)
+    path = LoadingPath(model, scene.indenter, scene.centre_m, options=options)
+    ready = time.perf_counter()
+    point = path.push(force)
+    solved = time.perf_counter()
+    contact = contact_measures(path, point)
+    # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
+    touching = max(6e-6, scene.barrier_m)
+    return Observation(
+        configuration=configuration,
+        force_n=force,
+        depth_m=point.depth_m,
+        stiffness_n_m=point.stiffness_n_m,
+        pressure_max_pa=contact.pressure_max_pa,
+        contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
+        maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
+        setup_s=ready - started,
+        solve_s=solved - ready,
+        steps=path.counts.increments,
+        newton_iterations=path.counts.newton_iterations,
+        tet_count=len(model.elements),
+        node_count=len(model.nodes),
+        path=path,
+    )
+
+
+def height_error(found: HeightMaps, reference: HeightMaps) -> float:
+    """Return the RMS error of the height where the gel moves, over the deepest indentation.
+
+    Only pixels count where the reference moves by more than 2 % of its deepest indentation.
+    """
+    moved: FloatArray = reference.rest - reference.loaded
+    deepest = float(moved.max())
+    region = np.abs(moved) > 0.02 * deepest
+    error = (found.loaded - found.rest) - (reference.loaded - reference.rest)
+    return float(np.sqrt(np.mean(error[region] ** 2))) / deepest

@@ -1,0 +1,199 @@
+"""Errors of many configurations against one reference whose own error is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.accuracy.configurations import COARSER_REFERENCE, REFERENCE, Configuration
+from sim.accuracy.observation import Observation, height_error, observe
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import HeightMaps
+from sim.scene import Preset, Scene
+from tacauchy_rig.errors import RigError
+
+QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
+_ORDER = 1.0
+
+Render = Callable[[HeightMaps], ImageArray]
+Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A configuration's errors and cost.
+
+    Attributes:
+        errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
+            of depth, largest pressure and contact radius at the force; RMS error of the height over
+            the deepest indentation; 1 - SSIM of the image.
+        zncc_contact: Correlation with the reference's image inside the contact.
+        on_front: No configuration that is at least as fast is closer in F_z.
+        failure: Why there are no numbers; empty otherwise.
+    """
+
+    configuration: Configuration
+    errors: dict[str, float]
+    zncc_contact: float
+    setup_s: float
+    solve_s: float
+    steps: int
+    newton_iterations: int
+    tet_count: int
+    node_count: int
+    on_front: bool = False
+    failure: str = ""
+
+    @property
+    def wall_s(self) -> float:
+        """Set-up and solve [s]."""
+        return self.setup_s + self.solve_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """What accuracy costs for one scene.
+
+    Attributes:
+        bars: By quantity: how far the reference itself may be from the limit.
+        rows: In the order in which they were asked for.
+        reference: The reference's own cost.
+    """
+
+    bars: dict[str, float]
+    rows: tuple[Row, ...]
+    reference: Row
+
+
+def study(
+    scene: Scene,
+    configurations: Sequence[Configuration],
+    geometry: CameraGeometry,
+    *,
+    render: Render,
+    similarity: Similarity,
+    reference: Configuration = REFERENCE,
+    coarser: Configuration = COARSER_REFERENCE,
+    on_progress: Progress = lambda _text: None,
+) -> Study:
+    """Measure every configuration against preset reference.
+
+    The reference's bar is Richardson's: its difference from a mesh 1.5 times as coarse, carried to
+    the limit at the order of a sharp rim, 1, which for a smooth contact is too much.
+
+    Args:
+        scene: A press to a force.
+        render: Turns height maps into the tactile image.
+        similarity: SSIM of two images, and their correlation inside the contact.
+        reference: What counts as exact.
+        coarser: The same on a mesh whose refinement is smaller.
+
+    Raises:
+        ConvergenceError: The reference cannot be pressed.
+    """
+    _warm_up(scene, (reference, *configurations), geometry)
+    on_progress("reference")
+    exact = observe(scene, reference, geometry)
+    judge = _Judge(exact, render, similarity)
+    on_progress("coarser reference, for the reference's own error")
+    drift, _ = judge.errors(observe(scene, coarser, geometry))
+    share = 1.0 / ((reference.refinement / coarser.refinement) ** _ORDER - 1.0)
+    bars = {name: share * abs(error) for name, error in drift.items()}
+    rows = []
+    for configuration in configurations:
+        on_progress(configuration.name)
+        rows.append(_row(scene, configuration, geometry, judge))
+    return Study(bars=bars, rows=_with_front(rows), reference=judge.row(exact))
+
+
+def _warm_up(
+    scene: Scene, configurations: Sequence[Configuration], geometry: CameraGeometry
+) -> None:
+    """Compile every kernel that will be timed, on a mesh that costs next to nothing."""
+    small = replace(REFERENCE, preset=Preset.FAST, refinement=0.25)
+    kinds = {(c.element, c.finite_strain, c.device) for c in configurations}
+    for element, finite_strain, device in sorted(kinds):
+        kind = replace(small, element=element, finite_strain=finite_strain, device=device)
+        with suppress(RigError):
+            observe(scene, kind, geometry)
+
+
+class _Judge:
+    """Compares observations with the reference."""
+
+    def __init__(self, exact: Observation, render: Render, similarity: Similarity) -> None:
+        self._exact = exact
+        self._render = render
+        self._similarity = similarity
+        self._image = render(exact.maps)
+
+    def errors(self, found: Observation) -> tuple[dict[str, float], float]:
+        """Return the errors by quantity, and the image's correlation inside the contact."""
+        exact = self._exact
+        ssim, zncc = self._similarity(self._image, self._render(found.maps), exact.maps)
+        force = found.force_n if found is exact else found.force_at(exact.depth_m)
+        return {
+            "force": _relative(force, exact.force_n),
+            "depth": _relative(found.depth_m, exact.depth_m),
+            "pressure": _relative(found.pressure_max_pa, exact.pressure_max_pa),
+            "radius": _relative(found.contact_radius_m, exact.contact_radius_m),
+            "height": height_error(found.maps, exact.maps),
+            "image": 1.0 - ssim,
+        }, zncc
+
+    def row(self, found: Observation) -> Row:
+        """Return an observation's errors and cost."""
+        errors, zncc = self.errors(found)
+        return Row(
+            configuration=found.configuration,
+            errors=errors,
+            zncc_contact=zncc,
+            setup_s=found.setup_s,
+            solve_s=found.solve_s,
+            steps=found.steps,
+            newton_iterations=found.newton_iterations,
+            tet_count=found.tet_count,
+            node_count=found.node_count,
+        )
+
+
+def _row(
+    scene: Scene, configuration: Configuration, geometry: CameraGeometry, judge: _Judge
+) -> Row:
+    try:
+        return judge.row(observe(scene, configuration, geometry))
+    except RigError as error:
+        return Row(
+            configuration=configuration,
+            errors={},
+            zncc_contact=np.nan,
+            setup_s=np.nan,
+            solve_s=np.nan,
+            steps=0,
+            newton_iterations=0,
+            tet_count=0,
+            node_count=0,
+            failure=error.message,
+        )
+
+
+def _with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+    front = front_of([(row.wall_s, abs(row.errors.get("force", np.nan))) for row in rows])
+    return tuple(replace(row, on_front=on) for row, on in zip(rows, front, strict=True))
+
+
+def front_of(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """Return which (cost, error) points no other point beats in both; NaN is never on the front."""
+    return [
+        bool(np.isfinite(cost) and np.isfinite(error))
+        and not any((c <= cost and e <= error and (c < cost or e < error)) for c, e in points)
+        for cost, error in points
+    ]
+
+
+def _relative(found: float, exact: float) -> float:
+    return found / exact - 1.0

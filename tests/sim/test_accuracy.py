@@ -1,0 +1,115 @@
+"""The study of accuracy against time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.accuracy.configurations import FULL, SHORT, Configuration, reseeded
+from sim.accuracy.study import front_of, study
+from sim.elements import ElementOrder
+from sim.indenter import Sphere
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import HeightMaps
+from sim.pad import BoxPad
+from sim.scene import Material, Preset, Scene, Target
+
+_GEOMETRY = CameraGeometry(
+    width=40,
+    height=30,
+    scale_x_m=0.4e-3,
+    scale_y_m=0.4e-3,
+    centre_x_px=19.5,
+    centre_y_px=14.5,
+)
+_SCENE = Scene(
+    pad=BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=4e-3),
+    material=Material(young_pa=0.4e6, poisson=0.48),
+    indenter=Sphere(diameter_m=8e-3),
+    target=Target(force_n=0.3),
+)
+_EXACT = Configuration(name="exact", preset=Preset.FAST)
+_COARSE = Configuration(name="coarse", preset=Preset.FAST, refinement=0.5)
+_LINEAR = Configuration(name="P1", preset=Preset.FAST, element=ElementOrder.P1)
+
+
+def _image(maps: HeightMaps) -> ImageArray:
+    grey = 255.0 * (maps.rest - maps.loaded) / 1e-3
+    return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _alike(first: ImageArray, second: ImageArray, _maps: HeightMaps) -> tuple[float, float]:
+    difference = np.abs(first.astype(float) - second.astype(float)).mean() / 255.0
+    return 1.0 - difference, 1.0 - difference
+
+
+def test_a_locking_element_is_seen_as_too_stiff() -> None:
+    """Against quadratic tetrahedra, linear ones push back harder; the reference is itself."""
+    found = study(
+        _SCENE,
+        (_EXACT, _COARSE, _LINEAR),
+        _GEOMETRY,
+        render=_image,
+        similarity=_alike,
+        reference=_EXACT,
+        coarser=_COARSE,
+    )
+    exact, coarse, linear = found.rows
+    assert abs(exact.errors["force"]) < 1e-6
+    assert exact.errors["image"] == 0.0
+    assert linear.errors["force"] > 0.05
+    assert linear.errors["depth"] < 0.0
+    assert found.bars["force"] == pytest.approx(abs(coarse.errors["force"]), rel=1e-6)
+    assert any(row.on_front for row in found.rows)
+
+
+def test_what_cannot_be_simulated_is_a_row_that_says_so() -> None:
+    """A failure is shown, not dropped."""
+    absurd = Configuration(name="absurd", preset=Preset.FAST, refinement=1e-3, barrier_m=10.0)
+    found = study(
+        _SCENE,
+        (absurd,),
+        _GEOMETRY,
+        render=_image,
+        similarity=_alike,
+        reference=_COARSE,
+        coarser=Configuration(name="coarser", preset=Preset.FAST, refinement=0.3),
+    )
+    assert found.rows[0].failure
+    assert not found.rows[0].on_front
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1e3), st.floats(0.0, 1.0)), min_size=1))
+def test_the_front_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
+    """Every point off the front is beaten by one on it; none on it is beaten."""
+    on = front_of(points)
+    front = [point for point, is_on in zip(points, on, strict=True) if is_on]
+    assert front
+    for (cost, error), is_on in zip(points, on, strict=True):
+        beaten = any(c <= cost and e <= error and (c, e) != (cost, error) for c, e in front)
+        assert beaten is not is_on
+
+
+def test_nan_is_never_on_the_front() -> None:
+    """A configuration without a number beats nobody."""
+    assert front_of([(np.nan, 0.1), (1.0, np.nan), (2.0, 0.5)]) == [False, False, True]
+
+
+def test_the_short_form_is_part_of_the_full_one() -> None:
+    """At least twelve settings, each named once; the presets are among them."""
+    names = [each.name for each in FULL]
+    assert len(SHORT) >= 12
+    assert set(SHORT) <= set(FULL)
+    assert len(set(names)) == len(names)
+    assert {c.name for c in SHORT if c.is_preset} == {"paper", "fast", "balanced", "accurate"}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_seed_means_another_mesh_of_about_the_same_size(seed: int) -> None:
+    """Edges change by at most 7 %, and by something; the paper's one mesh stays."""
+    other = reseeded(_EXACT, seed)
+    assert 0.0 < abs(other.refinement - 1.0) <= 0.07
+    paper = Configuration(name="paper", preset=Preset.PAPER, element=ElementOrder.P1)
+    assert reseeded(paper, seed) == paper
