@@ -36,6 +36,9 @@ _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SLOPE_LEFT = 0.3
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
 _TIP_STEP_SHARE = 0.025
+# The rounding's estimate may be short by this; Newton is then seen to stand still.
+_ROUNDING_DOUBT = 10.0
+_STANDSTILL = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,16 +303,18 @@ def _untangle(problem: Problem, state: State) -> int:
 
 def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: int) -> Equilibrium:
     iterations = spent
+    residuals: list[float] = []
     while True:
         balance = problem.balance(state)
         residual, scale = balance.residual_n, balance.scale_n
+        residuals.append(residual)
         if not np.isfinite(residual):
             raise ConvergenceError(
                 f"the residual is not finite after {iterations} Newton iterations",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
         asked = max(options.residual_relative * scale, _floor(problem.model, options))
-        if residual <= max(asked, problem.model.rounding_n):
+        if residual <= asked or _rounding_ends(residuals, problem.model.rounding_n):
             _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
@@ -328,6 +333,16 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
         problem.move(state, problem.step(state, balance))
         iterations += 1
         logger.debug("iteration %d: residual %.3g N of %.4g N", iterations, residual, scale)
+
+
+def _rounding_ends(residuals: Sequence[float], rounding_n: float) -> bool:
+    """Return whether rounding leaves nothing to gain: as estimated, or near that and seen."""
+    last = residuals[-1]
+    if last <= rounding_n:
+        return True
+    recent = residuals[-1 - _STANDSTILL :]
+    still = len(recent) > _STANDSTILL and min(recent[1:]) > 0.5 * recent[0]
+    return still and last <= _ROUNDING_DOUBT * rounding_n
 
 
 def _floor(model: Model, options: NewtonOptions) -> float:
