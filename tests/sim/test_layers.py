@@ -12,6 +12,7 @@ import scipy.sparse.linalg
 
 from sim.elements import ElementOrder
 from sim.graded_plane import Grading
+from sim.hard_cases.laminate import punch_force
 from sim.indenter import Cylinder
 from sim.laws.catalogue import LawName, law
 from sim.layers import element_constants, interface_shares, law_name, sector_factor
@@ -26,7 +27,6 @@ from sim.revolved_mesh import revolved_mesh
 from sim.scene import Effect, Layer, Material, Preset, Scene, Target
 from sim.wild_mesh import WildSizing, wild_mesh
 from tacauchy_rig.errors import ConfigError
-from tests.sim.layered_reference import punch_force
 
 DOMED = BoxPad(
     size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3, dome_radius_x_m=0.1, dome_radius_y_m=0.2

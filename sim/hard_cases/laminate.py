@@ -26,6 +26,7 @@ import scipy.linalg
 
 from sim.arrays import FloatArray
 from sim.scene import Layer
+from tacauchy_rig.errors import ConfigError
 
 _WAVE_COUNT = 1200
 _POINT_COUNT = 160
@@ -34,7 +35,13 @@ _POINT_COUNT = 160
 def punch_force(
     layers: Sequence[Layer], *, height_m: float, radius_m: float, depth_m: float
 ) -> float:
-    """Return the force of a flat punch on layers of infinite extent [N]."""
+    """Return the force of a flat punch on layers of infinite extent [N].
+
+    Raises:
+        ConfigError: There is no layer.
+    """
+    if not layers:
+        raise ConfigError("a laminate of no layers", remedy="give at least one layer")
     top = layers[-1]
     shortest = 12.0 / min(top.share * height_m, 0.1 * radius_m)
     wave, wave_weight = _gauss(0.0, shortest, _WAVE_COUNT)
@@ -50,7 +57,7 @@ def punch_force(
 
 def _surface_compliance(layers: Sequence[Layer], height_m: float, wave: FloatArray) -> FloatArray:
     """Return L at every wave number."""
-    stiffness: FloatArray | None = None
+    stiffness: FloatArray = np.empty(0)
     for layer in layers:
         thickness = layer.share * height_m
         slices = max(4, int(np.ceil(wave.max() * thickness)))
@@ -58,13 +65,11 @@ def _surface_compliance(layers: Sequence[Layer], height_m: float, wave: FloatArr
         kept, forced = step[:, :2, :2], step[:, :2, 2:]
         raised, carried = step[:, 2:, :2], step[:, 2:, 2:]
         for _ in range(slices):
-            if stiffness is None:
+            if not stiffness.size:
                 stiffness = carried @ np.linalg.inv(forced)
             else:
                 motion = kept + forced @ stiffness
                 stiffness = (raised + carried @ stiffness) @ np.linalg.inv(motion)
-    if stiffness is None:
-        raise ValueError("no layers")
     compliance = np.linalg.inv(stiffness)[:, 1, 1]
     top = layers[-1].material
     return np.asarray(compliance * wave * top.young_pa / (2.0 * (1.0 - top.poisson**2)))

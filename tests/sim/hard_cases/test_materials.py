@@ -1,0 +1,65 @@
+"""Rows of nearly incompressible gel, slivers and stiff layers, and what they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.hard_cases.laminate import punch_force
+from sim.hard_cases.materials import CASES, slivers, stiff_layers
+from sim.hard_cases.pads import brick_mesh
+from sim.hard_cases.slivers import sliver_count, with_slivers
+from sim.mesh import mesh_statistics
+from sim.newton import _rounding_ends
+from tacauchy_rig.errors import ConfigError
+
+
+def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
+    """The smallest angle is the one asked for, every volume positive, the surface untouched."""
+    good = brick_mesh((4, 4, 3))
+    bad = with_slivers(good, dihedral_deg=0.5)
+    assert mesh_statistics(bad).dihedral_min_deg == pytest.approx(0.5, rel=1e-6)
+    assert sliver_count(bad, below_deg=0.51) >= 3
+    assert sliver_count(good, below_deg=0.51) == 0
+    corners = bad.vertices[bad.tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(12e-3 * 12e-3 * 4e-3, rel=1e-12)
+
+
+def test_slivers_cost_few_iterations() -> None:
+    """The row itself, pressed less deep."""
+    outcome = slivers(depth_m=0.2e-3)
+    assert outcome.passed, outcome.measured
+
+
+def test_stiff_layers_meet_the_laminate() -> None:
+    """The row itself: both ways round."""
+    outcome = stiff_layers()
+    assert outcome.passed, outcome.measured
+
+
+def test_no_layers_have_no_punch_force() -> None:
+    """A laminate needs a layer."""
+    with pytest.raises(ConfigError, match="no layers"):
+        punch_force((), height_m=4e-3, radius_m=1e-3, depth_m=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("residuals", "ends"),
+    [
+        ([1.0, 0.9], True),
+        ([8.0, 7.9, 7.8, 8.1], True),
+        ([8.0, 7.9, 8.1], False),
+        ([16.0, 8.0, 4.0, 2.0], False),
+        ([30.0, 29.0, 31.0, 30.0], False),
+    ],
+)
+def test_newton_ends_in_rounding(residuals: list[float], ends: bool) -> None:
+    """Below the estimate at once; a little above it once three iterations have gained nothing."""
+    assert _rounding_ends(residuals, 1.0) is ends
+
+
+def test_rows_of_this_module() -> None:
+    """Three rows."""
+    assert [case.number for case in CASES] == [3, 7, 8]
