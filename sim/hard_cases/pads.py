@@ -5,6 +5,7 @@ from __future__ import annotations
 from sim.elements import ElementOrder
 from sim.graded_plane import Grading
 from sim.hard_cases.box_mesh import box_mesh
+from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import LawName, law
 from sim.mesh import TetMesh
 from sim.model import Model
@@ -16,11 +17,15 @@ HEIGHT_M = 4e-3
 YOUNG_PA = 4e5
 POISSON = 0.48
 BARRIER_M = 2e-6
+DENSITY_KG_M3 = 1070.0
 
 DOMED = BoxPad(
     size_x_m=20e-3, size_y_m=24e-3, height_m=HEIGHT_M, dome_radius_x_m=0.1, dome_radius_y_m=0.2
 )
 DISC = DiscPad(radius_m=10e-3, height_m=HEIGHT_M)
+
+PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
+BALL = Sphere(diameter_m=8e-3)
 
 
 def pad_model(
@@ -60,6 +65,11 @@ def round_mesh(
     )
 
 
-def brick_mesh(cells: tuple[int, int, int] = (8, 8, 4), *, jitter: float = 0.0) -> TetMesh:
+def brick_mesh(cells: tuple[int, int, int], *, jitter: float = 0.0) -> TetMesh:
     """Return a regular box of 12 x 12 x 4 mm."""
     return box_mesh((12e-3, 12e-3, HEIGHT_M), cells, jitter=jitter)
+
+
+def quarter_brick_mesh(cells: tuple[int, int, int]) -> TetMesh:
+    """Return the quarter of that box whose mirror images are the rest."""
+    return box_mesh((6e-3, 6e-3, HEIGHT_M), cells, quarter=True)

@@ -17,6 +17,7 @@ from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
+from tacauchy_rig.cli.torture import torture
 from tacauchy_rig.errors import AbortedError, RigError
 
 app = typer.Typer(
@@ -35,6 +36,7 @@ app.command("export")(export)
 app.command("press")(press)
 app.command("plan")(plan)
 app.command("accuracy")(accuracy)
+app.command("torture")(torture)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")

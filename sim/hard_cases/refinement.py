@@ -1,0 +1,91 @@
+"""Case 17: consistency, and how fast the force converges under uniform refinement.
+
+Both meshes are regular, and each is the one before with every edge halved. A punch so wide that its
+rim is straight across the pad gives a sharp rim that lies on nodes at every level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.elements import ElementOrder
+from sim.hard_cases.box_mesh import box_mesh
+from sim.hard_cases.case import HardCase, Outcome
+from sim.hard_cases.consistency import patch_test, rigid_motion
+from sim.hard_cases.pads import pad_model
+from sim.indenter import Cylinder, Sphere
+from sim.laws.catalogue import LawName
+from sim.loading import LoadingPath
+from sim.mesh import TetMesh
+from sim.model import Model
+from sim.state import ContactOptions
+
+_POISSON = 0.3
+
+
+def consistency_and_order() -> Outcome:
+    """Turn, stretch and refine."""
+    measured = rigid_motion() | patch_test()
+    exact = max(float(deviation) for deviation in measured.values())
+    rim, sphere = _orders(sharp_rim_forces()), _orders(sphere_forces())
+    measured["sharp_rim_order_p1"] = rim[-1]
+    measured["sharp_rim_orders_p1"] = _told(rim)
+    measured["sphere_order_p2"] = sphere[-1]
+    measured["sphere_orders_p2"] = _told(sphere)
+    passed = exact <= 1e-10 and abs(rim[-1] - 1.0) <= 0.2 and sphere[-1] >= 1.8
+    return Outcome(passed=passed, measured=measured)
+
+
+def sharp_rim_forces() -> list[float]:
+    """Return F_z [N] of linear elements bonded to a punch on half of the pad; five levels."""
+    forces = []
+    for level in (1, 2, 4, 8, 16):
+        mesh = box_mesh((8e-3, 1e-3, 4e-3), (8 * level, 1, 4 * level))
+        model = _linear(mesh, ElementOrder.P1, barrier_m=1e-5, bonded=True)
+        path = LoadingPath(model, Cylinder(diameter_m=2.0), centre_m=(-1.0, 0.0))
+        forces.append(float(path.advance(5e-5).force_n[2]))
+    return forces
+
+
+def sphere_forces() -> list[float]:
+    """Return F_z [N] of quadratic elements under a large ball; three levels."""
+    forces = []
+    for cells in (2, 4, 8):
+        mesh = box_mesh((4e-3, 4e-3, 4e-3), (cells, cells, cells), quarter=True)
+        model = _linear(mesh, ElementOrder.P2, barrier_m=5e-5, bonded=False)
+        path = LoadingPath(model, Sphere(diameter_m=40e-3), step_max_m=0.2e-3)
+        forces.append(float(path.advance(4e-4).force_n[2]))
+    return forces
+
+
+def _linear(mesh: TetMesh, order: ElementOrder, *, barrier_m: float, bonded: bool) -> Model:
+    return pad_model(
+        mesh,
+        order=order,
+        poisson=_POISSON,
+        law_name=LawName.LINEAR,
+        contact_options=ContactOptions(distance_m=barrier_m, bonded=bonded),
+    )
+
+
+def _orders(forces: Sequence[float]) -> list[float]:
+    """Return the orders that each three levels show."""
+    changes = np.abs(np.diff(forces))
+    return [float(order) for order in np.log2(changes[:-1] / changes[1:])]
+
+
+def _told(orders: Sequence[float]) -> str:
+    return ", ".join(f"{order:.2f}" for order in orders)
+
+
+CASES = (
+    HardCase(
+        number=17,
+        name="rigid motion, patch test and refinement",
+        criterion="exact to 1e-10; order about 1 at a sharp rim (P1), at least 1.8 (sphere, P2)",
+        measure=consistency_and_order,
+        limit_s=400.0,
+    ),
+)
