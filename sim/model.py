@@ -27,6 +27,9 @@ from sim.relaxation import Relaxation
 from sim.state import ContactForces, ContactOptions, Grip, State
 from tacauchy_rig.errors import ConfigError
 
+# Relative rounding of what the kernels compute; the host computes in float64.
+KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)
+
 
 class Model:
     """A clamped pad of one element type and law, ready to be pressed.
@@ -44,8 +47,8 @@ class Model:
         height_m: Of the highest node at rest [m].
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
-        rounding_n: About how much the nodal forces change, in norm, when every coordinate is
-            rounded [N]: no residual can be asked to be smaller.
+        elastic_rounding_n: About how much the gel's nodal forces change, in norm, when every
+            coordinate is rounded [N].
         relaxation: What the gel remembers; None for an elastic one.
     """
 
@@ -235,6 +238,12 @@ class Model:
         points, forces, stiffness = (_numpy(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
+    def rounding_n(self, contact: ContactForces) -> float:
+        """Return how much all nodal forces change by rounding [N]; no residual can be smaller."""
+        stiffness = np.linalg.norm(contact.stiffness, axis=(2, 3))
+        change = KERNEL_EPSILON * stiffness * np.abs(contact.points).max(axis=2)
+        return float(np.hypot(self.elastic_rounding_n, np.linalg.norm(change)))
+
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
         """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
         out = wp.zeros(len(self.nodes), dtype=wp.vec3d, device=self.device)
@@ -315,7 +324,7 @@ class Model:
         self.volume_m3 = float(volumes.sum())
         self.height_m = float(self.nodes[:, 2].max())
         self.energy_scale_j = float(self._young_pa @ volumes)
-        self.rounding_n = self._rounding_force(
+        self.elastic_rounding_n = self._rounding_force(
             corners, np.asarray(np.linalg.inv(jacobians), dtype=np.float64), volumes
         )
         materials = np.column_stack([self._young_pa, self._poisson])
@@ -345,7 +354,7 @@ class Model:
         lam = lam / ((1.0 + self._poisson) * (1.0 - 2.0 * self._poisson))
         stiffness = (lam + 2.0 * mu) * volumes * (inverses**2).sum(axis=(1, 2))
         reach = np.abs(corners).max(axis=(1, 2))
-        return float(np.finfo(np.float64).eps * np.linalg.norm(stiffness * reach))
+        return float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))
 
     def _settings_of(self, state: State) -> Any:
         options = self.contact_options
@@ -405,5 +414,6 @@ class Model:
 
 
 def _numpy(array: Any) -> NDArray[Any]:
-    """Return a device array on the host; on the CPU this shares memory."""
-    return np.asarray(array.numpy())
+    """Return a device array on the host, its reals as float64; on the CPU this shares memory."""
+    host = array.numpy()
+    return np.asarray(host, dtype=np.float64 if host.dtype.kind == "f" else host.dtype)

@@ -21,7 +21,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
-from sim.model import Model
+from sim.model import KERNEL_EPSILON, Model
 from sim.potentials import NodalPotential
 from sim.state import ContactForces, State
 from sim.untangle import TANGLED_SHARE, inverted_share, untangle
@@ -32,6 +32,7 @@ logger = logging.getLogger(__name__)
 OVERLAP_SHARE = 0.005
 _FLOOR_SHARE = 1.5e-11
 _PENETRATION_SHARE = 0.3
+_FACING = 0.5
 _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SLOPE_LEFT = 0.3
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
@@ -231,7 +232,7 @@ class Problem:
         fraction = overlap_fraction(model, self.indenter, state, tip + rise, full)
         energy, slope = self.energy(state), step.slope_j
         # Rounding of the summed energy: below it only the gradient can tell which way is down.
-        noise = 1e-12 * abs(energy) + 1e-15 * model.energy_scale_j
+        noise = KERNEL_EPSILON * (4500.0 * abs(energy) + 4.5 * model.energy_scale_j)
         for _ in range(40):
             state.positions = start + fraction * full
             state.tip = tip + fraction * rise
@@ -278,13 +279,24 @@ def _refuse_deep_overlap(problem: Problem, state: State) -> None:
     """End where gel starts so far inside the indenter that its nearest side may be the wrong one.
 
     Raises:
-        ConvergenceError: The overlap is 30 % of the pad's height or more.
+        ConvergenceError: The overlap is 30 % of the pad's height or more, or the nearest side at
+            the deepest point does not face the gel.
     """
-    deepest = -float(problem.model.gaps(state.positions, problem.indenter, state).min())
-    if deepest >= _PENETRATION_SHARE * problem.model.height_m:
+    model = problem.model
+    gaps = model.gaps(state.positions, problem.indenter, state)
+    deepest = -float(gaps.min())
+    if deepest <= 2.0 * OVERLAP_SHARE * model.height_m:
+        return
+    told = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
+    remedy = "start with the indenter above the gel and press it in"
+    if deepest >= _PENETRATION_SHARE * model.height_m:
+        raise ConvergenceError(told, remedy=remedy)
+    at = np.unravel_index(np.argmin(gaps), gaps.shape)
+    push = model.contact_forces(state.positions, problem.indenter, state).forces[at]
+    outward = model.deformed_area_vectors(state.positions)[at]
+    if push @ outward < _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
         raise ConvergenceError(
-            f"the gel starts {deepest * 1e3:.3g} mm inside the indenter",
-            remedy="start with the indenter above the gel and press it in",
+            f"{told}, where its nearest side does not face the gel", remedy=remedy
         )
 
 
@@ -314,7 +326,9 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
         asked = max(options.residual_relative * scale, _floor(problem.model, options))
-        if residual <= asked or _rounding_ends(residuals, problem.model.rounding_n):
+        if residual <= asked or _rounding_ends(
+            residuals, problem.model.rounding_n(balance.contact)
+        ):
             _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
