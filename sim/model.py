@@ -28,7 +28,7 @@ from sim.state import ContactForces, ContactOptions, Grip, State
 from tacauchy_rig.errors import ConfigError
 
 # Relative rounding of what the kernels compute; the host computes in float64.
-KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)
+KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 
 
 class Model:
