@@ -53,7 +53,7 @@ class Resolution:
 RESOLUTIONS = {
     Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
     Preset.BALANCED: Resolution(edge_share=0.02, smooth_share=0.17, growth=1.8, sector_count=16),
-    Preset.ACCURATE: Resolution(edge_share=0.01, smooth_share=0.10, growth=1.6, sector_count=24),
+    Preset.ACCURATE: Resolution(edge_share=0.01, smooth_share=0.10, growth=1.5, sector_count=24),
     Preset.REFERENCE: Resolution(edge_share=0.01, smooth_share=0.07, growth=1.4, sector_count=32),
 }
 

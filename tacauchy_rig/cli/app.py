@@ -18,6 +18,7 @@ from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
 from tacauchy_rig.cli.torture import torture
+from tacauchy_rig.cli.verify import verify
 from tacauchy_rig.errors import AbortedError, RigError
 
 app = typer.Typer(
@@ -37,6 +38,7 @@ app.command("press")(press)
 app.command("plan")(plan)
 app.command("accuracy")(accuracy)
 app.command("torture")(torture)
+app.command("verify")(verify)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")

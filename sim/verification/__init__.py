@@ -1,0 +1,1 @@
+"""The simulator against solutions and measurements that it did not make."""

@@ -1,0 +1,1 @@
+"""Reference numbers as data, each file with its source."""

@@ -1,0 +1,111 @@
+"""``tacauchy-rig verify``: the simulator against what others found, as a table and a page."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from sim.verification.catalogue import SECTIONS
+from sim.verification.page import cell, markdown, result
+from sim.verification.section import Section
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import complain, console, say, write_json
+from tacauchy_rig.cli.versions import versions
+from tacauchy_rig.errors import ConfigError, RecordError, RigError
+
+
+def verify(
+    sections: Annotated[
+        list[str] | None,
+        typer.Option("--sections", metavar="NAME[,NAME]", help=f"Of {', '.join(SECTIONS)}."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write a page, such as docs/verification.md."),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press what has a known answer, and say how far off the simulator is; takes minutes."""
+    names = _chosen(sections)
+    found: dict[str, Section] = {}
+    for name in names:
+        complain(f"{name} ...")
+        started = time.monotonic()
+        found[name] = _measured(name)
+        complain(f"{name}: {_word(found[name])} [{time.monotonic() - started:.0f} s]")
+        _show(found[name])
+    if out is not None:
+        _write(out, _page(list(found.values()), names, out))
+        say(f"page {out}")
+    write_json(json_file, {"sections": found, "versions": versions()})
+    missed = [name for name, section in found.items() if not section.passed]
+    say(f"missed: {', '.join(missed)}" if missed else "no criterion was missed")
+    raise typer.Exit(1 if missed else 0)
+
+
+def _chosen(given: list[str] | None) -> list[str]:
+    """Return the names that were asked for, in the order of the page; all if none were."""
+    asked = [name.strip() for text in given or [] for name in text.split(",") if name.strip()]
+    for name in asked:
+        if name not in SECTIONS:
+            raise ConfigError(
+                f"--sections {name}: there is no such section",
+                remedy=f"use one or more of {', '.join(SECTIONS)}",
+            )
+    return [name for name in SECTIONS if not asked or name in asked]
+
+
+def _measured(name: str) -> Section:
+    """Measure a section; an error of its presses is its result, and the others still run."""
+    try:
+        return SECTIONS[name]()
+    except RigError as error:
+        return Section(
+            title=name,
+            columns=(),
+            rows=(),
+            criterion="it runs to its end",
+            passed=False,
+            note=f"It ended with an error: {error.message}.",
+        )
+
+
+def _word(section: Section) -> str:
+    return result(section).strip("*")
+
+
+def _show(section: Section) -> None:
+    table = Table(title=section.title, title_justify="left", caption_justify="left")
+    for column in section.columns:
+        table.add_column(column, justify="right")
+    for row in section.rows:
+        table.add_row(*(Text(cell(value)) for value in row))
+    table.caption = f"{_word(section)}: {section.criterion}"
+    console.print(table)
+
+
+def _page(sections: list[Section], names: list[str], out: Path) -> str:
+    chosen = "" if names == list(SECTIONS) else f" --sections {','.join(names)}"
+    return markdown(
+        sections,
+        command=f"tacauchy-rig verify{chosen} --out {out}",
+        versions=versions(),
+        machine=f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors",
+    )
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
+        ) from error
