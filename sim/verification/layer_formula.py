@@ -48,7 +48,7 @@ def punch_force(
 
 def hertz_force(*, radius_m: float, depth_m: float, young_pa: float, poisson: float) -> float:
     """Return Hertz's force of a ball on a half space [N]: 4/3 E / (1 - nu^2) sqrt(R) d^1.5."""
-    return 4.0 / 3.0 * young_pa / (1.0 - poisson**2) * math.sqrt(radius_m) * depth_m**1.5
+    return 4.0 / 3.0 * young_pa / (1.0 - poisson**2) * math.sqrt(radius_m * depth_m) * depth_m
 
 
 def ball_force(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
@@ -30,49 +30,39 @@ class RealPress:
     force_n: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class YoungFit:
-    """A modulus at which a simulated press meets a measured one.
-
-    Attributes:
-        force_n: F_z with ``young_pa``, pressed anew [N].
-    """
-
-    poisson: float
-    contact: ContactMode
-    young_pa: float
-    force_n: float
-
-
 def measure(*, preset: Preset = Preset.ACCURATE) -> Section:
-    """Fit E, and show what the fit hangs on."""
-    real, sensor = real_press(), load_sensor(real_press().sensor)
-    file_young, file_poisson = sensor.numbers["material.young"], sensor.numbers["material.poisson"]
-    spread = file_poisson.uncertainty
+    """Fit E, press anew with it, and show what the fit hangs on."""
+    real = real_press()
+    numbers = load_sensor(real.sensor).numbers
+    young, poisson = numbers["material.young"], numbers["material.poisson"]
     asked = (
-        (file_poisson.value, ContactMode.FRICTIONLESS),
-        (file_poisson.value, ContactMode.BONDED),
-        (file_poisson.value - spread, ContactMode.FRICTIONLESS),
-        (file_poisson.value + spread, ContactMode.FRICTIONLESS),
+        (poisson.value, ContactMode.FRICTIONLESS),
+        (poisson.value, ContactMode.BONDED),
+        (poisson.value - poisson.uncertainty, ContactMode.FRICTIONLESS),
+        (poisson.value + poisson.uncertainty, ContactMode.FRICTIONLESS),
     )
-    fits = [fit_young(real, poisson, contact, preset) for poisson, contact in asked]
-    best = fits[0]
-    off = (best.young_pa - file_young.value) / file_young.uncertainty
+    fits = [fitted_young(real, nu, contact, preset) for nu, contact in asked]
+    scene = real_scene(real, fits[0], *asked[0], preset)
+    force = press(scene).force_n[2]
+    forces = (force, None, None, None)
+    off = (fits[0] - young.value) / young.uncertainty
     return Section(
         title="One press of a real gel",
-        columns=("nu", "contact", "fitted E [MPa]", "F_z with it [N]", "measured [N]"),
+        columns=("nu", "contact", "fitted E [MPa]", "F_z pressed anew [N]", "measured [N]"),
         rows=tuple(
-            (f.poisson, f.contact.value, f.young_pa * 1e-6, f.force_n, real.force_n) for f in fits
+            (nu, contact.value, fit * 1e-6, again, real.force_n)
+            for (nu, contact), fit, again in zip(asked, fits, forces, strict=True)
         ),
         criterion="E is fitted to the one point and stated; pressed anew with it, F_z is the "
         f"measured one within 0.1 %; preset {preset.value}",
-        passed=all(abs(f.force_n / real.force_n - 1.0) <= _ALLOWED for f in fits),
+        passed=abs(force / real.force_n - 1.0) <= _ALLOWED,
         note=f"{real.source}: radius {real.ball_radius_m * 1e3:g} mm, {real.force_n:g} N at "
         f"{real.depth_m * 1e3:g} mm, on the sensor's own domed pad. The fit is "
-        f"E = {best.young_pa * 1e-6:.4f} MPa (first row), {off:+.1f} standard uncertainties from "
-        f"the sensor file's {file_young.value * 1e-6:g} MPa, which was measured on another unit "
-        "and stays. A fit to one point verifies nothing; the presses to other depths do.",
-        command=press_command(real_scene(real, best.young_pa, best.poisson, best.contact, preset)),
+        f"E = {fits[0] * 1e-6:.4f} MPa (first row), {off:+.1f} standard uncertainties from "
+        f"the sensor file's {young.value * 1e-6:g} MPa, which was measured on another unit "
+        "and stays. A fit to one point verifies nothing by itself; the presses to other depths "
+        "do.",
+        command=press_command(scene),
     )
 
 
@@ -83,20 +73,17 @@ def real_press() -> RealPress:
     return RealPress(
         source=data["source"],
         sensor=data["sensor"],
-        ball_radius_m=parse_quantity(data["ball_radius"], Dimension.LENGTH),
-        depth_m=parse_quantity(data["depth"], Dimension.LENGTH),
-        force_n=parse_quantity(data["force"], Dimension.FORCE),
+        ball_radius_m=parse_quantity(data["ball_radius"], dimension=Dimension.LENGTH).value,
+        depth_m=parse_quantity(data["depth"], dimension=Dimension.LENGTH).value,
+        force_n=parse_quantity(data["force"], dimension=Dimension.FORCE).value,
     )
 
 
-def fit_young(real: RealPress, poisson: float, contact: ContactMode, preset: Preset) -> YoungFit:
-    """Scale E, to which a force at given depth is proportional, and press again."""
-    scene = real_scene(real, load_sensor(real.sensor).material.young_pa, poisson, contact, preset)
-    young = scene.material.young_pa * real.force_n / press(scene).force_n[2]
-    again = replace(scene, material=Material(young_pa=young, poisson=poisson))
-    return YoungFit(
-        poisson=poisson, contact=contact, young_pa=young, force_n=press(again).force_n[2]
-    )
+def fitted_young(real: RealPress, poisson: float, contact: ContactMode, preset: Preset) -> float:
+    """Return the E [Pa] at which a press gives the measured force, to which it is proportional."""
+    young = load_sensor(real.sensor).material.young_pa
+    scene = real_scene(real, young, poisson, contact, preset)
+    return young * real.force_n / press(scene).force_n[2]
 
 
 def real_scene(

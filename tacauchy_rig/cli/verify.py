@@ -83,8 +83,8 @@ def _word(section: Section) -> str:
 
 def _show(section: Section) -> None:
     table = Table(title=section.title, title_justify="left", caption_justify="left")
-    for column in section.columns:
-        table.add_column(column, justify="right")
+    for number, column in enumerate(section.columns):
+        table.add_column(column, justify="right" if number else "left", overflow="fold")
     for row in section.rows:
         table.add_row(*(Text(cell(value)) for value in row))
     table.caption = f"{_word(section)}: {section.criterion}"

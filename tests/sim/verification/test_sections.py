@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from sim.laws.catalogue import LawName
+from sim.press import press
 from sim.scene import ContactMode, Preset
 from sim.verification import disc, drives, hertz, mesh_table, punch, real_press, stress_cost
 from sim.verification.catalogue import SECTIONS
-from sim.verification.real_press import fit_young
+from sim.verification.real_press import fitted_young, real_scene
 
 
 def test_punch_states_error_and_limit_of_each_row() -> None:
@@ -55,10 +56,11 @@ def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
 
 def test_fitted_modulus_gives_the_measured_force() -> None:
     """A force at given depth is proportional to E."""
-    real = real_press.real_press()
-    fit = fit_young(real, 0.48, ContactMode.FRICTIONLESS, Preset.FAST)
-    assert fit.force_n == pytest.approx(real.force_n, rel=1e-6)
-    assert 0.4e6 < fit.young_pa < 0.6e6
+    real, poisson = real_press.real_press(), 0.48
+    young = fitted_young(real, poisson, ContactMode.FRICTIONLESS, Preset.FAST)
+    scene = real_scene(real, young, poisson, ContactMode.FRICTIONLESS, Preset.FAST)
+    assert press(scene).force_n[2] == pytest.approx(real.force_n, rel=1e-6)
+    assert 0.4e6 < young < 0.6e6
 
 
 def test_drives_agree_in_depth() -> None:
