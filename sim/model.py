@@ -70,7 +70,9 @@ class Model:
         self._poisson = np.broadcast_to(np.asarray(poisson, np.float64), len(mesh.tets))
         self.contact_options = contact_options or ContactOptions()
         self.device = device
-        self.reference: ReferenceElement = reference_element(order)
+        self.reference: ReferenceElement = reference_element(
+            order, face_splits=self.contact_options.face_splits
+        )
         if order is ElementOrder.P2:
             self.nodes, self.elements = quadratic_nodes(mesh.vertices, mesh.tets)
         else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from sim.wild_mesh import WildSizing, wild_mesh
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
+_SAGITTA_SHARE = 0.48
 _EXPECTED_DEPTH_SHARE = 0.2
 
 
@@ -99,6 +100,7 @@ def build_model(
         distance_m=scene.barrier_m,
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
+        face_splits=1 if has_sharp_rim(scene) and scene.preset is not Preset.PAPER else 0,
     )
     return Model(
         mesh,
@@ -134,7 +136,7 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene.pad, shares)
-    resolution = refined(RESOLUTIONS[scene.preset], refinement)
+    resolution = refined(_resolution(scene), refinement)
     return revolved_mesh(
         scene.pad,
         _grading(scene, resolution),
@@ -143,7 +145,38 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
         folded=folded,
+        circumscribed=has_sharp_rim(scene),
     )
+
+
+def has_sharp_rim(scene: Scene) -> bool:
+    """Return whether a sharp edge presses on the gel: stress is singular there.
+
+    What its edge happens to cut decides F_z there. With the rim's nodes on a polygon in it and 12
+    contact points on a face, a flat punch on an elastic layer comes out 3.5 % too soft to 2.5 % too
+    stiff by chance as the mesh is refined. With the polygon around it, as near to it as
+    ``_resolution`` has it, and 48 points, preset balanced's mesh with edges 1.5, 1 and 0.75 times
+    as long comes out 7.2, 2.3 and 0.7 % too stiff.
+    """
+    return isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m == 0.0
+
+
+def finest_edge_m(scene: Scene) -> float:
+    """Return the edge length that a scene's preset gives to the indenter's rim or contact [m]."""
+    return _grading(scene, _resolution(scene)).size_m
+
+
+def _resolution(scene: Scene) -> Resolution:
+    """Return a scene's resolution, with sectors enough for a sharp rim.
+
+    A circle leaves its polygon by half the square of half a sector's angle: that is kept below the
+    rim's edges.
+    """
+    resolution = RESOLUTIONS[scene.preset]
+    if not has_sharp_rim(scene):
+        return resolution
+    sectors = np.pi / np.sqrt(2.0 * _SAGITTA_SHARE * resolution.edge_share)
+    return replace(resolution, sector_count=max(resolution.sector_count, 4 * round(0.25 * sectors)))
 
 
 def _paper_mesh(pad: Pad, shares: tuple[float, ...]) -> TetMesh:

@@ -18,6 +18,7 @@ from sim.model import Model
 from sim.moving_press import moving_press
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene, Target
+from sim.stress import surface_stress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,9 @@ class PressResult:
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
         force_balance_relative: |force + base reaction - weight| over |force|; with inertia, what
             accelerates the gel is in it.
+        surface_traction_gap_relative: |integral of t = sigma n over the unclamped surface + force|
+            over |force|, sigma that of the elements (paper, Algorithm 1); it falls with the edge
+            length, slowly at a sharp rim.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
@@ -50,6 +54,7 @@ class PressResult:
     max_pressure_pa: float
     base_reaction_n: tuple[float, float, float]
     force_balance_relative: float
+    surface_traction_gap_relative: float
     min_jacobian: float
     gap_min_m: float
     newton_iterations: int
@@ -88,28 +93,30 @@ def press(scene: Scene, *, model: Model | None = None, device: str = "cpu") -> P
     plan = plan_effects(scene)
     path = path_for(scene, plan, model=model, device=device)
     setup = time.perf_counter() - started
-    if plan.is_on(Effect.INERTIA):
-        densities = densities_of(path.model.mesh, scene)
-        point = moving_press(scene, path, density_kg_m3=densities)
-    else:
-        point = follow(scene, path)
+    point = solve(scene, plan, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
     return measure(scene, path, point, plan=plan, wall_s=wall)
 
 
 def path_for(
-    scene: Scene, plan: EffectPlan, *, model: Model | None = None, device: str = "cpu"
+    scene: Scene,
+    plan: EffectPlan,
+    *,
+    model: Model | None = None,
+    refinement: float = 1.0,
+    device: str = "cpu",
 ) -> LoadingPath:
     """Return the path that a scene's indenter will go, with the planned effects.
 
     Args:
         model: Reuse this model instead of meshing and assembling anew.
         device: Warp device of a new model.
+        refinement: Make every edge this many times shorter than the preset does.
 
     Raises:
         ConfigError: The scene cannot be built.
     """
-    model = model or build_model(scene, plan=plan, device=device)
+    model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
     return LoadingPath(
         model,
@@ -118,6 +125,17 @@ def path_for(
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene)),) if heavy else (),
     )
+
+
+def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:
+    """Take the indenter along its path, with the planned effects.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+    """
+    if plan.is_on(Effect.INERTIA):
+        return moving_press(scene, path, density_kg_m3=densities_of(path.model.mesh, scene))
+    return follow(scene, path)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
@@ -179,6 +197,7 @@ def measure(
         max_pressure_pa=contact.pressure_max_pa,
         base_reaction_n=_vector(reaction),
         force_balance_relative=balance / size if size > 0.0 else 0.0,
+        surface_traction_gap_relative=surface_traction_gap(model, point),
         min_jacobian=point.equilibrium.min_jacobian,
         gap_min_m=contact.gap_min_m,
         newton_iterations=path.counts.newton_iterations,
@@ -194,6 +213,19 @@ def measure(
         model=model,
         point=point,
     )
+
+
+def surface_traction_gap(model: Model, point: PathPoint) -> float:
+    """Return how far the surface integral of sigma n misses the indenter's force, relative to it.
+
+    Zero without a force.
+    """
+    size = float(np.linalg.norm(point.force_n))
+    if size == 0.0:
+        return 0.0
+    stress = surface_stress(model, point.state.positions)
+    carried = model.mesh.fold.whole_force(stress.areas_m2 @ stress.traction_pa)
+    return float(np.linalg.norm(carried + point.force_n)) / size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

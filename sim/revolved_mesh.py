@@ -7,6 +7,8 @@ Neighbouring sectors are mirror images, so a centred press meets a mirror-symmet
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,7 @@ def revolved_mesh(
     name: str,
     folded: bool = True,
     interface_shares: tuple[float, ...] = (),
+    circumscribed: bool = False,
 ) -> TetMesh:
     """Mesh a pad.
 
@@ -35,6 +38,8 @@ def revolved_mesh(
         sector_count: Sectors of a full turn.
         folded: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.
+        circumscribed: Let the ring of nodes on the rim be a polygon around the rim instead of in
+            it, so that no face outside it is touched.
 
     Raises:
         ConfigError: The axis stands outside the pad.
@@ -51,6 +56,11 @@ def revolved_mesh(
     fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
     start, end = _turn(fold)
     angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
+    if circumscribed:
+        outwards = 1.0 / np.cos(0.5 * float(np.diff(angles).max()))
+        grading = replace(
+            grading, start_m=outwards * grading.start_m, end_m=outwards * grading.end_m
+        )
     mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
     if fold.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]

@@ -17,6 +17,8 @@ class ContactOptions:
         bonded: Points that touch stick to the indenter.
         friction: Coulomb coefficient mu; zero without friction.
         slip_m: Tangential offset at which sticking has become sliding [m].
+        face_splits: How often each face is cut in four for its contact points; a sharp rim that
+            cuts faces is then felt more evenly.
     """
 
     distance_m: float = 1.0e-5
@@ -24,6 +26,7 @@ class ContactOptions:
     bonded: bool = False
     friction: float = 0.0
     slip_m: float = 1.0e-6
+    face_splits: int = 0
 
     @property
     def is_tangential(self) -> bool:

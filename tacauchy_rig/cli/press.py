@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from sim.indenter import describe
 from sim.interface import interface_traction
 from sim.laws import paper_eq4
 from sim.laws.catalogue import LawName
 from sim.press import PressResult
 from sim.press import press as simulate_press
+from sim.richardson import with_estimate
 from sim.scene import Drive, Material, Preset, Scene
 from sim.warp_start import warp_device
 from tacauchy_rig.cli.options import JsonFile
@@ -37,6 +42,15 @@ from tacauchy_rig.cli.scene_options import (
     scene_of,
 )
 
+EstimateErrorOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--estimate-error/--no-estimate-error",
+        help="Press again on two coarser meshes to estimate the error of F_z; if neither is "
+        "given, where the table of measured errors has no number.",
+    ),
+]
+
 
 def press(
     indenter: IndenterOption,
@@ -59,6 +73,7 @@ def press(
     effect: EffectOption = None,
     drive: DriveOption = Drive.LOAD,
     device: DeviceOption = "cpu",
+    estimate_error: EstimateErrorOption = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
@@ -88,6 +103,9 @@ def press(
     if law is LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
     result = simulate_press(scene, device=warp_device(device))
+    unknown = result.estimated_force_error_relative is None
+    if unknown if estimate_error is None else estimate_error:
+        result = with_estimate(scene, result)
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())
@@ -114,6 +132,7 @@ def _show(scene: Scene, result: PressResult) -> None:
     say(f"contact    radius {result.contact_radius_m * 1e3:.3f} mm")
     say(f"pressure   {result.max_pressure_pa * 1e-3:.1f} kPa at most")
     say(f"balance    {result.force_balance_relative:.1e} of the force")
+    say(f"surface    {result.surface_traction_gap_relative:.1%} between sigma n and the force")
     say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
     say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
     say(f"force error believed to be {believed}: {result.estimated_force_error_basis}")
