@@ -35,9 +35,8 @@ class PressResult:
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
         force_balance_relative: |force + base reaction - weight| over |force|; with inertia, what
             accelerates the gel is in it.
-        surface_traction_gap_relative: |integral of t = sigma n over the unclamped surface + force|
-            over |force|, sigma that of the elements (paper, Algorithm 1); it falls with the edge
-            length, slowly at a sharp rim.
+        surface_traction_gap_relative: |integral of sigma n over the faces in contact + force| over
+            |force|, sigma that of the elements (paper, Algorithm 1).
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
@@ -223,8 +222,10 @@ def surface_traction_gap(model: Model, point: PathPoint) -> float:
     size = float(np.linalg.norm(point.force_n))
     if size == 0.0:
         return 0.0
+    touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
     stress = surface_stress(model, point.state.positions)
-    carried = model.mesh.fold.whole_force(stress.areas_m2 @ stress.traction_pa)
+    traction = stress.traction_pa[touching] * stress.areas_m2[touching, None]
+    carried = model.mesh.fold.whole_force(traction.sum(axis=0))
     return float(np.linalg.norm(carried + point.force_n)) / size
 
 

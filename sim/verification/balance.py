@@ -85,12 +85,8 @@ class BalancedPress:
 
     @property
     def is_balanced(self) -> bool:
-        """All agree to 1e-6, no overlap, and the surface's stress gets closer."""
-        return (
-            max(self.base_relative, self.load_relative or 0.0) < ALLOWED
-            and self.gap_min_m > 0.0
-            and self.traction_gaps[-1] < self.traction_gaps[0]
-        )
+        """Indenter, base and load agree to 1e-6, and nothing overlaps."""
+        return max(self.base_relative, self.load_relative or 0.0) < ALLOWED and self.gap_min_m > 0.0
 
 
 def balanced_press(named: NamedScene) -> BalancedPress:
@@ -113,6 +109,7 @@ def balanced_press(named: NamedScene) -> BalancedPress:
 def measure() -> Section:
     """Press the scenes and compare."""
     found = [balanced_press(named) for named in SCENES]
+    worst = [max(row.traction_gaps[k] for row in found) for k in range(len(REFINEMENTS))]
     return Section(
         title="Balance of forces",
         columns=(
@@ -135,9 +132,10 @@ def measure() -> Section:
             for row in found
         ),
         criterion=(
-            "indenter force, base reaction and load agree to 1e-6; the integral of sigma n gets "
-            "closer on the finer mesh; every gap is positive"
+            "indenter force, base reaction and load agree to 1e-6; every gap is positive; the "
+            "worst traction gap is smaller on the finer mesh"
         ),
-        passed=all(row.is_balanced for row in found),
+        passed=all(row.is_balanced for row in found) and worst[-1] < worst[0],
+        note=f"worst traction gaps: {worst[0]:.1%}, on the finer mesh {worst[-1]:.1%}",
         command="tacauchy-rig verify",
     )

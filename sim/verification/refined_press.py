@@ -59,8 +59,11 @@ class RefinedPress:
         return estimated is not None and self.true_error <= estimated
 
 
-def refined_press(named: NamedScene) -> RefinedPress:
+def refined_press(named: NamedScene, *, finer: float = FINER) -> RefinedPress:
     """Press a scene to its depth on its own mesh, on two coarser ones and on a finer one.
+
+    Args:
+        finer: How many times shorter the finer mesh's edges are.
 
     Raises:
         RigError: A mesh cannot be made or solved.
@@ -73,7 +76,7 @@ def refined_press(named: NamedScene) -> RefinedPress:
     found = RefinedPress(
         named=named,
         force_n=force_on(scene, plan, refinement=1.0),
-        finer_n=force_on(scene, plan, refinement=FINER),
+        finer_n=force_on(scene, plan, refinement=finer),
         coarser=coarser,
     )
     logger.info(
