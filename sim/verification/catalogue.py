@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sim.verification import disc, drives, hertz, mesh_table, punch, real_press, stress_cost
+from sim.verification import (
+    balance,
+    barrier,
+    disc,
+    drives,
+    held_out,
+    hertz,
+    mesh_table,
+    orders,
+    punch,
+    real_press,
+    shifts,
+    stress_cost,
+)
 from sim.verification.section import Section
 
 SECTIONS: dict[str, Callable[[], Section]] = {
@@ -12,6 +25,11 @@ SECTIONS: dict[str, Callable[[], Section]] = {
     "disc": disc.measure,
     "hertz": hertz.measure,
     "real-press": real_press.measure,
+    "orders": orders.measure,
+    "error-estimates": held_out.measure,
+    "half-element": shifts.measure,
+    "barrier": barrier.measure,
+    "balance": balance.measure,
     "drives": drives.measure,
     "stress-cost": stress_cost.measure,
     "mesh-table": mesh_table.measure,
