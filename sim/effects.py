@@ -153,7 +153,7 @@ def _called_for(scene: Scene) -> Iterator[PlannedEffect]:
 def _inertia(scene: Scene) -> PlannedEffect:
     error = estimates.inertia_error(scene)
     period = estimates.slowest_period(scene)
-    reason = f"(T1 / t)^2 with T1 = {period * 1e3:.2g} ms, t = {scene.duration_s:g} s"
+    reason = f"in proportion to (T1 / t)^2, T1 = {period * 1e3:.2g} ms, t = {scene.duration_s:g} s"
     return PlannedEffect(effect=Effect.INERTIA, on=True, reason=reason, estimated_error=error)
 
 
@@ -178,8 +178,12 @@ def _friction(scene: Scene) -> PlannedEffect:
 def _finite_strain(scene: Scene) -> PlannedEffect:
     share = estimates.expected_depth(scene) / scene.pad.height_m
     reason = f"depth is {share:.1%} of the pad's thickness"
+    laws = {material.law for material in estimates.materials(scene)}
+    linear = LawName.LINEAR in laws
     error = None if not scene.motion.is_straight else estimates.linear_error(scene)
-    linear = scene.material.law is LawName.LINEAR
+    if LawName.PAPER_EQ4 in laws:
+        error = None
+        reason = "the printed law is under tension at rest, which small strains do not know"
     return PlannedEffect(
         effect=Effect.FINITE_STRAIN,
         on=not linear,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from sim.arrays import FloatArray
@@ -32,6 +34,7 @@ def moving_press(
             "depth only",
             remedy="give a depth, or switch it off with --effect inertia=off",
         )
+    started = time.perf_counter()
     pressing = DynamicPress(path, density_kg_m3=density_kg_m3)
     steps = pressing.run(
         lambda time_s: depth * min(1.0, time_s / scene.duration_s),
@@ -39,6 +42,7 @@ def moving_press(
         duration_s=scene.duration_s,
     )
     path.counts.newton_iterations += sum(step.newton_iterations for step in steps)
+    path.counts.wall_s += time.perf_counter() - started
     state, last = pressing.state, steps[-1]
     contact = path.model.contact_forces(state.positions, path.indenter, state)
     elastic = path.model.elastic_gradient(state.positions)

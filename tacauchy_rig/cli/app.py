@@ -12,6 +12,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.cli import config_commands, emulate, session
 from tacauchy_rig.cli.accuracy import accuracy
 from tacauchy_rig.cli.doctor import doctor
+from tacauchy_rig.cli.effects_check import effects_check
 from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.output import complain, say
@@ -39,6 +40,7 @@ app.command("plan")(plan)
 app.command("accuracy")(accuracy)
 app.command("torture")(torture)
 app.command("verify")(verify)
+app.command("effects-check")(effects_check)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(emulate.app, name="emulate")

@@ -15,9 +15,9 @@ from tacauchy_rig.cli.fault_cases import FaultCase, Moment, all_cases, select_ca
 from tacauchy_rig.cli.fault_observation import Observation
 from tacauchy_rig.cli.fault_report import markdown, summary_line
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.output import say, write_json, write_text
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import DeviceError, RecordError
+from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.store.codec import dumps, from_json, loads
 from tacauchy_rig.store.run_lock import run_lock
 
@@ -49,7 +49,7 @@ def fault_table(
     with run_lock(work / LOCK):
         unreached = [case.name for case in chosen if not _observe(case, work, again=again)]
     seen = [found for case in all_cases() if (found := _load(case, work)) is not None]
-    _write(
+    write_text(
         out,
         markdown(
             seen,
@@ -103,13 +103,3 @@ def _load(case: FaultCase, work: Path) -> Observation | None:
     if not path.exists():
         return None
     return from_json(Observation, loads(path.read_bytes(), source=str(path)), source=str(path))
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error

@@ -59,6 +59,21 @@ def write_json(path: Path | None, content: Any) -> None:
         ) from error
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a page.
+
+    Raises:
+        RecordError: The file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
+        ) from error
+
+
 def plain(value: Any) -> Any:
     """Turn dataclasses, enums, paths and arrays into JSON values; NaN and infinity become null."""
     if is_dataclass(value) and not isinstance(value, type):
