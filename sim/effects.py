@@ -14,6 +14,7 @@ from typing import Any
 from sim import effect_estimates as estimates
 from sim.indenter import Cylinder, Plane, Sphere
 from sim.laws.catalogue import LawName
+from sim.mesh_choice import MeshKind, mesh_choice
 from sim.pad import DiscPad
 from sim.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import ConfigError
@@ -246,10 +247,9 @@ def _symmetry(scene: Scene) -> PlannedEffect:
 
 
 def _asymmetry(scene: Scene) -> str:
-    if scene.preset is Preset.PAPER:
-        return "the paper's mesh is of the whole pad"
-    if not isinstance(scene.indenter, Cylinder | Sphere | Plane):
-        return "the indenter is a mesh"
+    choice = mesh_choice(scene)
+    if choice.kind is not MeshKind.REVOLVED:
+        return f"the whole pad is meshed: {choice.reason}"
     if not scene.motion.is_straight:
         return "the indenter shifts, turns or is tilted"
     if 0.0 not in scene.centre_m:

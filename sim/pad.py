@@ -1,4 +1,4 @@
-"""Pads as data: a box, a disc, or a box with a domed top."""
+"""Pads as data: a box, a disc, a box with a domed top, or any closed surface on a flat base."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.surface_pad import SurfacePad
 from tacauchy_rig.errors import ConfigError
+
+_ON_OUTLINE_M = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +88,10 @@ class BoxPad:
         half = np.array(self.half_extents())
         return np.asarray((half - np.abs(points)).min(axis=1))
 
+    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Return which points [count, 2] lie on the pad, its outline included."""
+        return np.asarray(self.distance_to_outline(points) >= -_ON_OUTLINE_M)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscPad:
@@ -117,8 +125,13 @@ class DiscPad:
         """Return how far inside points [count, 2] lie [m]; negative outside."""
         return np.asarray(self.radius_m - np.linalg.norm(points, axis=1))
 
+    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Return which points [count, 2] lie on the pad, its outline included."""
+        return np.asarray(self.distance_to_outline(points) >= -_ON_OUTLINE_M)
 
-Pad = BoxPad | DiscPad
+
+ParametricPad = BoxPad | DiscPad
+Pad = ParametricPad | SurfacePad
 
 
 def _check_lengths(*lengths_m: float) -> None:

@@ -6,13 +6,17 @@ import numpy as np
 import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
-from sim.pad import BoxPad, Pad
+from sim.pad import BoxPad, Pad, ParametricPad
+from sim.surface_pad import SurfacePad
+from tacauchy_rig.errors import ConfigError
 
 
 def pad_surface(
     pad: Pad, *, spacing_m: float, interface_shares: tuple[float, ...] = ()
 ) -> tuple[FloatArray, IntArray]:
     """Triangulate a pad's surface, outward normals, and the interfaces of its layers.
+
+    A pad from a file keeps its triangles.
 
     Args:
         pad: The pad.
@@ -21,7 +25,17 @@ def pad_surface(
 
     Returns:
         Vertices [m], shape [vertex_count, 3], and faces [face_count, 3].
+
+    Raises:
+        ConfigError: A pad from a file has layers.
     """
+    if isinstance(pad, SurfacePad):
+        if interface_shares:
+            raise ConfigError(
+                f"pad {pad.name} comes from a file, and the layers of such a pad are not meshed",
+                remedy="give one material, or state the pad as a box or a disc",
+            )
+        return pad.surface.vertices, pad.surface.faces
     plan, rim_count = _plan(pad, spacing_m)
     top = np.column_stack([plan, pad.height_at(plan[:, 0], plan[:, 1])])
     bottom = np.column_stack([plan, np.zeros(len(plan))])
@@ -38,7 +52,7 @@ def pad_surface(
     return np.concatenate([top, bottom, *sheets]), faces.astype(np.int32)
 
 
-def _plan(pad: Pad, spacing_m: float) -> tuple[FloatArray, int]:
+def _plan(pad: ParametricPad, spacing_m: float) -> tuple[FloatArray, int]:
     """Return points seen from above, the outline first and counter-clockwise."""
     if isinstance(pad, BoxPad):
         outline = _rectangle(pad, spacing_m)

@@ -10,24 +10,25 @@ from sim.arrays import FloatArray
 from sim.effect_estimates import materials
 from sim.effects import EffectPlan, plan_effects
 from sim.elements import ElementOrder
+from sim.footprint_presets import diagonal, footprint_mesh
 from sim.graded_plane import Grading
-from sim.indenter import Cylinder, Sphere
+from sim.indenter import Cylinder
 from sim.laws.catalogue import LawName, law
 from sim.layers import element_constants, interface_shares, law_name, sector_factor
 from sim.mesh import TetMesh
+from sim.mesh_choice import MeshKind, contact_reach, mesh_choice
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.model import Model
-from sim.pad import Pad
 from sim.prony import PronySeries, prony_series
 from sim.revolved_mesh import revolved_mesh
 from sim.scene import ContactMode, Effect, Preset, Scene
 from sim.state import ContactOptions
+from sim.surface_pad import SurfacePad
 from sim.wild_mesh import WildSizing, wild_mesh
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
 _SAGITTA_SHARE = 0.48
-_EXPECTED_DEPTH_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +80,7 @@ def build_model(
     *,
     plan: EffectPlan | None = None,
     refinement: float = 1.0,
+    mesh: TetMesh | None = None,
     device: str = "cpu",
 ) -> Model:
     """Mesh a scene's pad and set up its model.
@@ -86,6 +88,7 @@ def build_model(
     Args:
         plan: Effects to include; None plans them.
         refinement: Make every edge this many times shorter than the preset does.
+        mesh: Take this mesh instead of the preset's.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
@@ -94,7 +97,8 @@ def build_model(
     name = law_name(scene.material, scene.layers)
     if not plan.is_on(Effect.FINITE_STRAIN):
         name = LawName.LINEAR
-    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
+    if mesh is None:
+        mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
     young, poisson = element_constants(mesh, scene.material, scene.layers)
     options = ContactOptions(
         distance_m=scene.barrier_m,
@@ -127,7 +131,7 @@ def densities_of(mesh: TetMesh, scene: Scene) -> FloatArray:
 
 
 def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> TetMesh:
-    """Return the mesh of a scene's preset.
+    """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
 
     Args:
         folded: Mesh a part where symmetry allows.
@@ -135,7 +139,9 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
     """
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
-        return _paper_mesh(scene.pad, shares)
+        return _paper_mesh(scene, shares)
+    if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
+        return footprint_mesh(scene, shares=shares, refinement=refinement)
     resolution = refined(_resolution(scene), refinement)
     return revolved_mesh(
         scene.pad,
@@ -179,14 +185,23 @@ def _resolution(scene: Scene) -> Resolution:
     return replace(resolution, sector_count=max(resolution.sector_count, 4 * round(0.25 * sectors)))
 
 
-def _paper_mesh(pad: Pad, shares: tuple[float, ...]) -> TetMesh:
-    key = mesh_key(pad, PAPER_SIZING, *([shares] if shares else []))
+def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
+    pad, sizing = scene.pad, _paper_sizing(scene)
+    key = mesh_key(pad, sizing, *([shares] if shares else []))
     return stored_mesh(
         "paper",
         key,
-        lambda: wild_mesh(
-            pad, PAPER_SIZING, name=f"fTetWild, paper, {key}", interface_shares=shares
-        ),
+        lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
+    )
+
+
+def _paper_sizing(scene: Scene) -> WildSizing:
+    asked = scene.filling
+    return replace(
+        PAPER_SIZING,
+        coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(scene.pad),
+        envelope_share=asked.epsilon_r or PAPER_SIZING.envelope_share,
+        stop_energy=asked.stop_energy or PAPER_SIZING.stop_energy,
     )
 
 
@@ -198,7 +213,7 @@ def _grading(scene: Scene, resolution: Resolution) -> Grading:
             size = min(size, resolution.fillet_share * indenter.fillet_m)
         start, end = indenter.radius_m - indenter.fillet_m, indenter.radius_m
     else:
-        start, end = 0.0, _contact_radius(scene)
+        start, end = 0.0, contact_reach(scene)
         size = resolution.smooth_share * end
     return Grading(
         start_m=start,
@@ -207,13 +222,3 @@ def _grading(scene: Scene, resolution: Resolution) -> Grading:
         growth=resolution.growth,
         size_max_m=resolution.size_max_m,
     )
-
-
-def _contact_radius(scene: Scene) -> float:
-    """Return about how wide a rounded or flat, unbounded indenter will touch [m]."""
-    if not isinstance(scene.indenter, Sphere):
-        return 0.6 * min(scene.pad.half_extents())
-    radius = scene.indenter.radius_m
-    depth = scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
-    widest = min(radius, 0.6 * min(scene.pad.half_extents()))
-    return float(min((1.5 * radius * depth) ** 0.5, widest))

@@ -19,6 +19,7 @@ from sim.moving_press import moving_press
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene, Target
 from sim.stress import surface_stress
+from sim.turned_indenter import tilted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,14 +161,6 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
             duration_s=scene.duration_s,
         )
     return point
-
-
-def tilted(about_x_rad: float, about_y_rad: float) -> FloatArray:
-    """Return the rotation about x, then about y, shape [3, 3]."""
-    c, s = np.cos(about_x_rad), np.sin(about_x_rad)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    c, s = np.cos(about_y_rad), np.sin(about_y_rad)
-    return np.asarray(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ about_x)
 
 
 def measure(

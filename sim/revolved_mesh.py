@@ -16,12 +16,12 @@ from sim.arrays import FloatArray, IntArray
 from sim.fold import Fold
 from sim.graded_plane import Grading, triangulate_half_section
 from sim.mesh import TetMesh, oriented
-from sim.pad import Pad
+from sim.pad import ParametricPad
 from tacauchy_rig.errors import ConfigError
 
 
 def revolved_mesh(
-    pad: Pad,
+    pad: ParametricPad,
     grading: Grading,
     *,
     centre_m: tuple[float, float],
@@ -51,7 +51,7 @@ def revolved_mesh(
         raise ConfigError(
             f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
             f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
-            remedy="move the indenter inwards, or use preset paper",
+            remedy="move the indenter inwards",
         )
     fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
     start, end = _turn(fold)

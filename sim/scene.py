@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from sim.filling import Filling
 from sim.indenter import Indenter
 from sim.laws.catalogue import LawName
 from sim.pad import Pad
@@ -183,6 +184,7 @@ class Scene:
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
             from the indenter, and depth counts from there.
+        filling: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
     """
 
@@ -203,4 +205,5 @@ class Scene:
     preset: Preset = Preset.BALANCED
     force_tolerance_n: float = 1e-3
     barrier_m: float = 1e-6
+    filling: Filling = field(default_factory=Filling)
     sensor: str = ""

@@ -1,4 +1,4 @@
-"""The paper's mesh: fTetWild with the contact-surface sizing field of its section III-A."""
+"""FTetWild with any sizing field; the paper's is the contact-surface field of section III-A."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
+from sim.background_grid import Background, tetrahedral_grid
+from sim.fitted_top import fitted_top
 from sim.mesh import TetMesh, oriented
 from sim.pad import Pad
 from sim.pad_surface import pad_surface
@@ -45,7 +47,7 @@ class WildSizing:
 def wild_mesh(
     pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
 ) -> TetMesh:
-    """Mesh a pad with fTetWild; another run gives another mesh.
+    """Mesh a pad with fTetWild as the paper does; another run gives another mesh.
 
     Args:
         interface_shares: Rising shares of the local height at which layers meet.
@@ -54,39 +56,96 @@ def wild_mesh(
         ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
             interface.
     """
-    pytetwild = importlib.import_module("pytetwild")
-    vertices, faces = pad_surface(pad, spacing_m=sizing.fine_m, interface_shares=interface_shares)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    snap = 2.0 * sizing.envelope_share * float(np.linalg.norm(high - low))
+    half = np.array([*pad.half_extents(), 0.5 * pad.height_m])
+    axes = [np.linspace(-1.1, 1.1, count) * h for h, count in zip(half, (33, 33, 41), strict=True)]
+    points, tets = tetrahedral_grid([axes[0], axes[1], axes[2] + half[2]])
+    return filled_pad(
+        pad,
+        Background(points=points, tets=tets, edge_m=edge_length_at(points, pad, sizing)),
+        WildSettings(
+            spacing_m=sizing.fine_m,
+            coarse_m=sizing.coarse_m,
+            envelope_share=sizing.envelope_share,
+            stop_energy=sizing.stop_energy,
+        ),
+        name=name,
+        interface_shares=interface_shares,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WildSettings:
+    """What fTetWild is told besides the surface and the sizing field.
+
+    Attributes:
+        spacing_m: How far apart the points of a parametric surface lie [m].
+        coarse_m: Largest edge length [m].
+        envelope_share: epsilon over the bounding box's diagonal.
+        stop_energy: AMIPS energy at which optimisation stops.
+        fitted: Move the top's vertices out of the envelope onto the pad's top.
+    """
+
+    spacing_m: float
+    coarse_m: float
+    envelope_share: float
+    stop_energy: float
+    fitted: bool = False
+
+
+def filled_pad(
+    pad: Pad,
+    background: Background,
+    settings: WildSettings,
+    *,
+    name: str,
+    interface_shares: tuple[float, ...] = (),
+) -> TetMesh:
+    """Fill a pad with tetrahedra of any sizing field.
+
+    Raises:
+        ConfigError: As ``wild_mesh``.
+    """
+    surface = pad_surface(pad, spacing_m=settings.spacing_m, interface_shares=interface_shares)
+    diagonal = float(np.linalg.norm(np.ptp(surface[0], axis=0)))
+    snap = 2.0 * settings.envelope_share * diagonal
     _refuse_thin(pad, interface_shares, snap)
-    grid, cells = _background(low, high)
+    found, tets = _run(surface, background, settings)
+    found[found[:, 2] < snap, 2] = 0.0
+    if settings.fitted:
+        plain = oriented(found, tets, name=name)
+        found = fitted_top(plain.vertices, plain.tets, pad, reach_m=snap)
+        tets = plain.tets
+    if not interface_shares:
+        return oriented(found, tets, name=name)
+    layers = _snapped_layers(found, tets, pad, interface_shares, snap)
+    return oriented(found, tets, name=name, layers=layers)
+
+
+def _run(
+    surface: tuple[FloatArray, IntArray], background: Background, settings: WildSettings
+) -> tuple[FloatArray, IntArray]:
+    pytetwild = importlib.import_module("pytetwild")
     # The mesher drops a file of its own where it runs.
     with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
         found, tets = pytetwild.tetrahedralize(
-            vertices,
-            faces,
-            edge_length_abs=sizing.coarse_m,
-            epsilon=sizing.envelope_share,
-            stop_energy=sizing.stop_energy,
+            *surface,
+            edge_length_abs=settings.coarse_m,
+            epsilon=settings.envelope_share,
+            stop_energy=settings.stop_energy,
             optimize=True,
             num_threads=1,
-            bg_vertices=grid,
-            bg_tets=cells,
-            bg_values=edge_length_at(grid, pad, sizing),
+            bg_vertices=background.points,
+            bg_tets=background.tets,
+            bg_values=background.edge_m,
         )
-    found = np.array(found, dtype=np.float64)
-    found[found[:, 2] < snap, 2] = 0.0
-    if not interface_shares:
-        return oriented(found, np.asarray(tets), name=name)
-    layers = _snapped_layers(found, np.asarray(tets), pad, interface_shares, snap)
-    return oriented(found, np.asarray(tets), name=name, layers=layers)
+    return np.array(found, dtype=np.float64), np.asarray(tets)
 
 
 def _refuse_thin(pad: Pad, shares: tuple[float, ...], snap_m: float) -> None:
     thin = min(np.diff([0.0, *shares, 1.0])) * pad.height_m
     if shares and thin < 2.0 * snap_m:
         raise ConfigError(
-            f"a layer of {thin * 1e6:.3g} um is too thin for preset paper: fTetWild moves surfaces "
+            f"a layer of {thin * 1e6:.3g} um is too thin for fTetWild, which moves surfaces "
             f"by up to {0.5 * snap_m * 1e6:.3g} um",
             remedy="use another preset, or a thicker layer",
         )
@@ -120,33 +179,3 @@ def edge_length_at(points: FloatArray, pad: Pad, sizing: WildSizing) -> FloatArr
     edge = sizing.fine_m + weight * (sizing.coarse_m - sizing.fine_m)
     near = points[:, 2] >= (1.0 - sizing.contact_share) * pad.height_m
     return np.where(near, edge, sizing.coarse_m)
-
-
-def _background(low: FloatArray, high: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return a tetrahedral grid that covers a box, for the sizing field to be interpolated on."""
-    margin = 0.05 * (high - low)
-    counts = (33, 33, 41)
-    axes = [
-        np.linspace(a - m, b + m, n) for a, b, m, n in zip(low, high, margin, counts, strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    index = np.arange(len(grid)).reshape(counts)
-    corner = {
-        (i, j, k): index[i : counts[0] - 1 + i, j : counts[1] - 1 + j, k : counts[2] - 1 + k]
-        for i in (0, 1)
-        for j in (0, 1)
-        for k in (0, 1)
-    }
-    paths = (
-        ((1, 0, 0), (1, 1, 0)),
-        ((0, 1, 0), (1, 1, 0)),
-        ((0, 1, 0), (0, 1, 1)),
-        ((0, 0, 1), (0, 1, 1)),
-        ((0, 0, 1), (1, 0, 1)),
-        ((1, 0, 0), (1, 0, 1)),
-    )
-    tets = [
-        np.stack([corner[0, 0, 0], corner[a], corner[b], corner[1, 1, 1]], axis=-1).reshape(-1, 4)
-        for a, b in paths
-    ]
-    return grid, np.concatenate(tets).astype(np.int32)

@@ -1,0 +1,48 @@
+"""Settings of fTetWild that a user may give."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tacauchy_rig.errors import ConfigError
+
+_REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
+_REGULAR_ENERGY = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filling:
+    """How fTetWild fills a pad; None leaves a setting to the preset.
+
+    Attributes:
+        l_r: Largest edge length over the bounding box's diagonal.
+        epsilon_r: How far the surface may move over the bounding box's diagonal.
+        stop_energy: AMIPS energy at which optimisation stops; 3 is a regular tetrahedron's.
+        dihedral_min_rad: Least angle between faces of a tetrahedron that is accepted [rad].
+    """
+
+    l_r: float | None = None
+    epsilon_r: float | None = None
+    stop_energy: float | None = None
+    dihedral_min_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        _check("l_r", self.l_r, 0.0, 0.5, "the preset takes 0.05 to 0.1")
+        _check("epsilon_r", self.epsilon_r, 0.0, 0.01, "1e-3 is usual")
+        _check("stop_energy", self.stop_energy, _REGULAR_ENERGY, 1e3, "10 is usual")
+        _check(
+            "dihedral_min [rad]",
+            self.dihedral_min_rad,
+            0.0,
+            0.5 * _REGULAR_DIHEDRAL_RAD,
+            "2 deg is the preset's",
+        )
+
+
+def _check(name: str, value: float | None, low: float, high: float, usual: str) -> None:
+    if value is not None and not low < value <= high:
+        raise ConfigError(
+            f"mesh setting {name} = {value:g} is not above {low:.4g} and at most {high:.4g}",
+            remedy=f"give one within; {usual}",
+        )
