@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.pad import Pad
 from sim.turned_indenter import TurnedIndenter
 from tacauchy_rig.errors import ConfigError
@@ -23,6 +23,7 @@ _EDGE_OVERLAP = 0.25
 _CREASE_SLOPE = 0.35
 _STEEP = 0.5
 _SAMPLES_ACROSS = 160
+_BISECTIONS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,11 +33,14 @@ class Footprint:
     Attributes:
         edge: Sharp edge of the contact and creases within it [m], shape [edge_count, 3]; none
             under a ball.
+        rim: Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape
+            [rim_count, 3].
         inside: Points over the whole contact [m], shape [inside_count, 3].
         area_m2: Area of the contact seen from above [m^2].
     """
 
     edge: FloatArray
+    rim: FloatArray
     inside: FloatArray
     area_m2: float
 
@@ -49,6 +53,7 @@ class Footprint:
         """Return what both cover; the area is the larger one."""
         return Footprint(
             edge=np.concatenate([self.edge, other.edge]),
+            rim=np.concatenate([self.rim, other.rim]),
             inside=np.concatenate([self.inside, other.inside]),
             area_m2=max(self.area_m2, other.area_m2),
         )
@@ -68,17 +73,22 @@ def footprint(
     Raises:
         ConfigError: The indenter stands beside the pad.
     """
-    half, centre = np.array(pad.half_extents()), np.array(centre_m)
+    press = _Press(pad=pad, indenter=indenter, centre=np.array(centre_m), depth_m=depth_m)
+    half = np.array(pad.half_extents())
     least, greatest = indenter.reach()
-    low, high = np.maximum(-half, centre + least), np.minimum(half, centre + greatest)
-    whole = _sampled(pad, indenter, centre_m, depth_m, low, high)
+    low, high = np.maximum(-half, press.centre + least), np.minimum(half, press.centre + greatest)
+    whole = press.sampled(low, high)
     margin = 2.0 * whole.spacing
     touched = whole.points[whole.touched][:, :2]
     low = np.maximum(-half, touched.min(axis=0) - margin)
     high = np.minimum(half, touched.max(axis=0) + margin)
-    near = _sampled(pad, indenter, centre_m, depth_m, low, high)
+    near = press.sampled(low, high)
+    inner, outer = _sharp_pairs(near)
+    on_edge = np.zeros_like(near.touched)
+    on_edge[tuple(inner.T)] = True
     return Footprint(
-        edge=near.points[_sharp_outline(near) | _creases(near)],
+        edge=near.points[on_edge | _creases(near)],
+        rim=press.between(near, inner, outer),
         inside=near.points[near.touched],
         area_m2=float(near.touched.sum() * near.spacing.prod()),
     )
@@ -93,6 +103,7 @@ class _Samples:
         spacing: Between samples along x and y [m], shape [2].
         underside: Height of the indenter above its tip [m], inf beside it.
         clearance: Height of the indenter over the pad, its tip at z = 0 [m]; inf beside either.
+        limit: Clearance up to which the pad will be touched [m].
         on_pad: Which samples lie on the pad.
         touched: Which will be touched.
     """
@@ -101,39 +112,71 @@ class _Samples:
     spacing: FloatArray
     underside: FloatArray
     clearance: FloatArray
+    limit: float
     on_pad: NDArray[np.bool_]
     touched: NDArray[np.bool_]
 
 
-def _sampled(
-    pad: Pad,
-    indenter: TurnedIndenter,
-    centre_m: tuple[float, float],
-    depth_m: float,
-    low: FloatArray,
-    high: FloatArray,
-) -> _Samples:
-    if np.any(low >= high):
-        raise _beside(pad, centre_m)
-    axes = [np.linspace(a, b, _SAMPLES_ACROSS) for a, b in zip(low, high, strict=True)]
-    x, y = np.meshgrid(*axes, indexing="ij")
-    on_pad = pad.covers(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
-    underside = indenter.lower_surface(x - centre_m[0], y - centre_m[1])
-    top = np.where(on_pad, pad.height_at(x, y), 0.0)
-    clearance = np.where(on_pad, underside - top, np.inf)
-    if not np.isfinite(clearance).any():
-        raise _beside(pad, centre_m)
-    return _Samples(
-        points=np.stack([x, y, top], axis=-1),
-        spacing=np.array([axis[1] - axis[0] for axis in axes]),
-        underside=underside,
-        clearance=clearance,
-        on_pad=on_pad,
-        touched=clearance - clearance.min() <= (1.0 - _EDGE_OVERLAP) * depth_m,
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Press:
+    """An indenter over a pad; ``centre`` is where its tip stands, shape [2] [m]."""
+
+    pad: Pad
+    indenter: TurnedIndenter
+    centre: FloatArray
+    depth_m: float
+
+    def sampled(self, low: FloatArray, high: FloatArray) -> _Samples:
+        """Sample the pad between two corners [m], shape [2] each.
+
+        Raises:
+            ConfigError: Nothing of the indenter stands over the pad.
+        """
+        if np.any(low >= high):
+            raise _beside(self.pad, self.centre)
+        axes = [np.linspace(a, b, _SAMPLES_ACROSS) for a, b in zip(low, high, strict=True)]
+        x, y = np.meshgrid(*axes, indexing="ij")
+        on_pad, top, underside = self._surfaces(x, y)
+        clearance = np.where(on_pad, underside - top, np.inf)
+        if not np.isfinite(clearance).any():
+            raise _beside(self.pad, self.centre)
+        limit = float(clearance.min()) + (1.0 - _EDGE_OVERLAP) * self.depth_m
+        return _Samples(
+            points=np.stack([x, y, top], axis=-1),
+            spacing=np.array([axis[1] - axis[0] for axis in axes]),
+            underside=underside,
+            clearance=clearance,
+            limit=limit,
+            on_pad=on_pad,
+            touched=clearance <= limit,
+        )
+
+    def between(self, samples: _Samples, inner: IntArray, outer: IntArray) -> FloatArray:
+        """Return where the contact ends between touched and free samples, shape [count, 3] [m].
+
+        Args:
+            inner: Indices of the touched samples, shape [count, 2].
+            outer: Indices of free ones beside them.
+        """
+        near, far = samples.points[tuple(inner.T)], samples.points[tuple(outer.T)]
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (near + far)
+            _, top, underside = self._surfaces(middle[:, 0], middle[:, 1])
+            inside = (underside - top <= samples.limit)[:, None]
+            near, far = np.where(inside, middle, near), np.where(inside, far, middle)
+        _, top, _ = self._surfaces(near[:, 0], near[:, 1])
+        return np.column_stack([near[:, :2], top])
+
+    def _surfaces(
+        self, x: FloatArray, y: FloatArray
+    ) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+        """Return which points lie on the pad, the pad's top and the indenter's underside."""
+        on_pad = self.pad.covers(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+        top = np.where(on_pad, self.pad.height_at(x, y), 0.0)
+        return on_pad, top, self.indenter.lower_surface(x - self.centre[0], y - self.centre[1])
 
 
-def _beside(pad: Pad, centre_m: tuple[float, float]) -> ConfigError:
+def _beside(pad: Pad, centre_m: FloatArray) -> ConfigError:
     x, y = centre_m
     half_x, half_y = pad.half_extents()
     return ConfigError(
@@ -144,21 +187,26 @@ def _beside(pad: Pad, centre_m: tuple[float, float]) -> ConfigError:
     )
 
 
-def _sharp_outline(samples: _Samples) -> NDArray[np.bool_]:
-    """Return the touched samples beside others of the pad that the indenter rises steeply over."""
-    found = np.zeros_like(samples.touched)
+def _sharp_pairs(samples: _Samples) -> tuple[IntArray, IntArray]:
+    """Return touched samples and free ones beside them that the indenter rises steeply over.
+
+    Returns:
+        Indices of both, shape [pair_count, 2] each.
+    """
+    free = samples.on_pad & ~samples.touched
+    inner, outer = [], []
     for axis in (0, 1):
-        for step in (1, -1):
-            beside = np.roll(samples.clearance, -step, axis=axis)
-            free = np.roll(samples.on_pad & ~samples.touched, -step, axis=axis)
-            # What is rolled in from the other side is no neighbour.
-            free[tuple(slice(None) if k != axis else (-1 if step == 1 else 0) for k in (0, 1))] = (
-                False
-            )
+        lower = tuple(slice(None, -1) if k == axis else slice(None) for k in (0, 1))
+        upper = tuple(slice(1, None) if k == axis else slice(None) for k in (0, 1))
+        step = np.eye(2, dtype=np.int32)[axis]
+        for here, there, along in ((lower, upper, 0), (upper, lower, 1)):
             with np.errstate(invalid="ignore"):
-                rise = beside - samples.clearance
-            found |= samples.touched & free & (rise > _STEEP * samples.spacing[axis])
-    return found
+                rise = samples.clearance[there] - samples.clearance[here]
+            steep = rise > _STEEP * samples.spacing[axis]
+            found = np.argwhere(samples.touched[here] & free[there] & steep).astype(np.int32)
+            inner.append(found + along * step)
+            outer.append(found + (1 - along) * step)
+    return np.concatenate(inner), np.concatenate(outer)
 
 
 def _creases(samples: _Samples) -> NDArray[np.bool_]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.bisection import bisected
 from sim.filling import Filling
+from sim.fitted_mesh import with_rim_fitted, with_top_fitted
 from sim.footprint import Footprint, footprint
 from sim.footprint_sizing import FootprintSizing
-from sim.indenter import Cylinder, Indenter
+from sim.indenter import Cylinder
 from sim.mesh import TetMesh, mesh_statistics
 from sim.mesh_choice import footprint_depth
-from sim.mesh_indenter import MeshIndenter
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.pad import Pad
 from sim.scene import Preset, Scene
@@ -23,9 +24,10 @@ from tacauchy_rig.errors import ConfigError
 
 _SPACING_M = 0.8e-3
 _COARSE_M = 2.5e-3
-_FILLING = Filling(epsilon_r=1e-3, stop_energy=10.0, dihedral_min_rad=math.radians(2.0))
-# Raised when the same settings come to give another mesh.
-_VERSION = 1
+_EPSILON_R = 1e-3
+_STOP_ENERGY = 10.0
+_DIHEDRAL_MIN_RAD = math.radians(2.0)
+_RIM_REACH_SHARE = 0.6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,16 +50,16 @@ class FootprintResolution:
 
 FOOTPRINT_RESOLUTIONS = {
     Preset.FAST: FootprintResolution(
-        edge_share=0.08, inside_share=0.30, fillet_share=1.0, growth=2.2
+        edge_share=0.12, inside_share=0.40, fillet_share=1.5, growth=2.5
     ),
     Preset.BALANCED: FootprintResolution(
-        edge_share=0.04, inside_share=0.20, fillet_share=0.5, growth=2.0
+        edge_share=0.06, inside_share=0.30, fillet_share=1.0, growth=2.2
     ),
     Preset.ACCURATE: FootprintResolution(
-        edge_share=0.02, inside_share=0.14, fillet_share=0.5, growth=1.8
+        edge_share=0.03, inside_share=0.20, fillet_share=0.5, growth=1.9
     ),
     Preset.REFERENCE: FootprintResolution(
-        edge_share=0.015, inside_share=0.10, fillet_share=0.5, growth=1.6
+        edge_share=0.02, inside_share=0.14, fillet_share=0.5, growth=1.7
     ),
 }
 
@@ -65,7 +67,9 @@ FOOTPRINT_RESOLUTIONS = {
 def footprint_mesh(
     scene: Scene, *, shares: tuple[float, ...] = (), refinement: float = 1.0
 ) -> TetMesh:
-    """Return a mesh of the whole pad, fine where a scene's indenter touches; made once and kept.
+    """Return a mesh of the whole pad, fine where a scene's indenter touches.
+
+    The coarse mesh that it refines is made once and kept.
 
     Args:
         shares: Rising shares of the local height at which layers meet.
@@ -74,19 +78,35 @@ def footprint_mesh(
     Raises:
         ConfigError: The indenter stands beside the pad, or fTetWild cannot fill it as asked.
     """
-    resolution, depth = FOOTPRINT_RESOLUTIONS[scene.preset], _rounded(footprint_depth(scene))
-    where = (scene.centre_m, scene.motion.shift_m, scene.motion.tilt_rad)
-    numbers = (resolution, refinement, scene.filling, shares, _VERSION)
-    key = mesh_key(scene.pad, _identity(scene.indenter), where, depth, *numbers)
-    # Before the store is asked: an indenter beside the pad has no mesh at all.
+    depth = footprint_depth(scene)
+    # Before fTetWild is asked: an indenter beside the pad needs no mesh.
     touched = scene_footprint(scene, depth_m=depth)
-    name = f"fTetWild, footprint, {scene.preset.value}, {key}"
+    base = _base_mesh(scene, shares)
+    sizing = _sizing(scene, touched, FOOTPRINT_RESOLUTIONS[scene.preset], refinement)
+    fine = bisected(base, sizing.size_at)
+    reach = 2.0 * (scene.filling.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
+    fitted = with_top_fitted(fine, scene.pad, reach_m=reach)
+    fitted = with_rim_fitted(
+        fitted, scene.pad, touched.rim, reach_m=_RIM_REACH_SHARE * sizing.edge_m
+    )
+    mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
+    return _checked(mesh, scene.filling)
 
-    def make() -> TetMesh:
-        sizing = _sizing(scene, touched, resolution, refinement)
-        return _checked(_filled(scene, sizing, name, shares), scene.filling)
 
-    return stored_mesh("footprint", key, make)
+def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
+    """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
+    settings = WildSettings(
+        spacing_m=_SPACING_M,
+        coarse_m=_coarse_m(scene),
+        envelope_share=scene.filling.epsilon_r or _EPSILON_R,
+        stop_energy=scene.filling.stop_energy or _STOP_ENERGY,
+    )
+    key = mesh_key(scene.pad, settings, shares)
+    return stored_mesh(
+        "base",
+        key,
+        lambda: filled_pad(scene.pad, settings, name=f"fTetWild, {key}", interface_shares=shares),
+    )
 
 
 def scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
@@ -122,23 +142,6 @@ def _sizing(
     )
 
 
-def _filled(scene: Scene, sizing: FootprintSizing, name: str, shares: tuple[float, ...]) -> TetMesh:
-    filling = scene.filling
-    return filled_pad(
-        scene.pad,
-        sizing.background(scene.pad),
-        WildSettings(
-            spacing_m=_SPACING_M,
-            coarse_m=sizing.coarse_m,
-            envelope_share=filling.epsilon_r or _FILLING.epsilon_r or 0.0,
-            stop_energy=filling.stop_energy or _FILLING.stop_energy or 0.0,
-            fitted=True,
-        ),
-        name=name,
-        interface_shares=shares,
-    )
-
-
 def _coarse_m(scene: Scene) -> float:
     return _COARSE_M if scene.filling.l_r is None else scene.filling.l_r * diagonal(scene.pad)
 
@@ -150,7 +153,7 @@ def diagonal(pad: Pad) -> float:
 
 
 def _checked(mesh: TetMesh, filling: Filling) -> TetMesh:
-    asked = math.degrees(filling.dihedral_min_rad or _FILLING.dihedral_min_rad or 0.0)
+    asked = math.degrees(filling.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
     found = mesh_statistics(mesh).dihedral_min_deg
     if found < asked:
         raise ConfigError(
@@ -159,12 +162,3 @@ def _checked(mesh: TetMesh, filling: Filling) -> TetMesh:
             remedy="run again, which gives another mesh; lower stop_energy; or ask for less",
         )
     return mesh
-
-
-def _rounded(depth_m: float) -> float:
-    """Return a depth rounded to half powers of two, so that like presses share a mesh."""
-    return float(2.0 ** (0.5 * round(2.0 * math.log2(depth_m))))
-
-
-def _identity(indenter: Indenter) -> str:
-    return indenter.content_hash if isinstance(indenter, MeshIndenter) else repr(indenter)

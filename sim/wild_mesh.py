@@ -1,4 +1,4 @@
-"""FTetWild with any sizing field; the paper's is the contact-surface field of section III-A."""
+"""Fills pads by fTetWild, also with the paper's contact-surface sizing field of section III-A."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.background_grid import Background, tetrahedral_grid
-from sim.fitted_top import fitted_top
 from sim.mesh import TetMesh, oriented
 from sim.pad import Pad
 from sim.pad_surface import pad_surface
@@ -61,7 +60,6 @@ def wild_mesh(
     points, tets = tetrahedral_grid([axes[0], axes[1], axes[2] + half[2]])
     return filled_pad(
         pad,
-        Background(points=points, tets=tets, edge_m=edge_length_at(points, pad, sizing)),
         WildSettings(
             spacing_m=sizing.fine_m,
             coarse_m=sizing.coarse_m,
@@ -70,6 +68,7 @@ def wild_mesh(
         ),
         name=name,
         interface_shares=interface_shares,
+        field=Background(points=points, tets=tets, edge_m=edge_length_at(points, pad, sizing)),
     )
 
 
@@ -82,25 +81,30 @@ class WildSettings:
         coarse_m: Largest edge length [m].
         envelope_share: epsilon over the bounding box's diagonal.
         stop_energy: AMIPS energy at which optimisation stops.
-        fitted: Move the top's vertices out of the envelope onto the pad's top.
     """
 
     spacing_m: float
     coarse_m: float
     envelope_share: float
     stop_energy: float
-    fitted: bool = False
 
 
 def filled_pad(
     pad: Pad,
-    background: Background,
     settings: WildSettings,
     *,
     name: str,
     interface_shares: tuple[float, ...] = (),
+    field: Background | None = None,
 ) -> TetMesh:
-    """Fill a pad with tetrahedra of any sizing field.
+    """Fill a pad with tetrahedra; another run gives another mesh.
+
+    fTetWild looks up a sizing field only where its uniform mesh has vertices, and in between goes
+    by those: what is much finer than the coarse edge length, as a rim is, comes out too coarse.
+
+    Args:
+        interface_shares: Rising shares of the local height at which layers meet.
+        field: Sizing field; None makes all edges about as long as the largest.
 
     Raises:
         ConfigError: As ``wild_mesh``.
@@ -109,12 +113,8 @@ def filled_pad(
     diagonal = float(np.linalg.norm(np.ptp(surface[0], axis=0)))
     snap = 2.0 * settings.envelope_share * diagonal
     _refuse_thin(pad, interface_shares, snap)
-    found, tets = _run(surface, background, settings)
+    found, tets = _run(surface, settings, field)
     found[found[:, 2] < snap, 2] = 0.0
-    if settings.fitted:
-        plain = oriented(found, tets, name=name)
-        found = fitted_top(plain.vertices, plain.tets, pad, reach_m=snap)
-        tets = plain.tets
     if not interface_shares:
         return oriented(found, tets, name=name)
     layers = _snapped_layers(found, tets, pad, interface_shares, snap)
@@ -122,7 +122,7 @@ def filled_pad(
 
 
 def _run(
-    surface: tuple[FloatArray, IntArray], background: Background, settings: WildSettings
+    surface: tuple[FloatArray, IntArray], settings: WildSettings, field: Background | None
 ) -> tuple[FloatArray, IntArray]:
     pytetwild = importlib.import_module("pytetwild")
     # The mesher drops a file of its own where it runs.
@@ -134,9 +134,9 @@ def _run(
             stop_energy=settings.stop_energy,
             optimize=True,
             num_threads=1,
-            bg_vertices=background.points,
-            bg_tets=background.tets,
-            bg_values=background.edge_m,
+            bg_vertices=None if field is None else field.points,
+            bg_tets=None if field is None else field.tets,
+            bg_values=None if field is None else field.edge_m,
         )
     return np.array(found, dtype=np.float64), np.asarray(tets)
 
