@@ -15,6 +15,7 @@ from sim.optics.geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 
 _COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +60,15 @@ def read_rgb(path: Path) -> ImageArray:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
+def read_grey(path: Path) -> ImageArray:
+    """Read an image file as grey levels, uint8, shape [height, width].
+
+    Raises:
+        ConfigError: The file is missing or no image.
+    """
+    return np.asarray(cv2.cvtColor(read_rgb(path), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
 def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
     """Read the images that a circle table names.
 
@@ -88,6 +98,22 @@ def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
         )
         for line, row in lines
     ]
+
+
+def images_in(folder: Path, *, but: Path) -> list[Path]:
+    """Return the images of a folder by name, without the no-contact frame.
+
+    Raises:
+        ConfigError: The folder is missing or holds no image.
+    """
+    found = sorted(
+        path
+        for path in (folder.iterdir() if folder.is_dir() else ())
+        if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() != but.resolve()
+    )
+    if not found:
+        raise ConfigError(f"{folder} holds no image", remedy="give a folder of PNG or JPEG files")
+    return found
 
 
 def check_sizes(presses: Sequence[BallPress], background: ImageArray) -> None:

@@ -1,4 +1,4 @@
-"""Calibration of the photometric model from ball presses, with cross-validation."""
+"""Calibration of the photometric model from ball presses."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.ball_press import BallPress, Circle, check_sizes
+from sim.optics.no_contact import averaged_no_contact
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
 from sim.optics.press_scene import PressScene
-from sim.optics.press_scores import PressScores, RenderedPress, score_presses
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -25,32 +25,15 @@ class Calibration:
 
     Attributes:
         model: Photometric model.
+        scene: The scene with the no-contact frame averaged over all frames, which has less noise.
         circles: Nudged circles, in the order of the presses.
-        lights: Offset of each frame's light [grey levels], shape [press_count, 3].
+        lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
     """
 
     model: PhotometricModel
+    scene: PressScene
     circles: tuple[Circle, ...]
     lights: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckScores:
-    """Scores of presses that the model has not seen.
-
-    Attributes:
-        raw: Labelled circles, frames as they came.
-        light_matched: Labelled circles, light offset taken off.
-        nudged: Nudged circles, light offset taken off.
-        light_offset_rms: Root mean square of the offsets taken off [grey levels].
-        nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
-    """
-
-    raw: PressScores
-    light_matched: PressScores
-    nudged: PressScores
-    light_offset_rms: float
-    nudge_rms_px: float
 
 
 def calibrate_optics(
@@ -60,7 +43,7 @@ def calibrate_optics(
     exponents: IntArray = BALL_EXPONENTS,
     rounds: int = 3,
 ) -> Calibration:
-    """Fit model, circles and light by turns.
+    """Fit model, circles, light and no-contact frame by turns.
 
     Args:
         presses: Images with labelled circles.
@@ -75,96 +58,18 @@ def calibrate_optics(
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
     check_sizes(presses, scene.background.astype(np.uint8))
     circles = [press.circle for press in presses]
-    lights = [scene.light_offset(p, c, None) for p, c in zip(presses, circles, strict=True)]
+    lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
     model = _fit(presses, circles, lights, scene, exponents)
+    averaged = scene
     for turn in range(rounds):
         for i, press in enumerate(presses):
-            lights[i] = scene.light_offset(press, circles[i], model)
-            circles[i] = scene.nudged(press, model, lights[i])
-        model = _fit(presses, circles, lights, scene, exponents)
+            lights[i] = averaged.light(press, circles[i], model)
+            circles[i] = averaged.nudged(press, model, lights[i])
+        frame = averaged_no_contact(presses, circles, lights, model, scene)
+        averaged = replace(scene, background=frame)
+        model = _fit(presses, circles, lights, averaged, exponents)
         log.debug("calibration round %d of %d done", turn + 1, rounds)
-    return Calibration(model=model, circles=tuple(circles), lights=np.array(lights))
-
-
-def render_presses(
-    presses: Sequence[BallPress], model: PhotometricModel, scene: PressScene, *, nudge: bool
-) -> list[RenderedPress]:
-    """Render presses that the model need not have seen, where labels or nudged circles say."""
-    rendered = []
-    height, width = scene.background.shape[:2]
-    rows, columns = (grid.ravel().astype(np.float64) for grid in np.mgrid[:height, :width])
-    for press in presses:
-        circle, light = press.circle, scene.light_offset(press, press.circle, model)
-        if nudge:
-            circle = scene.nudged(press, model, light)
-            light = scene.light_offset(press, circle, model)
-        change = scene.predict(model, circle, columns, rows).reshape(height, width, 3)
-        rendered.append(
-            RenderedPress(
-                press=press, rendered=scene.background + change, light=light, circle=circle
-            )
-        )
-    return rendered
-
-
-def check_presses(
-    presses: Sequence[BallPress], model: PhotometricModel, scene: PressScene
-) -> CheckScores:
-    """Score a model on presses it has not seen."""
-    labelled = render_presses(presses, model, scene, nudge=False)
-    return _scores(labelled, render_presses(presses, model, scene, nudge=True), scene)
-
-
-def cross_validate(
-    presses: Sequence[BallPress],
-    scene: PressScene,
-    *,
-    folds: int = 7,
-    exponents: IntArray = BALL_EXPONENTS,
-) -> tuple[CheckScores, list[RenderedPress]]:
-    """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
-
-    Returns:
-        Scores over all presses, and each press as rendered by the model that had not seen it
-        (nudged circle), in fold order.
-
-    Raises:
-        ConfigError: There are fewer presses than folds, or fewer than two folds.
-    """
-    if not 2 <= folds <= len(presses):
-        raise ConfigError(
-            f"{len(presses)} presses cannot be cross-validated in {folds} folds",
-            remedy="give at least as many presses as folds, and at least two folds",
-        )
-    labelled: list[RenderedPress] = []
-    nudged: list[RenderedPress] = []
-    for fold in range(folds):
-        seen = [press for i, press in enumerate(presses) if i % folds != fold]
-        held_out = presses[fold::folds]
-        model = calibrate_optics(seen, scene, exponents=exponents).model
-        labelled += render_presses(held_out, model, scene, nudge=False)
-        nudged += render_presses(held_out, model, scene, nudge=True)
-    return _scores(labelled, nudged, scene), nudged
-
-
-def _scores(
-    labelled: list[RenderedPress], nudged: list[RenderedPress], scene: PressScene
-) -> CheckScores:
-    moves = [
-        (
-            a.circle.x_px - b.circle.x_px,
-            a.circle.y_px - b.circle.y_px,
-            a.circle.radius_px - b.circle.radius_px,
-        )
-        for a, b in zip(nudged, labelled, strict=True)
-    ]
-    return CheckScores(
-        raw=score_presses(labelled, scene.background, light_matched=False),
-        light_matched=score_presses(labelled, scene.background, light_matched=True),
-        nudged=score_presses(nudged, scene.background, light_matched=True),
-        light_offset_rms=float(np.sqrt(np.mean([item.light**2 for item in nudged]))),
-        nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
-    )
+    return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
 
 
 def _fit(

@@ -65,6 +65,11 @@ class CameraGeometry:
             )
 
     @property
+    def mean_scale_m(self) -> float:
+        """Geometric mean of the scales [m/px]."""
+        return math.sqrt(self.scale_x_m * self.scale_y_m)
+
+    @property
     def direction_matrix(self) -> FloatArray:
         """Columns: pad steps [m] of one image column and one image row, shape [2, 2]."""
         cosine, sine = math.cos(self.rotation_rad), math.sin(self.rotation_rad)

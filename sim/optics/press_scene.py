@@ -1,7 +1,7 @@
 """What a ball press looks like through a photometric model, and the two things labels get wrong.
 
 Hand-clicked circles are off by a few pixels, and the light of a frame is not the light of the
-no-contact frame (automatic white balance): both are estimated here.
+no-contact frame: both are estimated here.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from sim.arrays import FloatArray
 from sim.optics.ball_press import BallPress, Circle
 from sim.optics.gel_profile import GelProfile
 from sim.optics.geometry import CameraGeometry
+from sim.optics.light import fit_light, light_at
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import PhotometricSamples
 
+BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7
-_BEYOND_RIM = 1.15
-_SKIRT_RADII = 2.3
+_SKIRT_RADII = 2.6
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
 
@@ -49,8 +50,7 @@ class PressScene:
         dx = (columns - circle.x_px) * self.geometry.scale_x_m
         dy = (rows - circle.y_px) * self.geometry.scale_y_m
         r = np.hypot(dx, dy)
-        mean_scale = np.sqrt(self.geometry.scale_x_m * self.geometry.scale_y_m)
-        profile = self.profile(circle.radius_px * mean_scale)
+        profile = self.profile(circle.radius_px * self.geometry.mean_scale_m)
         outward = np.interp(r, profile.radius_m, profile.tilt, right=0.0) / np.maximum(r, 1e-12)
         indentation = np.interp(r, profile.radius_m, profile.indentation_m, right=0.0)
         return np.stack([dx * outward, dy * outward]), indentation
@@ -63,6 +63,18 @@ class PressScene:
         position = self.normalised(columns, rows)
         return np.asarray(model.evaluate(tilt, position, indentation).T, dtype=np.float64)
 
+    def predicted_image(self, model: PhotometricModel, circle: Circle) -> FloatArray:
+        """Return the model's colour change [grey levels] everywhere, shape [height, width, 3]."""
+        rows, columns = self._lattice(1)
+        change = self.predict(model, circle, columns.astype(float), rows.astype(float))
+        return change.reshape(self.background.shape)
+
+    def light_image(self, light: FloatArray) -> FloatArray:
+        """Return a frame's light everywhere, shape [height, width, 3]."""
+        rows, columns = self._lattice(1)
+        position = self.normalised(columns.astype(float), rows.astype(float))
+        return light_at(light, position).reshape(self.background.shape)
+
     def normalised(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
         """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
         height, width = self.background.shape[:2]
@@ -70,31 +82,39 @@ class PressScene:
 
     def pixels_around(self, circle: Circle) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the fitting lattice in contact and skirt."""
-        rows, columns = self._lattice()
+        rows, columns = self._lattice(self.stride)
         near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _SKIRT_RADII * circle.radius_px
         return rows[near], columns[near]
 
-    def _lattice(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _lattice(self, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         height, width = self.background.shape[:2]
-        rows, columns = np.mgrid[: height : self.stride, : width : self.stride]
+        rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
 
     def samples(self, press: BallPress, circle: Circle, light: FloatArray) -> PhotometricSamples:
-        """Return the press's pixels for a fit; ``light`` is the offset to take off, shape [3]."""
+        """Return the press's pixels for a fit; ``light`` is taken off, shape [3, 3]."""
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
         tilt, indentation = self.surface(circle, x, y)
-        change = press.image[rows, columns] - self.background[rows, columns] - light
         return PhotometricSamples(
             tilt=tilt,
             position=self.normalised(x, y),
             indentation_m=indentation,
-            change=np.asarray(change, dtype=np.float64),
+            change=self._change(press, rows, columns, light),
         )
 
-    def light_offset(
-        self, press: BallPress, circle: Circle, model: PhotometricModel | None
+    def _change(
+        self,
+        press: BallPress,
+        rows: NDArray[np.intp],
+        columns: NDArray[np.intp],
+        light: FloatArray,
     ) -> FloatArray:
+        position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
+        change = press.image[rows, columns] - self.background[rows, columns]
+        return np.asarray(change - light_at(light, position), dtype=np.float64)
+
+    def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
 
         Args:
@@ -103,17 +123,20 @@ class PressScene:
             model: Explains the skirt; without one, the farthest pixels are taken to be level.
 
         Returns:
-            Offset of red, green, blue [grey levels], shape [3].
+            Coefficients of ``light_at`` [grey levels], shape [3, 3].
         """
-        rows, columns = self._lattice()
+        rows, columns = self._lattice(self.stride)
         distance = np.hypot(columns - circle.x_px, rows - circle.y_px)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
-        outside = distance > max(float(edge), _BEYOND_RIM * circle.radius_px)
+        outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
         rows, columns = rows[outside], columns[outside]
         change = press.image[rows, columns] - self.background[rows, columns]
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
         if model is not None:
-            change = change - self.predict(model, circle, columns.astype(float), rows.astype(float))
-        return np.asarray(np.median(change, axis=0), dtype=np.float64)
+            change = change - self.predict(model, circle, x, y)
+        return fit_light(
+            np.asarray(change, dtype=np.float64), self.normalised(x, y), level_only=model is None
+        )
 
     def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
         """Move the labelled circle to where the model explains the image best.
@@ -122,7 +145,7 @@ class PressScene:
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        change = press.image[rows, columns] - self.background[rows, columns] - light
+        change = self._change(press, rows, columns, light)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(change.size)
 

@@ -1,8 +1,9 @@
 """How well rendered ball presses agree with real ones, beside the no-contact frame.
 
 Scores are of the labelled contact and a square crop around it, on colour images. Raw compares with
-the frame as it came; light-matched first takes the frame's light offset off, as estimated outside
-the contact. SSIM is scikit-image's with its uniform 7 x 7 window, averaged over channels.
+the frame as it came; light-matched first takes the frame's light off the real frame, as estimated
+outside the contact, so that rendering and no-contact frame meet the same target. SSIM is
+scikit-image's with its uniform 7 x 7 window, averaged over channels.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from skimage.metrics import structural_similarity
 
 from sim.arrays import FloatArray
 from sim.optics.ball_press import BallPress, Circle
+from sim.optics.light import no_light
+from sim.optics.press_scene import PressScene
 
 CROP_PX = 120
 
@@ -26,7 +29,7 @@ class RenderedPress:
     Attributes:
         press: The real one, with its labelled circle.
         rendered: No-contact frame plus model [grey levels], not rounded, [height, width, 3].
-        light: Offset of the frame's light [grey levels], shape [3].
+        light: The frame's light as ``light_at`` has it [grey levels], shape [3, 3].
         circle: The circle that was rendered, labelled or nudged.
     """
 
@@ -44,7 +47,8 @@ class PressScores:
         r2: Share of the variance of the colour change explained inside the contacts.
         mae: Mean absolute error inside the contacts [grey levels].
         ssim_crop: Mean SSIM in the crops.
-        mae_no_contact: The same of the no-contact frame in place of the rendering.
+        r2_no_contact: The same of the no-contact frame in place of the rendering.
+        mae_no_contact: The same of the no-contact frame.
         ssim_crop_no_contact: The same of the no-contact frame.
         press_count: Presses scored.
     """
@@ -52,6 +56,7 @@ class PressScores:
     r2: float
     mae: float
     ssim_crop: float
+    r2_no_contact: float
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
@@ -62,18 +67,19 @@ class PressScores:
 
 
 def score_presses(
-    rendered: Sequence[RenderedPress], background: FloatArray, *, light_matched: bool
+    rendered: Sequence[RenderedPress], scene: PressScene, *, light_matched: bool
 ) -> PressScores:
     """Score renderings against the real presses.
 
     Args:
         rendered: At least one press.
-        background: No-contact frame [grey levels], shape [height, width, 3].
-        light_matched: Take each frame's light offset off before comparing.
+        scene: Holds the no-contact frame that the renderings are compared with.
+        light_matched: Take each frame's light off before comparing.
     """
     changes, errors, similarities, floors = [], [], [], []
+    background = scene.background
     for item in rendered:
-        light = item.light if light_matched else np.zeros(3)
+        light = scene.light_image(item.light if light_matched else no_light())
         real = np.clip(item.press.image - light, 0.0, 255.0)
         image = np.clip(np.rint(item.rendered), 0.0, 255.0)
         inside = contact_mask(item.press.circle, real.shape[0], real.shape[1])
@@ -88,6 +94,7 @@ def score_presses(
         r2=float(1.0 - np.sum(error**2) / variance),
         mae=float(np.mean(np.abs(error))),
         ssim_crop=float(np.mean(similarities)),
+        r2_no_contact=float(1.0 - np.sum(change**2) / variance),
         mae_no_contact=float(np.mean(np.abs(change))),
         ssim_crop_no_contact=float(np.mean(floors)),
         press_count=len(rendered),
@@ -113,3 +120,13 @@ def _ssim(real: FloatArray, image: FloatArray) -> float:
         real, image, channel_axis=2, data_range=255.0
     )
     return float(similarity)
+
+
+def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> list[float]:
+    """Return each press's mean absolute error inside its contact, light taken off [grey levels]."""
+    errors = []
+    for item in rendered:
+        real = item.press.image - scene.light_image(item.light)
+        inside = contact_mask(item.press.circle, real.shape[0], real.shape[1])
+        errors.append(float(np.mean(np.abs((item.rendered - real)[inside]))))
+    return errors

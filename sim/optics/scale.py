@@ -1,4 +1,4 @@
-"""Where pixels look, from presses at known robot positions."""
+"""Where pixels look, from points at known places: presses of the robot, or a printed target."""
 
 from __future__ import annotations
 
@@ -23,11 +23,17 @@ class ScaleFit:
     Attributes:
         residual_px: Root mean square distance of the fitted from the labelled centres [px].
         shear_rad: Departure of the pixel axes from a right angle that the geometry cannot express.
+        scale_error_m: Standard error of the scales in x and y, from the residuals [m/px].
+        rotation_error_rad: Standard error of the rotation, likewise [rad].
+        centre_error_px: Standard error of the centre, likewise [px].
     """
 
     geometry: CameraGeometry
     residual_px: float
     shear_rad: float
+    scale_error_m: tuple[float, float]
+    rotation_error_rad: float
+    centre_error_px: float
 
 
 def read_positions(path: Path) -> dict[str, tuple[float, float]]:
@@ -67,8 +73,9 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
     robot and sensor drops out.
 
     Args:
-        positions_m: Commanded x, y of each press from the gel's centre [m], shape [n, 2].
-        pixels: Column, row of each contact's centre [px], shape [n, 2].
+        positions_m: Commanded x, y of each press from the gel's centre, or of each point from the
+            target's middle [m], shape [n, 2].
+        pixels: Column, row of each contact's centre or point [px], shape [n, 2].
         width: Columns of the image [px].
         height: Rows of the image [px].
 
@@ -77,7 +84,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
     """
     if len(pixels) < _FEWEST:
         raise ConfigError(
-            f"{len(pixels)} presses cannot fix scale, rotation and centre of a camera",
+            f"{len(pixels)} presses or points cannot fix scale, rotation and centre of a camera",
             remedy=f"press at {_FEWEST} or more places that are not on one line",
         )
     features = np.column_stack([pixels, np.ones(len(pixels))])
@@ -104,8 +111,15 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
         mirrored=mirrored,
     )
     off = geometry.to_pixels(positions_m) - pixels
+    spread = np.sqrt(np.sum((features @ solution - positions_m) ** 2) / (2 * len(pixels) - 6))
+    errors = spread * np.sqrt(np.diag(np.linalg.inv(features.T @ features)))
+    middle = float(np.hypot(*(centre - pixels.mean(axis=0))))
+    at_centre = math.hypot(spread / math.sqrt(len(pixels)), float(errors[:2].max()) * middle)
     return ScaleFit(
         geometry=geometry,
         residual_px=float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
         shear_rad=float(shear),
+        scale_error_m=(float(errors[0]), float(errors[1])),
+        rotation_error_rad=float(np.max(errors[:2] / scale)),
+        centre_error_px=at_centre / geometry.mean_scale_m,
     )

@@ -34,8 +34,9 @@ def fit_skirt(
     Raises:
         ConfigError: There is no press, or one has another size than the no-contact frame.
     """
-    mean_scale = float(np.sqrt(scene.geometry.scale_x_m * scene.geometry.scale_y_m))
-    contact = mean_scale * float(np.median([press.circle.radius_px for press in presses] or [1.0]))
+    contact = scene.geometry.mean_scale_m * float(
+        np.median([press.circle.radius_px for press in presses] or [1.0])
+    )
 
     def residual(decay_m: float) -> float:
         skirt = ExponentialSkirt(ball_radius_m=ball_radius_m, decay_m=decay_m)
@@ -43,10 +44,9 @@ def fit_skirt(
         found = calibrate_optics(presses, trial, rounds=1)
         errors = []
         for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
-            rows, columns = trial.pixels_around(press.circle)
-            x, y = columns.astype(np.float64), rows.astype(np.float64)
-            change = press.image[rows, columns] - scene.background[rows, columns] - light
-            errors.append(np.abs(trial.predict(found.model, circle, x, y) - change))
+            seen = found.scene.samples(press, circle, light)
+            change = found.model.evaluate(seen.tilt, seen.position, seen.indentation_m).T
+            errors.append(np.abs(change - seen.change))
         return float(np.concatenate(errors).mean())
 
     tried = contact * np.geomspace(_SHORTEST, _LONGEST, _GRID)

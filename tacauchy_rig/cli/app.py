@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.cli import config_commands, emulate, session
+from tacauchy_rig.cli import calibrate, config_commands, emulate, session
 from tacauchy_rig.cli.accuracy import accuracy
 from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.effects_check import effects_check
@@ -43,6 +43,7 @@ app.command("verify")(verify)
 app.command("effects-check")(effects_check)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
+app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(config_commands.app, name="config")
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sim.optics.ball_press import BallPress, Circle
-from sim.optics.calibrate import calibrate_optics, check_presses, cross_validate
+from sim.optics.calibrate import calibrate_optics
+from sim.optics.cross_validation import check_presses, cross_validate
 from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.photometric import load_photometric
 from sim.optics.photometric_fit import PhotometricSamples, fit_photometric
@@ -73,17 +74,22 @@ def test_circles_and_light_are_recovered() -> None:
     spread = np.sqrt(np.mean((after - after.mean(axis=0)) ** 2))
     assert before > 1.5
     assert spread < 0.25 * before
-    np.testing.assert_allclose(calibration.lights, offsets, atol=1.0)
+    np.testing.assert_allclose(calibration.lights[:, 0], offsets, atol=1.0)
+    np.testing.assert_allclose(calibration.lights[:, 1:], 0.0, atol=1.0)
     unseen = presses(6, noise=1.0, click_px=2.0, light=10.0, seed=9)[0]
-    scores = check_presses(unseen, calibration.model, press_scene())
+    scores, rendered = check_presses(unseen, calibration, press_scene())
+    assert [item.press.name for item in rendered] == [press.name for press in unseen]
     assert scores.nudged.mae < 1.3
     assert scores.nudged.r2 > 0.99 > scores.raw.r2
     assert scores.light_matched.mae < scores.raw.mae
-    assert scores.light_offset_rms == pytest.approx(10.0, rel=0.4)
+    assert scores.light_rms == pytest.approx(10.0, rel=0.4)
 
 
 def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
-    """Presses that change nothing score as well without a rendering as with one."""
+    """Presses that change nothing score about as well without a rendering as with one.
+
+    Not quite: this no-contact frame has no noise, and that averaged over three frames has some.
+    """
     scene = press_scene()
     frame = scene.background.astype(np.uint8)
     circle = Circle(x_px=90.0, y_px=75.0, radius_px=15.0)
@@ -98,7 +104,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
         for i in range(4)
     ]
     scores, _ = cross_validate(noisy, scene, folds=2, exponents=EXPONENTS)
-    assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.01)
+    assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.03)
     assert scores.raw.mae == pytest.approx(scores.raw.mae_no_contact, rel=0.05)
     assert scores.raw.r2 < 0.1
 

@@ -1,0 +1,115 @@
+"""``tacauchy-rig calibrate``: a sensor's optics and the scale of its images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.optics.calibration_run import OpticsRequest, OpticsResult, calibrate_and_check
+from sim.optics.press_scores import PressScores
+from sim.scene import Preset
+from sim.sensor import load_sensor
+from tacauchy_rig.cli.calibrate_scale import scale as calibrate_scale
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import complain, say, write_json
+from tacauchy_rig.cli.press_terms import parse_pair
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
+
+app = typer.Typer(
+    no_args_is_help=True, help="Calibrate a sensor's optics or the scale of its images."
+)
+app.command("scale")(calibrate_scale)
+
+
+@app.command("optics")
+def optics(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball.")],
+    background: Annotated[
+        Path, typer.Option("--background", help="Frame without contact, in FOLDER or a path.")
+    ],
+    ball_diameter: Annotated[str, typer.Option("--ball-diameter", help="Such as 4.70mm.")],
+    scale: Annotated[
+        str, typer.Option("--scale", help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write (.npz).")],
+    circles: Annotated[
+        Path | None,
+        typer.Option(
+            "--circles",
+            help="CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. "
+            "Without it the contacts are found in the images.",
+        ),
+    ] = None,
+    check: Annotated[
+        Path | None, typer.Option("--check", help="Folder of other labelled presses to score.")
+    ] = None,
+    sensor: Annotated[
+        str, typer.Option("--sensor", help="Whose pad the ball is pressed into, in the simulator.")
+    ] = "gelsight-mini",
+    preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
+    folds: Annotated[int, typer.Option("--folds", help="Of the cross-validation.")] = 7,
+    json_file: JsonFile = None,
+) -> None:
+    """Fit the optics to ball presses, cross-validate, and write a calibration file."""
+    result = calibrate_and_check(
+        OpticsRequest(
+            folder=folder,
+            background=background,
+            circles=circles,
+            ball_diameter_m=parse_quantity(
+                ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
+            ).value,
+            scale_px_m=_scale(scale),
+            out=out,
+            check=check,
+            sensor=load_sensor(sensor),
+            preset=preset,
+            folds=folds,
+        )
+    )
+    for warning in result.warnings:
+        complain(f"warning: {warning}")
+    _show(result)
+    write_json(json_file, result.as_json())
+
+
+def _show(result: OpticsResult) -> None:
+    say(f"slopes     {result.coverage.share:.0%} seen, places {result.coverage.image_share:.0%}")
+    say("                                  R2      error   SSIM    (no-contact frame)")
+    for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
+        if scores is None:
+            continue
+        say(f"{name}: {scores.nudged.press_count} presses")
+        for how, values in (
+            ("circles nudged, light taken off", scores.nudged),
+            ("as labelled, light taken off", scores.light_matched),
+            ("as labelled, frames as they came", scores.raw),
+        ):
+            say(f"  {how:32}{_line(values)}")
+        say(
+            f"  light {scores.light_rms:.1f} grey levels rms, circles moved "
+            f"{scores.nudge_rms_px:.1f} px rms"
+        )
+    for path in result.written:
+        say(f"wrote {path}")
+
+
+def _line(scores: PressScores) -> str:
+    without = f"{scores.r2_no_contact:.2f}, {scores.mae_no_contact:.1f}"
+    return (
+        f"{scores.r2:.4f}  {scores.mae:5.2f}   {scores.ssim_crop:.4f}  "
+        f"({without}, {scores.ssim_crop_no_contact:.3f})"
+    )
+
+
+def _scale(text: str) -> tuple[float, float]:
+    x, y = parse_pair(text, Dimension.IMAGE_SCALE, "--scale")
+    y = y if "," in text else x
+    if not (x > 0.0 and y > 0.0):
+        raise ConfigError(
+            f'--scale: "{text}" is not positive', remedy="give pixels per mm, such as 19.58px/mm"
+        )
+    return x, y
