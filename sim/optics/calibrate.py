@@ -59,7 +59,7 @@ def calibrate_optics(
     check_sizes(presses, scene.background.astype(np.uint8))
     circles = [press.circle for press in presses]
     lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
-    model = _fit(presses, circles, lights, scene, exponents)
+    model = _fit(presses, circles, lights, scene, exponents, None)
     averaged = scene
     for turn in range(rounds):
         for i, press in enumerate(presses):
@@ -67,7 +67,7 @@ def calibrate_optics(
             circles[i] = averaged.nudged(press, model, lights[i])
         frame = averaged_no_contact(presses, circles, lights, model, scene)
         averaged = replace(scene, background=frame)
-        model = _fit(presses, circles, lights, averaged, exponents)
+        model = _fit(presses, circles, lights, averaged, exponents, model)
         log.debug("calibration round %d of %d done", turn + 1, rounds)
     return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
 
@@ -78,9 +78,10 @@ def _fit(
     lights: Sequence[FloatArray],
     scene: PressScene,
     exponents: IntArray,
+    known: PhotometricModel | None,
 ) -> PhotometricModel:
     parts = [
-        scene.samples(press, circle, light)
+        scene.samples(press, circle, light, known)
         for press, circle, light in zip(presses, circles, lights, strict=True)
     ]
     samples = PhotometricSamples(
@@ -88,6 +89,7 @@ def _fit(
         position=np.concatenate([part.position for part in parts], axis=1),
         indentation_m=np.concatenate([part.indentation_m for part in parts]),
         change=np.concatenate([part.change for part in parts]),
+        counts=np.concatenate([part.counts for part in parts]),
     )
     model = fit_photometric(samples, exponents=exponents)
     return replace(

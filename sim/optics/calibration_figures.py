@@ -13,7 +13,7 @@ from matplotlib.patches import Circle as Outline
 from sim.arrays import FloatArray
 from sim.optics.ball_press import Circle
 from sim.optics.press_scene import PressScene
-from sim.optics.press_scores import RenderedPress, crop_window
+from sim.optics.press_scores import RenderedPress, as_seen, crop_window
 from sim.optics.slope_coverage import SlopeCoverage
 
 _DPI = 150
@@ -52,7 +52,7 @@ def draw_coverage(
 
 
 def draw_presses(rendered: Sequence[RenderedPress], scene: PressScene, path: Path) -> None:
-    """Draw each press's crop: real (light taken off), rendered, and four times their difference."""
+    """Draw each press's crop: real, rendered in its light, and four times their difference."""
     rows = math.ceil(len(rendered) / _SETS_A_ROW)
     figure = Figure(figsize=(3.0 * _SETS_A_ROW, 1.2 * rows + 0.3), layout="constrained")
     axes = figure.subplots(rows, _SETS_A_ROW, squeeze=False).ravel()
@@ -66,10 +66,11 @@ def draw_presses(rendered: Sequence[RenderedPress], scene: PressScene, path: Pat
 
 
 def _triptych(item: RenderedPress, scene: PressScene) -> FloatArray:
-    real = item.press.image - scene.light_image(item.light)
+    real = item.press.image.astype(np.float64)
+    rendered = as_seen(item.rendered, item.light, scene)
     window = crop_window(item.press.circle, real.shape[0], real.shape[1])
-    difference = 127.0 + _DIFFERENCE_GAIN * (item.rendered - real)
-    return np.concatenate([real[window], item.rendered[window], difference[window]], axis=1)
+    difference = 127.0 + _DIFFERENCE_GAIN * (rendered - real)
+    return np.concatenate([real[window], rendered[window], difference[window]], axis=1)
 
 
 def _degrees(tilt: float) -> float:

@@ -106,6 +106,8 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         ConvergenceError: The simulated ball press finds no equilibrium.
         RecordError: A result cannot be written.
     """
+    if request.out.suffix != ".npz":
+        raise ConfigError(f"{request.out} is no .npz file", remedy="give --out calibration.npz")
     background = read_rgb(_found(request.background, request.folder))
     radius_m = 0.5 * request.ball_diameter_m
     scene = PressScene(
@@ -210,8 +212,6 @@ def _write(
     scene: PressScene,
     provenance: dict[str, Any],
 ) -> list[Path]:
-    if out.suffix != ".npz":
-        raise ConfigError(f"{out} is no .npz file", remedy="give --out calibration.npz")
     model = calibration.model
     slopes = out.with_name(f"{out.stem}_slopes.png")
     pictures = out.with_name(f"{out.stem}_held_out.png")

@@ -25,10 +25,9 @@ class CheckScores:
 
     Attributes:
         raw: Rendered at the labelled circles, against the frames as they came.
-        light_matched: Labelled circles; each frame's light, as estimated outside the contact, taken
-            off.
-        nudged: Circles nudged to the image, light taken off.
-        light_rms: Root mean square of the level of the light taken off [grey levels].
+        light_matched: Labelled circles, with each frame's light as estimated outside the contact.
+        nudged: Circles nudged to the image, with each frame's light.
+        light_rms: Root mean square of the level of that light [grey levels].
         nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
     """
 

@@ -7,6 +7,7 @@ one side: level and gradient are estimated where the gel is not touched, and tak
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 
@@ -34,11 +35,18 @@ def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
     return np.asarray(light[0] + position.T @ light[1:])
 
 
-def fit_light(change: FloatArray, position: FloatArray, *, level_only: bool = False) -> FloatArray:
+def fit_light(
+    change: FloatArray,
+    exposed: NDArray[np.bool_],
+    position: FloatArray,
+    *,
+    level_only: bool = False,
+) -> FloatArray:
     """Fit the plane to differences from the no-contact frame, bounding what outliers can do.
 
     Args:
         change: Frame minus what it would be in the no-contact frame's light, shape [n, 3].
+        exposed: False where the pixel is too bright or too dark to tell, shape [n, 3].
         position: Normalised pixel position, shape [2, n].
         level_only: Fit no gradient, for pixels that see only a part of the image.
 
@@ -46,12 +54,13 @@ def fit_light(change: FloatArray, position: FloatArray, *, level_only: bool = Fa
         Coefficients as ``light_at`` wants them, shape [3, 3].
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
-    weight = np.ones((len(terms), 1))
-    light: FloatArray = no_light()
-    for _ in range(_ROUNDS):
-        weighted = terms * weight
-        found = np.linalg.lstsq(weighted.T @ terms, weighted.T @ change, rcond=None)[0]
-        light = np.asarray(found, dtype=np.float64)
-        off = np.abs(change - terms @ light).max(axis=1, keepdims=True)
-        weight = 1.0 / (1.0 + (off / _OUTLIER_LEVELS) ** 2)
+    light = no_light()
+    for channel in range(light.shape[1]):
+        weight = exposed[:, channel].astype(np.float64)
+        for _ in range(_ROUNDS):
+            weighted = (terms * weight[:, None]).T
+            normal, load = weighted @ terms, weighted @ change[:, channel]
+            light[:, channel] = np.linalg.lstsq(normal, load, rcond=None)[0]
+            off = change[:, channel] - terms @ light[:, channel]
+            weight = exposed[:, channel] / (1.0 + (off / _OUTLIER_LEVELS) ** 2)
     return light

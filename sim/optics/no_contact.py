@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.optics.ball_press import BallPress, Circle
+from sim.optics.exposure import exposed
 from sim.optics.photometric import PhotometricModel
 from sim.optics.press_scene import BEYOND_RIM, PressScene
 
@@ -37,11 +38,12 @@ def averaged_no_contact(
     height, width = scene.background.shape[:2]
     rows, columns = np.mgrid[:height, :width]
     total = scene.background.astype(np.float64)
-    count = np.ones((height, width, 1))
+    count = np.ones((height, width, 3))
     for press, circle, light in zip(presses, circles, lights, strict=True):
         level = press.image - scene.light_image(light) - scene.predicted_image(model, circle)
         reach = BEYOND_RIM * circle.radius_px
         outside = np.hypot(columns - circle.x_px, rows - circle.y_px)[..., None] > reach
-        total += np.where(outside, level, 0.0)
-        count += outside
+        told = outside & exposed(press.image)
+        total += np.where(told, level, 0.0)
+        count += told
     return np.asarray(total / count)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric import PhotometricModel
@@ -27,12 +28,14 @@ class PhotometricSamples:
         indentation_m: Unloaded minus loaded height [m], shape [sample_count].
         change: Colour minus no-contact colour, red, green, blue [grey levels],
             shape [sample_count, 3].
+        counts: False where a colour is not known, same shape.
     """
 
     tilt: FloatArray
     position: FloatArray
     indentation_m: FloatArray
     change: FloatArray
+    counts: NDArray[np.bool_]
 
 
 def fit_photometric(
@@ -60,8 +63,12 @@ def fit_photometric(
             remedy="give more presses, or a model of lower degree",
         )
     features = monomials(samples.tilt, samples.position, samples.indentation_m, exponents)
-    normal = features @ features.T + ridge * count * np.eye(terms)
-    coefficients = np.asarray(np.linalg.solve(normal, features @ samples.change), dtype=np.float64)
+    coefficients = np.empty((terms, 3))
+    for channel in range(3):
+        counts = samples.counts[:, channel]
+        known = features[:, counts]
+        normal = known @ known.T + ridge * count * np.eye(terms)
+        coefficients[:, channel] = np.linalg.solve(normal, known @ samples.change[counts, channel])
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients,

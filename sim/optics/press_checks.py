@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.optics.ball_press import BallPress
 from sim.optics.cross_validation import CheckScores
+from sim.optics.exposure import exposed
 from sim.optics.geometry import CameraGeometry
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, contact_mask, held_out_errors
@@ -16,7 +17,7 @@ from tacauchy_rig.errors import ConfigError
 FEWEST = 5
 FEW = 14
 _SATURATED_WARN = 0.01
-_SATURATED_REFUSE = 0.15
+_SATURATED_REFUSE = 0.6
 _ODD_ONE_OUT = 2.5
 _FAR_NUDGE = 0.25
 _CONTRADICTORY_R2 = 0.5
@@ -56,14 +57,14 @@ def check_before(
     worst = float(np.median(list(shares.values())))
     if worst > _SATURATED_REFUSE:
         raise ConfigError(
-            f"half of the presses have at least {worst:.0%} of their contact at grey level 0 or "
-            "255: its colour is lost",
+            f"half of the presses have at least {worst:.0%} of their contact at the end of the "
+            "camera's range: its colour is lost",
             remedy="lower exposure or gain, switch automatic exposure off, and press again",
         )
     if bad:
         warnings.append(
-            f"saturated contacts (more than {_SATURATED_WARN:.0%} of the pixels at grey level 0 or "
-            f"255): {_listed(bad)}; lower exposure or gain"
+            f"saturated contacts (up to {max(shares.values()):.0%} of the pixels at the end of the "
+            f"camera's range): {_listed(bad)}; lower exposure or gain"
         )
     return warnings
 
@@ -112,7 +113,7 @@ def check_after(
 
 def _saturated_share(press: BallPress) -> float:
     inside = press.image[contact_mask(press.circle, *press.image.shape[:2])]
-    return float(np.mean(((inside == 0) | (inside == 255)).any(axis=-1))) if inside.size else 0.0
+    return float(np.mean(~exposed(inside).all(axis=-1))) if inside.size else 0.0
 
 
 def _listed(names: Sequence[str], *, most: int = 6) -> str:

@@ -14,15 +14,16 @@ from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
 from sim.optics.ball_press import BallPress, Circle
+from sim.optics.exposure import SeenChange, seen_change
 from sim.optics.gel_profile import GelProfile
 from sim.optics.geometry import CameraGeometry
-from sim.optics.light import fit_light, light_at
+from sim.optics.light import fit_light, light_at, no_light
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import PhotometricSamples
 
 BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7
-_SKIRT_RADII = 2.6
+_SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
 
@@ -91,28 +92,44 @@ class PressScene:
         rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
 
-    def samples(self, press: BallPress, circle: Circle, light: FloatArray) -> PhotometricSamples:
-        """Return the press's pixels for a fit; ``light`` is taken off, shape [3, 3]."""
+    def samples(
+        self, press: BallPress, circle: Circle, light: FloatArray, model: PhotometricModel | None
+    ) -> PhotometricSamples:
+        """Return the press's pixels for a fit.
+
+        Args:
+            press: The image.
+            circle: Its contact.
+            light: Its light, shape [3, 3].
+            model: Stands in for pixels that are too bright or too dark for the camera; without
+                one they do not count.
+        """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
         tilt, indentation = self.surface(circle, x, y)
+        seen = self._seen(press, rows, columns, light)
+        change, counts = seen.change, seen.exposed
+        if model is not None:
+            change = seen.completed(self.predict(model, circle, x, y))
+            counts = np.ones_like(counts)
         return PhotometricSamples(
             tilt=tilt,
             position=self.normalised(x, y),
             indentation_m=indentation,
-            change=self._change(press, rows, columns, light),
+            change=change,
+            counts=counts,
         )
 
-    def _change(
+    def _seen(
         self,
         press: BallPress,
         rows: NDArray[np.intp],
         columns: NDArray[np.intp],
         light: FloatArray,
-    ) -> FloatArray:
+    ) -> SeenChange:
         position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
-        change = press.image[rows, columns] - self.background[rows, columns]
-        return np.asarray(change - light_at(light, position), dtype=np.float64)
+        expected = self.background[rows, columns] + light_at(light, position)
+        return seen_change(press.image[rows, columns], expected)
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
@@ -130,13 +147,10 @@ class PressScene:
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
         rows, columns = rows[outside], columns[outside]
-        change = press.image[rows, columns] - self.background[rows, columns]
+        seen = self._seen(press, rows, columns, no_light())
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        if model is not None:
-            change = change - self.predict(model, circle, x, y)
-        return fit_light(
-            np.asarray(change, dtype=np.float64), self.normalised(x, y), level_only=model is None
-        )
+        change = seen.change if model is None else seen.change - self.predict(model, circle, x, y)
+        return fit_light(change, seen.exposed, self.normalised(x, y), level_only=model is None)
 
     def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
         """Move the labelled circle to where the model explains the image best.
@@ -145,14 +159,14 @@ class PressScene:
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        change = self._change(press, rows, columns, light)
+        seen = self._seen(press, rows, columns, light)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
-        pull = _CLICK_WEIGHT * np.sqrt(change.size)
+        pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
 
         def residual(move: FloatArray) -> FloatArray:
             px, py, radius = label + move
             circle = Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
-            misfit = (self.predict(model, circle, x, y) - change).ravel()
+            misfit = seen.misfit(self.predict(model, circle, x, y)).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 

@@ -1,9 +1,9 @@
 """How well rendered ball presses agree with real ones, beside the no-contact frame.
 
 Scores are of the labelled contact and a square crop around it, on colour images. Raw compares with
-the frame as it came; light-matched first takes the frame's light off the real frame, as estimated
-outside the contact, so that rendering and no-contact frame meet the same target. SSIM is
-scikit-image's with its uniform 7 x 7 window, averaged over channels.
+the rendering in the no-contact frame's light; light-matched first adds the frame's own light, as
+estimated outside the contact, to rendering and no-contact frame alike, and bounds both as the
+camera does. SSIM is scikit-image's with its uniform 7 x 7 window, averaged over channels.
 """
 
 from __future__ import annotations
@@ -74,20 +74,20 @@ def score_presses(
     Args:
         rendered: At least one press.
         scene: Holds the no-contact frame that the renderings are compared with.
-        light_matched: Take each frame's light off before comparing.
+        light_matched: Add each frame's light before comparing.
     """
     changes, errors, similarities, floors = [], [], [], []
-    background = scene.background
     for item in rendered:
-        light = scene.light_image(item.light if light_matched else no_light())
-        real = np.clip(item.press.image - light, 0.0, 255.0)
-        image = np.clip(np.rint(item.rendered), 0.0, 255.0)
+        light = item.light if light_matched else no_light()
+        real = item.press.image.astype(np.float64)
+        image = as_seen(item.rendered, light, scene)
+        without = as_seen(scene.background, light, scene)
         inside = contact_mask(item.press.circle, real.shape[0], real.shape[1])
-        changes.append((real - background)[inside])
+        changes.append((real - without)[inside])
         errors.append((image - real)[inside])
         window = crop_window(item.press.circle, real.shape[0], real.shape[1])
         similarities.append(_ssim(real[window], image[window]))
-        floors.append(_ssim(real[window], background[window]))
+        floors.append(_ssim(real[window], without[window]))
     change, error = np.concatenate(changes), np.concatenate(errors)
     variance = np.sum((change - change.mean(axis=0)) ** 2)
     return PressScores(
@@ -99,6 +99,11 @@ def score_presses(
         ssim_crop_no_contact=float(np.mean(floors)),
         press_count=len(rendered),
     )
+
+
+def as_seen(levels: FloatArray, light: FloatArray, scene: PressScene) -> FloatArray:
+    """Return levels [height, width, 3] as a camera sees them in a frame's light: 0 to 255."""
+    return np.asarray(np.clip(np.rint(levels + scene.light_image(light)), 0.0, 255.0))
 
 
 def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:
@@ -126,7 +131,7 @@ def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> lis
     """Return each press's mean absolute error inside its contact, light taken off [grey levels]."""
     errors = []
     for item in rendered:
-        real = item.press.image - scene.light_image(item.light)
-        inside = contact_mask(item.press.circle, real.shape[0], real.shape[1])
-        errors.append(float(np.mean(np.abs((item.rendered - real)[inside]))))
+        image = as_seen(item.rendered, item.light, scene)
+        inside = contact_mask(item.press.circle, image.shape[0], image.shape[1])
+        errors.append(float(np.mean(np.abs((image - item.press.image)[inside]))))
     return errors

@@ -44,7 +44,7 @@ def fit_skirt(
         found = calibrate_optics(presses, trial, rounds=1)
         errors = []
         for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
-            seen = found.scene.samples(press, circle, light)
+            seen = found.scene.samples(press, circle, light, found.model)
             change = found.model.evaluate(seen.tilt, seen.position, seen.indentation_m).T
             errors.append(np.abs(change - seen.change))
         return float(np.concatenate(errors).mean())

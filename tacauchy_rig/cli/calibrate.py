@@ -84,9 +84,9 @@ def _show(result: OpticsResult) -> None:
             continue
         say(f"{name}: {scores.nudged.press_count} presses")
         for how, values in (
-            ("circles nudged, light taken off", scores.nudged),
-            ("as labelled, light taken off", scores.light_matched),
-            ("as labelled, frames as they came", scores.raw),
+            ("circles nudged, frame's light", scores.nudged),
+            ("as labelled, frame's light", scores.light_matched),
+            ("as labelled, no-contact light", scores.raw),
         ):
             say(f"  {how:32}{_line(values)}")
         say(

@@ -19,13 +19,17 @@ from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, 
 
 
 def test_fit_recovers_the_coefficients() -> None:
-    """From samples without noise the fit gives the model back."""
+    """From samples without noise, some of them not known, the fit gives the model back."""
     rng = np.random.default_rng(2)
     tilt = rng.uniform(-0.6, 0.6, (2, 4000))
     position = rng.uniform(-1, 1, (2, 4000))
     depth = rng.uniform(0, 1e-3, 4000)
     change = true_model().evaluate(tilt, position, depth).T
-    samples = PhotometricSamples(tilt=tilt, position=position, indentation_m=depth, change=change)
+    change[::7, 1] = -300.0
+    counts = change > -300.0
+    samples = PhotometricSamples(
+        tilt=tilt, position=position, indentation_m=depth, change=change, counts=counts
+    )
     fitted = fit_photometric(samples, exponents=EXPONENTS, ridge=1e-12)
     np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
     assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
@@ -39,6 +43,7 @@ def test_too_few_pixels_are_refused() -> None:
         position=np.zeros((2, 5)),
         indentation_m=np.zeros(5),
         change=np.zeros((5, 3)),
+        counts=np.ones((5, 3), dtype=np.bool_),
     )
     with pytest.raises(ConfigError, match="5 pixels cannot fix the"):
         fit_photometric(few, exponents=EXPONENTS)
