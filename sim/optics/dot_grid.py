@@ -40,7 +40,7 @@ def _background(image: NDArray[np.uint8]) -> FloatArray:
 
 def _blobs(contrast: FloatArray) -> FloatArray:
     """Return the intensity-weighted centres of what stands out, shape [n, 2]."""
-    smooth = cv2.GaussianBlur(contrast, (0, 0), _SMOOTHING_PX)
+    smooth = np.asarray(cv2.GaussianBlur(contrast, (0, 0), _SMOOTHING_PX), dtype=np.float64)
     level = np.quantile(smooth, 0.995)
     if level <= 0.0:
         return np.empty((0, 2))
