@@ -11,6 +11,7 @@ from typing import Any
 from sim.layers import interface_shares
 from sim.pad import BoxPad
 from sim.scene import Layer, Material
+from sim.sensor_optics import SensorOptics, parse_optics
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -52,21 +53,6 @@ class MarkerGrid:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorLamp:
-    """A lamp beside the gel, as far as its maker's drawings tell; calibration replaces it.
-
-    Attributes:
-        azimuth_rad: Where it stands, from growing columns towards growing rows [rad].
-        elevation_rad: Angle of its light to the unloaded surface [rad].
-        colour: Grey levels that it adds to red, green and blue of a surface that faces it.
-    """
-
-    azimuth_rad: float
-    elevation_rad: float
-    colour: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
     """A tactile sensor as its file says.
 
@@ -83,7 +69,7 @@ class Sensor:
     layers: tuple[Layer, ...]
     camera: CameraView
     markers: MarkerGrid | None
-    lamps: tuple[SensorLamp, ...]
+    optics: SensorOptics
     numbers: dict[str, Measured]
 
     def young_uncertainty(self) -> tuple[float, str]:
@@ -175,7 +161,7 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
             centre_m=(value("camera.centre_x"), value("camera.centre_y")),
         ),
         markers=_markers(numbers, counts),
-        lamps=_lamps(data.get("lamps", []), origin),
+        optics=parse_optics(data, origin),
         numbers=numbers,
     )
 
@@ -218,28 +204,8 @@ def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid
     )
 
 
-def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[SensorLamp, ...]:
-    found = []
-    for number, entry in enumerate(entries, start=1):
-        name = f"{origin}: lamp {number}"
-        if set(entry) != {"azimuth", "elevation", "colour", "source"}:
-            raise ConfigError(
-                f"{name} needs azimuth, elevation, colour and source",
-                remedy='write azimuth = "90 deg", elevation = "20 deg", colour = [80, 0, 0]',
-            )
-        azimuth, elevation = (
-            parse_quantity(entry[key], dimension=Dimension.ANGLE, field=f"{name} {key}").value
-            for key in ("azimuth", "elevation")
-        )
-        red, green, blue = (float(level) for level in entry["colour"])
-        found.append(
-            SensorLamp(azimuth_rad=azimuth, elevation_rad=elevation, colour=(red, green, blue))
-        )
-    return tuple(found)
-
-
 def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
-    known = {"name", "title", "lamps", "layers", *_DIMENSIONS}
+    known = {"name", "title", "lamps", "layers", "optics", *_DIMENSIONS}
     keys = [key for key in data if key not in known]
     for section, dimensions in _DIMENSIONS.items():
         allowed = {*dimensions, *_COUNTS.get(section, ())}

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress, Circle, images_in, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
 from sim.optics.calibrate import Calibration, calibrate_optics
@@ -18,12 +19,15 @@ from sim.optics.calibration_figures import draw_coverage, draw_presses
 from sim.optics.cross_validation import CheckScores, check_presses, cross_validate
 from sim.optics.find_circle import find_circle
 from sim.optics.geometry import CameraGeometry
+from sim.optics.grey_depth import GREY_EXPONENTS
+from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.press_checks import check_after, check_before
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
 from sim.scene import Preset
 from sim.sensor import Sensor
+from sim.sensor_optics import OpticsKind
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import ConfigError, RecordError
 
@@ -120,9 +124,11 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     presses = _presses(request, scene)
     warnings = check_before(presses, scene.geometry, ball_radius_m=radius_m)
     log.info("cross-validating %d presses", len(presses))
-    scores, held_out = cross_validate(presses, scene, folds=min(request.folds, len(presses)))
+    terms = _exponents(request.sensor)
+    folds = min(request.folds, len(presses))
+    scores, held_out = cross_validate(presses, scene, folds=folds, exponents=terms)
     warnings += check_after(scores, held_out, scene)
-    calibration = calibrate_optics(presses, scene)
+    calibration = calibrate_optics(presses, scene, exponents=terms)
     coverage = slope_coverage(calibration.circles, calibration.scene)
     checked = None
     if request.check is not None:
@@ -139,6 +145,10 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         provenance=provenance,
         written=written,
     )
+
+
+def _exponents(sensor: Sensor) -> IntArray:
+    return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
 
 
 def _geometry(scale_px_m: tuple[float, float], width: int, height: int) -> CameraGeometry:

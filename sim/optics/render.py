@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.optics.geometry import CameraGeometry, ImageArray
-from sim.optics.photometric import PhotometricModel, normalised_positions
+from sim.optics.photometric import normalised_positions
 from sim.optics.polynomial import RealArray
+from sim.optics.shadow import ShadowCaster
 from sim.optics.tilt import surface_tilt
 from tacauchy_rig.errors import ConfigError
+
+
+class ColourModel(Protocol):
+    """Change of colour that a surface brings."""
+
+    def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+        """Return red, green, blue [grey levels], [3, n], from [2, n], [2, n] and [n]."""
+        ...
 
 
 class TactileRenderer:
     """Renders height maps over one no-contact frame.
 
-    image = no-contact frame + model(loaded gel) - model(unloaded gel): the unloaded gel gives back
-    the no-contact frame exactly.
+    image = no-contact frame + model(loaded gel) - model(unloaded gel), less the shadows that the
+    dent casts: the unloaded gel gives back the no-contact frame exactly.
 
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
         rest_height: Height map of the unloaded gel [m], shape [height, width].
         model: Colour of a tilt.
         geometry: Pixels.
+        shadows: Lamps that the dent hides; None where the sensor shows no shadows.
 
     Raises:
         ConfigError: An image or map has not the geometry's size.
@@ -32,10 +44,13 @@ class TactileRenderer:
         self,
         background: ImageArray,
         rest_height: NDArray[np.floating],
-        model: PhotometricModel,
+        model: ColourModel,
         geometry: CameraGeometry,
+        *,
+        shadows: ShadowCaster | None = None,
     ) -> None:
         self._geometry = geometry
+        self._shadows = shadows
         self._model = model
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
         self._position = normalised_positions(geometry.height, geometry.width)
@@ -56,14 +71,21 @@ class TactileRenderer:
     def _colour(self, height: NDArray[np.floating]) -> RealArray:
         tilt = surface_tilt(height, self._geometry).reshape(2, -1)
         indentation = (self._rest_height - height).astype(np.float32).ravel()
-        return self._model.evaluate(tilt, self._position, indentation)
+        change = self._model.evaluate(tilt, self._position, indentation)
+        if self._shadows is None:
+            return change
+        shape = self._rest_height.shape
+        taken = self._shadows.darkening(
+            indentation.reshape(shape), tilt.reshape(2, *shape), self._geometry
+        )
+        return np.asarray(change + taken.reshape(3, -1))
 
 
 def render_tactile_image(
     height: NDArray[np.floating],
     rest_height: NDArray[np.floating],
     background: ImageArray,
-    model: PhotometricModel,
+    model: ColourModel,
     *,
     geometry: CameraGeometry,
 ) -> ImageArray:

@@ -20,11 +20,14 @@ from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
 from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.geometry import CameraGeometry
+from sim.optics.grey_depth import GreyDepthModel, nominal_grey
 from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
+from sim.optics.shadow import ShadowCaster
 from sim.sensor import Sensor
+from sim.sensor_optics import OpticsKind
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.store.run_store import RunStore
@@ -32,10 +35,11 @@ from tacauchy_rig.store.run_store import RunStore
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticalCalibration:
-    """Colour of a tilt, and where each pixel looks."""
+    """Colour of a surface, where each pixel looks, and the lamps that cast shadows."""
 
-    model: PhotometricModel
+    model: PhotometricModel | GreyDepthModel
     geometry: CameraGeometry
+    shadows: ShadowCaster | None = None
 
 
 def calibrate_folder(
@@ -112,17 +116,40 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
         return OpticalCalibration(model=load_photometric(Path(given)), geometry=nominal)
     if store.paths.truth.exists():
         return calibrate_emulated(store, sensor, nominal)
-    if not sensor.lamps:
+    say("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+    return OpticalCalibration(
+        model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
+    )
+
+
+def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
+    """Return the optics that a sensor's file gives.
+
+    Raises:
+        ConfigError: It gives none.
+    """
+    optics = sensor.optics
+    if optics.kind is OpticsKind.GREY_DEPTH:
+        return nominal_grey(optics.grey_depth_m, optics.grey_change)
+    if not optics.lamps:
         raise ConfigError(
             f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
             remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
         )
-    say("  optics not calibrated: rendering with the sensor's nominal lamps")
-    lamps = [
+    return nominal_photometric(_lamps(sensor))
+
+
+def shadows_of(sensor: Sensor) -> ShadowCaster | None:
+    """Return the lamps that cast shadows; None unless the sensor's file asks for shadows."""
+    softness = sensor.optics.shadow_softness_m
+    return None if softness is None else ShadowCaster(lamps=_lamps(sensor), softness_m=softness)
+
+
+def _lamps(sensor: Sensor) -> list[Lamp]:
+    return [
         Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
-        for lamp in sensor.lamps
+        for lamp in sensor.optics.lamps
     ]
-    return OpticalCalibration(model=nominal_photometric(lamps), geometry=nominal)
 
 
 def calibrate_emulated(

@@ -202,7 +202,9 @@ def _with_image(
     geometry = optics.geometry
     maps = height_maps(fields.surface, geometry)
     background = _no_contact_image(store, record, sensor)
-    renderer = TactileRenderer(background, maps.rest, optics.model, geometry)
+    renderer = TactileRenderer(
+        background, maps.rest, optics.model, geometry, shadows=optics.shadows
+    )
     return ReplayFields(
         fields=fields.arrays,
         height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},

@@ -1,0 +1,110 @@
+"""Marker motion by exponentials: the cheap fidelity beside the simulated surface.
+
+After FOTS (Zhao et al., FOTS: A Fast Optical Tactile Simulator for Sim2Real Learning of
+Tactile-motor Robot Manipulation Skills, RA-L 2024): dilation, shear and twist each
+move a marker by an amount that decays with a Gaussian of its distance. The turn is exact: at an
+angle of zero, cos(theta) - 1 and sin(theta) are zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sim.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerLoad:
+    """A press as the exponentials see it.
+
+    Attributes:
+        centre_m: Contact's centre on the pad [m].
+        depth_m: Depth of the press [m].
+        shift_m: Motion of the indenter along x and y once pressed in [m].
+        twist_rad: Turn about z once pressed in [rad].
+    """
+
+    centre_m: tuple[float, float]
+    depth_m: float
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    twist_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FotsMarkers:
+    """Gains and decays of the three motions.
+
+    Attributes:
+        dilate_gain: Spreading per depth and distance from the centre [1/m].
+        dilate_decay: In exp(-decay r^2) [1/m^2]; likewise the next two.
+        shear_gain: Share of the indenter's motion that the gel follows.
+        shear_decay: [1/m^2].
+        twist_gain: Share of the indenter's turn that the gel follows.
+        twist_decay: [1/m^2].
+    """
+
+    dilate_gain: float
+    dilate_decay: float
+    shear_gain: float
+    shear_decay: float
+    twist_gain: float
+    twist_decay: float
+
+    def displacement(self, places: FloatArray, load: MarkerLoad) -> FloatArray:
+        """Return the markers' displacement along x, y [m], shape [n, 2].
+
+        Args:
+            places: Markers at rest [m], shape [n, 2].
+            load: What presses, moves and turns.
+        """
+        arm = places - np.asarray(load.centre_m)
+        squared = np.sum(arm**2, axis=1, keepdims=True)
+        spread = self.dilate_gain * load.depth_m * arm * np.exp(-self.dilate_decay * squared)
+        shear = self.shear_gain * np.asarray(load.shift_m) * np.exp(-self.shear_decay * squared)
+        angle = self.twist_gain * load.twist_rad
+        turn = np.array(
+            [[math.cos(angle) - 1.0, -math.sin(angle)], [math.sin(angle), math.cos(angle) - 1.0]]
+        )
+        twist = (arm @ turn.T) * np.exp(-self.twist_decay * squared)
+        return np.asarray(spread + shear + twist)
+
+
+def fit_fots(
+    places: FloatArray, loads: Sequence[MarkerLoad], displacements: Sequence[FloatArray]
+) -> FotsMarkers:
+    """Fit the six numbers to displacements that are known, from the simulator or from images.
+
+    Args:
+        places: Markers at rest [m], shape [n, 2].
+        loads: At least one of each motion that is to be fitted.
+        displacements: Along x, y of each load [m], each of shape [n, 2].
+    """
+    start = FotsMarkers(
+        dilate_gain=50.0,
+        dilate_decay=1e5,
+        shear_gain=1.0,
+        shear_decay=1e5,
+        twist_gain=1.0,
+        twist_decay=1e5,
+    )
+    names = [field.name for field in fields(start)]
+    scale = np.array([getattr(start, name) for name in names])
+
+    def model(factors: FloatArray) -> FotsMarkers:
+        return replace(start, **dict(zip(names, (factors * scale).tolist(), strict=True)))
+
+    def misfit(factors: FloatArray) -> FloatArray:
+        trial = model(factors)
+        return np.concatenate(
+            [
+                (trial.displacement(places, load) - known).ravel() * 1e6
+                for load, known in zip(loads, displacements, strict=True)
+            ]
+        )
+
+    return model(least_squares(misfit, np.ones(len(names)), bounds=(0.0, np.inf)).x)
