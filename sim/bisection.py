@@ -94,7 +94,7 @@ def _wanted(edges: _Edges, too_long: NDArray[np.bool_]) -> NDArray[np.bool_]:
         reached = spread
     around = np.bincount(edges.of_tets.reshape(-1), minlength=len(marked))
     agreeing = np.bincount(edges.longest, minlength=len(marked))
-    return marked & (around == agreeing)
+    return np.asarray(marked & (around == agreeing))
 
 
 def _halved(

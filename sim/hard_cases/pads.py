@@ -9,7 +9,7 @@ from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import LawName, law
 from sim.mesh import TetMesh
 from sim.model import Model
-from sim.pad import BoxPad, DiscPad, Pad
+from sim.pad import BoxPad, DiscPad, ParametricPad
 from sim.revolved_mesh import revolved_mesh
 from sim.state import ContactOptions
 
@@ -50,7 +50,7 @@ def pad_model(
 
 def round_mesh(
     *,
-    pad: Pad = DISC,
+    pad: ParametricPad = DISC,
     start_m: float = 2.3e-3,
     end_m: float = 2.5e-3,
     size_m: float = 0.4e-3,

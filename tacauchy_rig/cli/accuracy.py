@@ -19,9 +19,9 @@ from sim.accuracy.study import Row, Study, study
 from sim.elements import ElementOrder
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
-from sim.optics.nominal import Lamp, nominal_photometric, three_lamps
 from sim.optics.render import TactileRenderer
 from sim.sensor import Sensor, load_sensor
+from tacauchy_rig.cli.optics import nominal_model
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.pipeline import camera_geometry
@@ -72,14 +72,10 @@ def accuracy(
 
 
 class _Renderer:
-    """The image that a sensor's nominal lamps give over an evenly grey no-contact frame."""
+    """The image that a sensor's nominal optics give over an evenly grey no-contact frame."""
 
     def __init__(self, sensor: Sensor) -> None:
-        lamps = [
-            Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
-            for lamp in sensor.lamps
-        ]
-        self._model = nominal_photometric(lamps or three_lamps())
+        self._model = nominal_model(sensor)
         self._geometry: CameraGeometry = camera_geometry(sensor)
 
     def __call__(self, maps: HeightMaps) -> ImageArray:
