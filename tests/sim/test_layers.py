@@ -223,7 +223,7 @@ def test_punch_on_a_laminate(ratio: float, share: float, radius_m: float, tolera
         layers=layers,
         indenter=Cylinder(diameter_m=2.0 * radius_m),
         target=Target(depth_m=10e-6),
-        preset=Preset.FAST,
+        preset=Preset.BALANCED,
         barrier_m=1e-7,
         effects=WEIGHTLESS,
     )

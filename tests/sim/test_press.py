@@ -135,9 +135,9 @@ def test_pressing_flat_does_not_break() -> None:
 
 
 def test_indenter_beside_the_pad_is_refused() -> None:
-    """The message says where the axis stands."""
-    with pytest.raises(ConfigError, match="does not lie on the pad"):
-        press(replace(SCENE, centre_m=(9e-3, 0.0)))
+    """The message says where it came down."""
+    with pytest.raises(ConfigError, match=r"x = 60 mm, y = 0 mm"):
+        press(replace(SCENE, centre_m=(60e-3, 0.0)))
 
 
 def test_scene_refuses_nonsense() -> None:
