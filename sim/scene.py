@@ -204,6 +204,6 @@ class Scene:
     drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED
     force_tolerance_n: float = 1e-3
-    barrier_m: float = 1e-6
+    barrier_m: float = 5e-6
     filling: Filling = field(default_factory=Filling)
     sensor: str = ""

@@ -8,7 +8,7 @@ from sim.elements import ElementOrder
 from sim.newton import NewtonOptions
 from sim.scene import Effect, Preset, Scene
 
-BARRIER_M = 1e-6
+BARRIER_M = 5e-6
 PAPER_BARRIER_M = 1e-3
 
 
