@@ -39,6 +39,8 @@ _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
 _TIP_STEP_SHARE = 0.025
 # The rounding's estimate may be short by this; Newton is then seen to stand still.
 _ROUNDING_DOUBT = 10.0
+# A contact point that goes on and off in turn can keep a residual just above what was asked.
+_NEAR_ENOUGH, _HOVERING = 10.0, 8
 _STANDSTILL = 3
 
 
@@ -66,7 +68,8 @@ class Equilibrium:
         contact: Contact forces at the last positions.
         elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
         residual_n: Norm of the unbalanced force [N].
-        stalled: Rounding of the coordinates ended Newton before its tolerance was met.
+        stalled: Newton ended before its tolerance was met: by rounding, or hovering within ten
+            times the tolerance.
     """
 
     iterations: int
@@ -326,9 +329,8 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
         asked = max(options.residual_relative * scale, _floor(problem.model, options))
-        if residual <= asked or _rounding_ends(
-            residuals, problem.model.rounding_n(balance.contact)
-        ):
+        rounding = problem.model.rounding_n(balance.contact)
+        if residual <= asked or _rounding_ends(residuals, rounding) or _hovers(residuals, asked):
             _, ratio = problem.model.elastic_energy(state.positions)
             return Equilibrium(
                 iterations=iterations,
@@ -357,6 +359,12 @@ def _rounding_ends(residuals: Sequence[float], rounding_n: float) -> bool:
     recent = residuals[-1 - _STANDSTILL :]
     still = len(recent) > _STANDSTILL and min(recent[1:]) > 0.5 * recent[0]
     return still and last <= _ROUNDING_DOUBT * rounding_n
+
+
+def _hovers(residuals: Sequence[float], asked_n: float) -> bool:
+    """Return whether a residual has stayed just above what was asked for long."""
+    recent = residuals[-_HOVERING:]
+    return len(recent) == _HOVERING and max(recent) <= _NEAR_ENOUGH * asked_n
 
 
 def _floor(model: Model, options: NewtonOptions) -> float:
