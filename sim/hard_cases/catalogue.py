@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from sim.hard_cases import impacts, materials, presses, refinement, starts, time_steps, units
+from sim.hard_cases import (
+    impacts,
+    materials,
+    precision,
+    presses,
+    refinement,
+    starts,
+    time_steps,
+    units,
+)
 from sim.hard_cases.case import HardCase
 from tacauchy_rig.errors import ConfigError
 
 # A module that brings rows is added here and nowhere else.
-_MODULES = (starts, materials, presses, time_steps, impacts, units, refinement)
+_MODULES = (
+    impacts,
+    materials,
+    precision,
+    presses,
+    refinement,
+    starts,
+    time_steps,
+    units,
+)
 
 
 def all_cases() -> tuple[HardCase, ...]:
