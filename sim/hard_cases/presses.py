@@ -97,6 +97,7 @@ CASES = (
         name="no contact",
         criterion="exactly zero force in exactly zero iterations",
         measure=no_contact,
+        limit_s=300.0,
     ),
     HardCase(
         number=18,
@@ -111,5 +112,6 @@ CASES = (
         name="run again",
         criterion="the same result, in this process and in another",
         measure=repeatable,
+        limit_s=300.0,
     ),
 )

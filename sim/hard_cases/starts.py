@@ -159,12 +159,14 @@ CASES = (
         name="collapsed, flattened and mirrored starts",
         criterion="back to rest to 1e-6 of the height in at most 20 iterations",
         measure=degenerate_starts,
+        limit_s=300.0,
     ),
     HardCase(
         number=2,
         name="random start",
         criterion="no NaN, energy never rises, ends stationary, and the state is reported",
         measure=random_start,
+        limit_s=300.0,
     ),
     HardCase(
         number=15,
