@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
@@ -17,3 +20,25 @@ def test_printed_law_warns_of_its_stress_at_rest() -> None:
     assert "tension of 148.3 kPa at rest" in done.stderr
     assert "shrink by 4.0% per axis" in done.stderr
     assert "force" in done.stdout
+
+
+def test_error_is_estimated_where_none_was_measured(tmp_path: Path) -> None:
+    """A bonded press is not in the table: coarser meshes answer, unless that is refused."""
+    bonded = ["press", *DISC, *PRESS, "--contact", "bonded"]
+    file = tmp_path / "press.json"
+    done = CliRunner().invoke(app, [*bonded, "--json", str(file)])
+    assert done.exit_code == 0
+    assert "Richardson" in done.stdout
+    found = json.loads(file.read_text("utf-8"))
+    assert 0.0 < found["estimated_force_error_relative"] < 0.5
+    assert "factor of safety" in found["estimated_force_error_basis"]
+    assert found["surface_traction_gap_relative"] > 0.0
+    refused = CliRunner().invoke(app, [*bonded, "--no-estimate-error"])
+    assert "not known" in refused.stdout
+
+
+def test_error_is_estimated_when_asked_for() -> None:
+    """A ball is in the table; --estimate-error presses it again all the same."""
+    done = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--estimate-error"])
+    assert done.exit_code == 0
+    assert "Richardson" in done.stdout
