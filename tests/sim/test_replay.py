@@ -118,14 +118,12 @@ def test_force_error_is_stated_only_where_it_was_measured() -> None:
     assert error is not None
     assert 0.005 < error < 0.08
     assert basis.startswith("cylinder with a rounded rim")
-    sharp, _ = force_error(replace(scene, indenter=Cylinder(diameter_m=5e-3)))
-    assert sharp is not None
-    assert sharp > error
     paper, _ = force_error(replace(scene, preset=Preset.PAPER))
     assert paper is not None
     assert paper > 0.5
     for other in (
         replace(scene, indenter=Plane()),
+        replace(scene, indenter=Cylinder(diameter_m=5e-3)),
         replace(scene, material=Material(young_pa=1e5, poisson=0.495)),
         replace(scene, target=Target(depth_m=2e-3)),
         replace(scene, contact=ContactMode.BONDED),
