@@ -137,5 +137,8 @@ def measure() -> Section:
         ),
         passed=all(row.is_balanced for row in found) and worst[-1] < worst[0],
         note=f"worst traction gaps: {worst[0]:.1%}, on the finer mesh {worst[-1]:.1%}",
-        command="tacauchy-rig verify",
+        command=(
+            "tacauchy-rig press --pad box:20x24x4mm --young 0.4MPa --poisson 0.48 "
+            "--indenter cylinder:diameter=5mm --force 1N --preset fast"
+        ),
     )

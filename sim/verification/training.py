@@ -34,5 +34,4 @@ def measure(scenes: Sequence[NamedScene] = TRAINING) -> Section:
             "the finer mesh still has an error of its own, at order 1 as large as the difference; "
             "that is why the factor is larger than the largest that is needed"
         ),
-        command="tacauchy-rig verify",
     )
