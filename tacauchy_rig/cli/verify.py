@@ -41,8 +41,9 @@ def verify(
         found[name] = _measured(name)
         complain(f"{name}: {_word(found[name])} [{time.monotonic() - started:.0f} s]")
         _show(found[name])
+        if out is not None:
+            _write(out, _page(found, out))
     if out is not None:
-        _write(out, _page(list(found.values()), names, out))
         say(f"page {out}")
     write_json(json_file, {"sections": found, "versions": versions()})
     missed = [name for name, section in found.items() if not section.passed]
@@ -91,10 +92,11 @@ def _show(section: Section) -> None:
     console.print(table)
 
 
-def _page(sections: list[Section], names: list[str], out: Path) -> str:
-    chosen = "" if names == list(SECTIONS) else f" --sections {','.join(names)}"
+def _page(found: dict[str, Section], out: Path) -> str:
+    """Return the page of what was measured so far, with the command that makes just that."""
+    chosen = "" if list(found) == list(SECTIONS) else f" --sections {','.join(found)}"
     return markdown(
-        sections,
+        list(found.values()),
         command=f"tacauchy-rig verify{chosen} --out {out}",
         versions=versions(),
         machine=f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors",

@@ -59,6 +59,24 @@ def test_a_press_that_fails_is_its_sections_result(monkeypatch: pytest.MonkeyPat
     assert "tetrahedra, refined" in done.stdout
 
 
+def test_an_aborted_run_leaves_the_page_of_what_was_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the command that makes just that."""
+
+    def aborts() -> Section:
+        raise KeyboardInterrupt
+
+    met = Section(title="Punch", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
+    monkeypatch.setitem(catalogue.SECTIONS, "punch", lambda: met)
+    monkeypatch.setitem(catalogue.SECTIONS, "disc", aborts)
+    page = tmp_path / "page.md"
+    CliRunner().invoke(app, ["verify", "--out", str(page)])
+    text = " ".join(page.read_text("utf-8").split())
+    assert "## Punch" in text
+    assert f"`tacauchy-rig verify --sections punch --out {page}`" in text
+
+
 def test_an_unknown_section_is_refused_with_the_known_ones() -> None:
     """Before anything is pressed."""
     done = CliRunner().invoke(app, ["verify", "--sections", "pinch"])
