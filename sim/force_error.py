@@ -16,6 +16,7 @@ from pathlib import Path
 from sim.indenter import Cylinder, Indenter, Sphere, describe
 from sim.laws.catalogue import LawName
 from sim.loading import LoadingPath
+from sim.mesh_choice import MeshKind, mesh_choice
 from sim.presets import build_model
 from sim.scene import ContactMode, Preset, Scene, Target
 from sim.sensor import Sensor
@@ -137,4 +138,7 @@ def _outside(scene: Scene) -> str:
         return "the paper's printed Eq. 4 was not measured"
     if not scene.motion.is_straight:
         return "only straight presses were measured"
+    choice = mesh_choice(scene)
+    if choice.kind is MeshKind.FOOTPRINT:
+        return f"no footprint mesh was measured, and {choice.reason}"
     return ""
