@@ -64,6 +64,7 @@ def replay_forces(
         pad=sensor.pad,
         material=sensor.material,
         layers=sensor.layers,
+        filling=sensor.filling,
         indenter=indenter,
         target=Target(force_n=max([0.0, *forces_n])),
         centre_m=centre_m,

@@ -8,10 +8,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from sim.filling import Filling
 from sim.layers import interface_shares
-from sim.pad import BoxPad
+from sim.pad import BoxPad, Pad
 from sim.scene import Layer, Material
 from sim.sensor_optics import SensorOptics, parse_optics
+from sim.sensor_pad import SURFACE_KEYS, filling_of, surface_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -59,17 +61,19 @@ class Sensor:
     Attributes:
         material: Of the whole gel, or of the layer that is touched.
         layers: From the clamped base upwards; empty for a gel of one material.
+        filling: Settings of fTetWild.
         numbers: Every number of the file by its dotted name, for reports; layers count from 1.
     """
 
     name: str
     title: str
-    pad: BoxPad
+    pad: Pad
     material: Material
     layers: tuple[Layer, ...]
     camera: CameraView
     markers: MarkerGrid | None
     optics: SensorOptics
+    filling: Filling
     numbers: dict[str, Measured]
 
     def young_uncertainty(self) -> tuple[float, str]:
@@ -117,11 +121,15 @@ def load_sensor(name: str) -> Sensor:
             f"sensor {name!r} is neither built in nor a TOML file",
             remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file",
         )
-    return parse_sensor(path.read_text("utf-8"), origin=str(path))
+    return parse_sensor(path.read_text("utf-8"), origin=str(path), folder=path.parent)
 
 
-def parse_sensor(text: str, *, origin: str) -> Sensor:
-    """Read a sensor file's text; ``origin`` names it in messages.
+def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Sensor:
+    """Read a sensor file's text.
+
+    Args:
+        origin: Names it in messages.
+        folder: Where the path of a pad's surface starts; None is the current folder.
 
     Raises:
         ConfigError: The text is not TOML, or has an unknown key, a wrong unit or a gap.
@@ -137,21 +145,11 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
     def value(key: str) -> float:
         return numbers[key].value
 
-    domes = {
-        f"dome_radius_{axis}_m": value(f"pad.dome_radius_{axis}")
-        for axis in "xy"
-        if f"pad.dome_radius_{axis}" in numbers
-    }
     layers = _layers(data, numbers, origin)
     return Sensor(
         name=str(data["name"]),
         title=str(data["title"]),
-        pad=BoxPad(
-            size_x_m=value("pad.size_x"),
-            size_y_m=value("pad.size_y"),
-            height_m=value("pad.height"),
-            **domes,
-        ),
+        pad=_pad(data["pad"], numbers, origin, folder or Path()),
         material=layers[-1].material if layers else _material(numbers, "material"),
         layers=layers,
         camera=CameraView(
@@ -162,8 +160,17 @@ def parse_sensor(text: str, *, origin: str) -> Sensor:
         ),
         markers=_markers(numbers, counts),
         optics=parse_optics(data, origin),
+        filling=filling_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
         numbers=numbers,
     )
+
+
+def _pad(section: dict[str, Any], numbers: dict[str, Measured], origin: str, folder: Path) -> Pad:
+    if "surface" in section:
+        return surface_of(section, origin=origin, folder=folder)
+    sizes = [name for name in _DIMENSIONS["pad"] if f"pad.{name}" in numbers]
+    given = {f"{name}_m": numbers[f"pad.{name}"].value for name in sizes}
+    return BoxPad(**given)
 
 
 def _material(numbers: dict[str, Measured], name: str) -> Material:
@@ -205,10 +212,12 @@ def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid
 
 
 def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
-    known = {"name", "title", "lamps", "layers", "optics", *_DIMENSIONS}
+    known = {"name", "title", "lamps", "layers", "optics", "mesh", *_DIMENSIONS}
     keys = [key for key in data if key not in known]
     for section, dimensions in _DIMENSIONS.items():
         allowed = {*dimensions, *_COUNTS.get(section, ())}
+        if section == "pad" and "surface" in data.get("pad", {}):
+            allowed = set(SURFACE_KEYS)
         keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]
     missing = [key for key in ("name", "title", "pad", "camera") if key not in data]
     if keys:
@@ -228,7 +237,7 @@ def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
 def _numbers(data: dict[str, Any], origin: str) -> dict[str, Measured]:
     found: dict[str, Measured] = {}
     for section, dimensions in _DIMENSIONS.items():
-        if section not in data:
+        if section not in data or "surface" in data[section]:
             continue
         for key, dimension in dimensions.items():
             name = f"{section}.{key}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sim.effects import plan_effects
 from sim.laws.catalogue import LawName
+from sim.mesh_choice import mesh_choice
 from sim.scene import Preset
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
@@ -17,6 +18,7 @@ from tacauchy_rig.cli.scene_options import (
     IndenterOption,
     LawOption,
     LayerOption,
+    MeshOption,
     OutputOption,
     PadOption,
     PoissonOption,
@@ -49,6 +51,7 @@ def plan(
     contact: ContactOption = "frictionless",
     duration: DurationOption = None,
     preset: PresetOption = Preset.BALANCED,
+    mesh: MeshOption = None,
     tolerance: ToleranceOption = None,
     effect: EffectOption = None,
     output: OutputOption = None,
@@ -73,20 +76,24 @@ def plan(
             contact=contact,
             duration=duration,
             preset=preset,
+            mesh=mesh,
             tolerance=tolerance,
             effects=effect or [],
             outputs=output or [],
         )
     )
     planned = plan_effects(scene)
+    choice = mesh_choice(scene)
     for row in planned.effects:
         error = "" if row.estimated_error is None else f"{row.estimated_error:.2e}"
         say(f"{row.effect.value:21} {'on' if row.on else 'off':4} {error:9} {row.reason}")
+    say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
     write_json(
         json_file,
         {
             "effects": planned.as_json(),
+            "mesh": {"kind": choice.kind.value, "reason": choice.reason},
             "tolerance": planned.tolerance,
             "estimated_error": planned.estimated_error,
         },

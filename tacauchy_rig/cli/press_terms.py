@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sim.filling import Filling
 from sim.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.laws.catalogue import LawName
 from sim.mesh_indenter import MeshIndenter, MeshUnit, read_mesh_indenter
 from sim.pad import BoxPad, DiscPad, Pad
 from sim.scene import ContactMode, Effect, Layer, Material
+from sim.sensor_pad import filling_of
+from sim.surface_pad import SurfacePad, read_surface_pad
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 
 def parse_pad(text: str) -> Pad:
-    """Read ``box:LxWxHmm`` or ``disc:radius=...,height=...``.
+    """Read ``box:LxWxHmm``, ``disc:radius=...,height=...`` or ``mesh:FILE,unit=...``.
 
     Raises:
-        ConfigError: Another shape, or a size that is missing or has no length unit.
+        ConfigError: Another shape, a size that is missing or has no length unit, or a mesh that
+            bounds no pad.
     """
     kind, _, sizes = text.partition(":")
     if kind == "box":
@@ -25,10 +29,34 @@ def parse_pad(text: str) -> Pad:
     if kind == "disc":
         given = _lengths(sizes, needed=("radius", "height"), field="--pad disc")
         return DiscPad(radius_m=given["radius"], height_m=given["height"])
+    if kind == "mesh":
+        return _surface(sizes)
     raise ConfigError(
         f"--pad {text!r}: no such pad",
-        remedy="write box:20.75x25.25x4.5mm or disc:radius=12mm,height=4.5mm, or use --sensor",
+        remedy="write box:20.75x25.25x4.5mm, disc:radius=12mm,height=4.5mm or "
+        "mesh:gel.stl,unit=mm, or use --sensor",
     )
+
+
+def _surface(text: str) -> SurfacePad:
+    """Read ``FILE,unit=``; what the file is measured in must be said."""
+    file, _, unit = text.partition(",unit=")
+    if unit not in set(MeshUnit):
+        raise ConfigError(
+            f"--pad mesh:{text}: {f'no such unit {unit!r}' if unit else 'its unit is not said'}",
+            remedy=f"write mesh:gel.stl,unit=mm; units are {', '.join(MeshUnit)}",
+        )
+    return read_surface_pad(Path(file), unit=MeshUnit(unit))
+
+
+def parse_filling(text: str) -> Filling:
+    """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg``, each if wanted.
+
+    Raises:
+        ConfigError: A setting is unknown, no number, or out of its range.
+    """
+    given = dict(part.partition("=")[::2] for part in text.split(","))
+    return filling_of(given, origin="--mesh")
 
 
 def _box(sizes: str) -> BoxPad:

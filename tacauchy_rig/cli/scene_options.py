@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
+from sim.filling import Filling
 from sim.laws.catalogue import LawName
 from sim.layers import interface_shares
 from sim.scene import Drive, Layer, Material, Motion, Output, Preset, Scene, Target
 from sim.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
+    parse_filling,
     parse_indenter,
     parse_layer,
     parse_pad,
@@ -29,7 +31,18 @@ IndenterOption = Annotated[
     ),
 ]
 SensorOption = Annotated[str | None, typer.Option("--sensor", help="Sensor by name or TOML file.")]
-PadOption = Annotated[str | None, typer.Option("--pad", help="box:LxWxHmm or disc:radius=,height=")]
+PadOption = Annotated[
+    str | None,
+    typer.Option("--pad", help="box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm"),
+]
+MeshOption = Annotated[
+    str | None,
+    typer.Option(
+        "--mesh",
+        metavar="l_r=,epsilon_r=,stop_energy=,dihedral_min=",
+        help="Settings of fTetWild, for scenes that it meshes; those left out are the preset's.",
+    ),
+]
 DepthOption = Annotated[str | None, typer.Option("--depth", help="Travel, such as 0.5mm.")]
 ForceOption = Annotated[str | None, typer.Option("--force", help="Target, such as 4.7332N.")]
 AtOption = Annotated[
@@ -102,6 +115,7 @@ class SceneTerms:
     effects: list[str] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
     drive: Drive = Drive.LOAD
+    mesh: str | None = None
 
 
 def scene_of(terms: SceneTerms) -> Scene:
@@ -139,8 +153,16 @@ def scene_of(terms: SceneTerms) -> Scene:
         effects=tuple(parse_switch(text) for text in terms.effects),
         drive=terms.drive,
         preset=terms.preset,
+        filling=_filling(known, terms),
         sensor=terms.sensor or "",
     )
+
+
+def _filling(sensor: Sensor | None, terms: SceneTerms) -> Filling:
+    """Return the sensor's settings of fTetWild unless others are given."""
+    if terms.mesh is not None:
+        return parse_filling(terms.mesh)
+    return Filling() if sensor is None else sensor.filling
 
 
 def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
