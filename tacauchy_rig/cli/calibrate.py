@@ -11,6 +11,7 @@ from sim.optics.calibration_run import OpticsRequest, OpticsResult, calibrate_an
 from sim.optics.press_scores import PressScores
 from sim.scene import Preset
 from sim.sensor import load_sensor
+from tacauchy_rig.cli.calibrate_markers import markers as calibrate_markers
 from tacauchy_rig.cli.calibrate_scale import scale as calibrate_scale
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
@@ -19,9 +20,11 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 app = typer.Typer(
-    no_args_is_help=True, help="Calibrate a sensor's optics or the scale of its images."
+    no_args_is_help=True,
+    help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
 )
 app.command("scale")(calibrate_scale)
+app.command("markers")(calibrate_markers)
 
 
 @app.command("optics")
