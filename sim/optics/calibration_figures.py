@@ -34,7 +34,7 @@ def draw_coverage(
         aspect="equal",
         xlabel="tilt along columns",
         ylabel="tilt along rows",
-        title=f"{coverage.share:.0%} of the slopes up to {_degrees(coverage.tilt_limit):.0f} deg",
+        title=f"{coverage.share:.0%} of slopes to {_degrees(coverage.tilt_limit):.0f} deg",
     )
     slopes.invert_yaxis()
     figure.colorbar(mesh, ax=slopes, label="presses that show it")
@@ -46,7 +46,7 @@ def draw_coverage(
     places.set(
         xlabel="column [px]",
         ylabel="row [px]",
-        title=f"{len(circles)} contacts, {coverage.image_share:.0%} of the image's fields",
+        title=f"{len(circles)} contacts on {coverage.image_share:.0%} of the image",
     )
     figure.savefig(path, dpi=_DPI)
 

@@ -21,7 +21,7 @@ from sim.optics.find_circle import find_circle
 from sim.optics.geometry import CameraGeometry
 from sim.optics.grey_depth import GREY_EXPONENTS
 from sim.optics.photometric_fit import BALL_EXPONENTS
-from sim.optics.press_checks import check_after, check_before
+from sim.optics.press_checks import check_after, check_before, check_coverage
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
@@ -91,7 +91,7 @@ class OpticsResult:
             "coverage": {
                 "tilt_limit": self.coverage.tilt_limit,
                 "slopes_seen_share": self.coverage.share,
-                "image_fields_share": self.coverage.image_share,
+                "image_share": self.coverage.image_share,
                 "tilt_edges": self.coverage.edges.tolist(),
                 "presses_seen": self.coverage.presses_seen.tolist(),
             },
@@ -130,6 +130,7 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     warnings += check_after(scores, held_out, scene)
     calibration = calibrate_optics(presses, scene, exponents=terms)
     coverage = slope_coverage(calibration.circles, calibration.scene)
+    warnings += check_coverage(coverage)
     checked = None
     if request.check is not None:
         others = read_ball_presses(request.check, _circle_table(request, request.check))

@@ -12,6 +12,7 @@ from sim.optics.exposure import exposed
 from sim.optics.geometry import CameraGeometry
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, contact_mask, held_out_errors
+from sim.optics.slope_coverage import SlopeCoverage
 from tacauchy_rig.errors import ConfigError
 
 FEWEST = 5
@@ -21,6 +22,8 @@ _SATURATED_REFUSE = 0.6
 _ODD_ONE_OUT = 2.5
 _FAR_NUDGE = 0.25
 _CONTRADICTORY_R2 = 0.5
+_FEW_SLOPES = 0.9
+_LITTLE_OF_THE_IMAGE = 0.5
 
 
 def check_before(
@@ -65,6 +68,22 @@ def check_before(
         warnings.append(
             f"saturated contacts (up to {max(shares.values()):.0%} of the pixels at the end of the "
             f"camera's range): {_listed(bad)}; lower exposure or gain"
+        )
+    return warnings
+
+
+def check_coverage(coverage: SlopeCoverage) -> list[str]:
+    """Warn where a model is used on slopes or in places that it was not fitted to."""
+    warnings = []
+    if coverage.share < _FEW_SLOPES:
+        warnings.append(
+            f"the presses show {coverage.share:.0%} of the slopes up to a sine of "
+            f"{coverage.tilt_limit:.2f}; press the ball deeper and in more places"
+        )
+    if coverage.image_share < _LITTLE_OF_THE_IMAGE:
+        warnings.append(
+            f"the presses lie on {coverage.image_share:.0%} of the image; colours elsewhere are "
+            "extrapolated"
         )
     return warnings
 

@@ -13,7 +13,6 @@ from sim.optics.ball_press import Circle
 from sim.optics.press_scene import PressScene
 
 BINS = 24
-PLACES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +24,7 @@ class SlopeCoverage:
         presses_seen: Presses that show a tilt, by tilt along rows and columns, [BINS, BINS].
         tilt_limit: Largest tilt seen.
         share: Part of the disc of tilts up to the limit that at least one press shows.
-        image_share: Part of the image's ``PLACES`` x ``PLACES`` fields that a contact touches.
+        image_share: Part of the image that lies in at least one contact.
     """
 
     edges: FloatArray
@@ -40,12 +39,11 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
     height, width = scene.background.shape[:2]
     rows, columns = (grid.ravel().astype(np.float64) for grid in np.mgrid[:height, :width])
     inside = []
-    touched = np.zeros((PLACES, PLACES), dtype=np.bool_)
+    touched = np.zeros(len(rows), dtype=np.bool_)
     for circle in circles:
         near = np.hypot(columns - circle.x_px, rows - circle.y_px) <= circle.radius_px
         inside.append(scene.surface(circle, columns[near], rows[near])[0])
-        row = (rows[near] * PLACES / height).astype(np.int64)
-        touched[row, (columns[near] * PLACES / width).astype(np.int64)] = True
+        touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)
     edges = np.linspace(-limit, limit, BINS + 1)
     seen = sum(

@@ -80,7 +80,10 @@ def optics(
 
 
 def _show(result: OpticsResult) -> None:
-    say(f"slopes     {result.coverage.share:.0%} seen, places {result.coverage.image_share:.0%}")
+    say(
+        f"coverage   {result.coverage.share:.0%} of the slopes, "
+        f"{result.coverage.image_share:.0%} of the image"
+    )
     say("                                  R2      error   SSIM    (no-contact frame)")
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:
