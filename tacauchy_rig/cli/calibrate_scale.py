@@ -89,7 +89,7 @@ def _show(fit: ScaleFit, points: str) -> None:
         ("y", geometry.scale_y_m, fit.scale_error_m[1]),
     ):
         say(
-            f"scale {axis}    {value * 1e3:.5f} +- {error * 1e3:.5f} mm/px, "
+            f"scale {axis}    {value * 1e3:.5f} mm/px +- {error / value:.2%}, "
             f"{1e-3 / value:.3f} px/mm"
         )
     say(
