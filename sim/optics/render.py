@@ -59,6 +59,11 @@ class TactileRenderer:
         levels = background.astype(np.float32).reshape(-1, 3).T
         self._base = levels - self._colour(rest_height)
 
+    @property
+    def base(self) -> RealArray:
+        """No-contact frame less the unloaded gel's colour [grey levels], shape [3, pixel_count]."""
+        return self._base
+
     def render(self, height: NDArray[np.floating]) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)

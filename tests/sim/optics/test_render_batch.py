@@ -1,0 +1,55 @@
+"""Batches of images against the one-by-one renderer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.optics.photometric import PhotometricModel
+from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.polynomial import polynomial_exponents
+from sim.optics.render import TactileRenderer
+from sim.optics.render_batch import BatchRenderer
+from tacauchy_rig.errors import ConfigError
+from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
+
+
+def test_batch_gives_the_single_images() -> None:
+    """Level, tilted, deep and steep surfaces agree with the one-by-one renderer to one level."""
+    rng = np.random.default_rng(2)
+    model = PhotometricModel(
+        exponents=BALL_EXPONENTS,
+        coefficients=rng.normal(0.0, 25.0, (len(BALL_EXPONENTS), 3)),
+        tilt_limit=0.5,
+        indentation_limit_m=6e-4,
+    )
+    background = rng.integers(80, 170, (96, 128, 3)).astype(np.uint8)
+    x, y = camera().pad_grid()
+    rest = APEX_M - (x**2 + y**2) / 0.3
+    dents = np.stack(
+        [
+            np.zeros_like(x),
+            *(
+                APEX_M - ball_press(
+                    x - 1e-3, y, ball_radius_m=2.35e-3, contact_radius_m=a, tip_z_m=APEX_M - d
+                )
+                for a, d in ((0.8e-3, 3e-4), (1.5e-3, 8e-4))
+            ),
+        ]
+    )  # fmt: skip
+    batch = BatchRenderer(background, rest, model, camera(), device="cpu").render(dents).numpy()
+    single = TactileRenderer(background, rest, model, camera())
+    for image, dent in zip(batch, dents, strict=True):
+        apart = np.abs(image.astype(int) - single.render(rest - dent).astype(int))
+        assert apart.max() <= 1
+        assert np.mean(apart > 0) < 0.02
+    np.testing.assert_array_equal(batch[0], background)
+
+
+def test_high_degrees_are_refused() -> None:
+    """A degree that the kernel has no room for is named."""
+    exponents = polynomial_exponents(tilt_degree=9, position_degree=0)
+    model = PhotometricModel(exponents=exponents, coefficients=np.zeros((len(exponents), 3)))
+    flat = np.full((96, 128), APEX_M)
+    with pytest.raises(ConfigError, match="degree 9 is too high"):
+        BatchRenderer(np.zeros((96, 128, 3), np.uint8), flat, model, camera(), device="cpu")
