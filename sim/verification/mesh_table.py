@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
+from sim.footprint_presets import diagonal
 from sim.mesh import TetMesh, mesh_statistics
 from sim.mesh_store import mesh_key, stored_mesh
-from sim.pad import BoxPad
+from sim.pad import Pad
 from sim.presets import PAPER_SIZING, mesh_for
 from sim.scene import Preset
 from sim.sensor import load_sensor
@@ -25,7 +24,6 @@ def measure() -> Section:
     growth = fine.tet_count / coarse.tet_count
     density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
     sizing = PAPER_SIZING
-    diagonal = float(np.linalg.norm([pad.size_x_m, pad.size_y_m, pad.height_m]))
     return Section(
         title="The paper's mesh",
         columns=("quantity", "paper", "here"),
@@ -42,7 +40,7 @@ def measure() -> Section:
             ("smallest dihedral angle [deg]", None, fine.dihedral_min_deg),
             ("edge length l_c in the middle [mm]", 0.8, sizing.fine_m * 1e3),
             ("edge length l_g elsewhere [mm]", 3.2, sizing.coarse_m * 1e3),
-            ("l_r = l_g over the bounding box's diagonal", None, sizing.coarse_m / diagonal),
+            ("l_r = l_g over the bounding box's diagonal", None, sizing.coarse_m / diagonal(pad)),
             ("envelope epsilon_r over the same", None, sizing.envelope_share),
             ("AMIPS energy to stop at", None, sizing.stop_energy),
         ),
@@ -56,7 +54,7 @@ def measure() -> Section:
     )
 
 
-def baseline_mesh(pad: BoxPad) -> TetMesh:
+def baseline_mesh(pad: Pad) -> TetMesh:
     """Return the pad meshed with the coarse edge length everywhere."""
     sizing: WildSizing = replace(PAPER_SIZING, fine_m=PAPER_SIZING.coarse_m)
     key = mesh_key(pad, sizing)
