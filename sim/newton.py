@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ OVERLAP_SHARE = 0.005
 _FLOOR_SHARE = 1.5e-11
 _PENETRATION_SHARE = 0.3
 _FACING = 0.5
+_ROUGH = 1e-3
 _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _SLOPE_LEFT = 0.3
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
@@ -265,12 +266,18 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
     """
     iterations = _untangle(problem, state)
     _refuse_deep_overlap(problem, state)
+    distance = problem.model.contact_options.distance_m
+    rough = replace(options, residual_relative=max(options.residual_relative, _ROUGH))
     for extension in _EXTENSIONS:
         state.extension = extension
-        found = _descend(problem, state, options=options, spent=iterations)
-        iterations = found.iterations
-        gaps = problem.model.gaps(state.positions, problem.indenter, state)
-        if gaps.min() >= extension * problem.model.contact_options.distance_m:
+        # Roughly first: where the barrier has to be extended less, the rest would be for nothing.
+        for wanted in (rough, options):
+            found = _descend(problem, state, options=wanted, spent=iterations)
+            iterations = found.iterations
+            gaps = problem.model.gaps(state.positions, problem.indenter, state)
+            if gaps.min() < extension * distance:
+                break
+        else:
             return found
     raise ConvergenceError(
         f"the gel is pressed through the contact barrier: smallest gap {gaps.min() * 1e9:.3g} nm",
@@ -340,7 +347,7 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
                 min_jacobian=ratio,
                 stalled=residual > asked,
             )
-        if iterations >= options.iteration_max:
+        if iterations - spent >= options.iteration_max:
             raise ConvergenceError(
                 f"no equilibrium after {iterations} Newton iterations: residual "
                 f"{residual:.3g} N at a contact force of {scale:.4g} N",
