@@ -13,11 +13,11 @@ from sim.verification.section import Section
 
 _ALLOWED = 0.015
 _THICK_SHARE = 0.01
-_RADIUS_M = 2e-3
+_RADIUS_M = 1e-3
 _YOUNG_PA = 0.3e6
 _POISSON = 0.48
 # Thickness and travel [m].
-PRESSES = ((25e-3, 20e-6), (25e-3, 30e-6), (4e-3, 50e-6), (2e-3, 50e-6))
+PRESSES = ((15e-3, 10e-6), (15e-3, 20e-6), (4e-3, 40e-6), (2e-3, 40e-6))
 
 
 def measure(
@@ -63,8 +63,8 @@ def measure(
         criterion="F_z within 1.5 % of Hertz where the contact radius a is below 1 % of the "
         f"thickness h, else of the exact layer's force; preset {preset.value}",
         passed=passed,
-        note="Ball of radius 2 mm without friction, E = 0.3 MPa, nu = 0.48, law linear, discs of "
-        "radius 25 mm. The layer's force is that of a paraboloid on an endless bonded layer, from "
+        note="Ball of radius 1 mm without friction, E = 0.3 MPa, nu = 0.48, law linear, discs of "
+        "radius 15 mm. The layer's force is that of a paraboloid on an endless bonded layer, from "
         "the same integral equation as the punch's; on the thick pads it says how much of the "
         "difference from Hertz is the pad's and not the program's.",
         command=press_command(_scene(*presses[0], preset)),
@@ -73,7 +73,7 @@ def measure(
 
 def _scene(height_m: float, depth_m: float, preset: Preset) -> Scene:
     return Scene(
-        pad=DiscPad(radius_m=25e-3, height_m=height_m),
+        pad=DiscPad(radius_m=15e-3, height_m=height_m),
         material=Material(young_pa=_YOUNG_PA, poisson=_POISSON, law=LawName.LINEAR),
         indenter=Sphere(diameter_m=2.0 * _RADIUS_M),
         target=Target(depth_m=depth_m),

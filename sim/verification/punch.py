@@ -11,7 +11,7 @@ from sim.verification.command import press_command
 from sim.verification.layer_formula import punch_factor, punch_force
 from sim.verification.section import Section
 
-_PAD = DiscPad(radius_m=40e-3, height_m=4.5e-3)
+_PAD = DiscPad(radius_m=22.5e-3, height_m=4.5e-3)
 _PUNCH = Cylinder(diameter_m=5e-3)
 _DEPTH_M = 0.05e-3
 _YOUNG_PA = 0.3e6
@@ -48,7 +48,7 @@ def measure(
         passed=passed,
         note="F = 2 a E d kappa / (1 - nu^2); punch radius a = 2.5 mm without friction, layer of "
         "4.5 mm, E = 0.3 MPa, d = 0.05 mm, law linear, as the solution's is. Its layer is endless; "
-        "the disc's radius is nine thicknesses. kappa is solved from the integral equation "
+        "the disc's radius is five thicknesses. kappa is solved from the integral equation "
         "and agrees with the published values to their four digits.",
         command=press_command(_scene(allowed[0][0], preset)),
     )

@@ -47,7 +47,7 @@ def test_disc_reference_is_read_with_its_doubt() -> None:
 
 def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
     """Thick: Hertz and layer are near each other; thin: the layer alone is to be met."""
-    found = hertz.measure(preset=Preset.FAST, presses=((25e-3, 20e-6), (2e-3, 50e-6)))
+    found = hertz.measure(preset=Preset.FAST, presses=((15e-3, 20e-6), (2e-3, 40e-6)))
     thick, thin = found.rows
     assert abs(float(thick[4] or 0.0) / float(thick[6] or 1.0) - 1.0) < 0.02
     assert abs(float(thin[5] or 0.0)) > 5.0
