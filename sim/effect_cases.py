@@ -42,7 +42,7 @@ class EffectCase:
 
 def effect_cases() -> tuple[EffectCase, ...]:
     """Return the catalogue, all on the coarsest preset so that everything on can be afforded."""
-    return (*_presses(), *_tangential(), *_timed(), *_materials())
+    return (*_presses(), *_tangential(), *_timed(), *_materials(), *_moved())
 
 
 def _scene(
@@ -80,21 +80,13 @@ def _presses() -> Iterator[EffectCase]:
     )
     yield EffectCase(
         name="by force",
-        shows="a punch pressed until it carries 1.5 N; the depth is what is compared",
-        scene=replace(_scene(_PUNCH), target=Target(force_n=1.5)),
-        whole=True,
+        shows="a ball pressed until it carries 0.1 N; the depth is what is compared",
+        scene=replace(_scene(), target=Target(force_n=0.1)),
     )
     yield EffectCase(
         name="off centre",
-        shows="a punch beside one middle plane, so that half of the pad is solved",
-        scene=replace(_scene(_PUNCH, depth_m=0.3e-3), centre_m=(2e-3, 0.0)),
-    )
-    yield EffectCase(
-        name="tilted",
-        shows="a punch tilted by 1 degree: no symmetry",
-        scene=replace(
-            _scene(_PUNCH, depth_m=0.3e-3), motion=Motion(tilt_rad=(0.0, math.radians(1.0)))
-        ),
+        shows="a ball beside one middle plane, so that half of the pad is solved",
+        scene=replace(_scene(), centre_m=(2e-3, 0.0)),
     )
 
 
@@ -108,6 +100,7 @@ def _tangential() -> Iterator[EffectCase]:
         name="rough, straight",
         shows="friction 0.5 under a ball that goes straight down",
         scene=replace(_scene(), contact=ContactMode.FRICTION, friction=0.5),
+        whole=True,
     )
     yield EffectCase(
         name="rough, compressible",
@@ -116,16 +109,6 @@ def _tangential() -> Iterator[EffectCase]:
             _scene(_PUNCH, material=replace(_GEL, poisson=0.3)),
             contact=ContactMode.FRICTION,
             friction=0.5,
-        ),
-    )
-    yield EffectCase(
-        name="slid",
-        shows="a ball pressed in, then carried 0.2 mm along x with friction 0.5",
-        scene=replace(
-            _scene(depth_m=0.3e-3),
-            contact=ContactMode.FRICTION,
-            friction=0.5,
-            motion=Motion(shift_m=(0.2e-3, 0.0)),
         ),
     )
 
@@ -189,4 +172,24 @@ def _materials() -> Iterator[EffectCase]:
         name="printed law",
         shows="the paper's Eq. 4, which is under tension at rest",
         scene=_scene(material=replace(_GEL, poisson=0.45, law=LawName.PAPER_EQ4)),
+    )
+
+
+def _moved() -> Iterator[EffectCase]:
+    yield EffectCase(
+        name="slid",
+        shows="a ball pressed in, then carried 0.2 mm along x with friction 0.5",
+        scene=replace(
+            _scene(depth_m=0.3e-3),
+            contact=ContactMode.FRICTION,
+            friction=0.5,
+            motion=Motion(shift_m=(0.2e-3, 0.0)),
+        ),
+    )
+    yield EffectCase(
+        name="tilted",
+        shows="a punch tilted by 1 degree: no symmetry",
+        scene=replace(
+            _scene(_PUNCH, depth_m=0.3e-3), motion=Motion(tilt_rad=(0.0, math.radians(1.0)))
+        ),
     )

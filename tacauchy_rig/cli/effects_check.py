@@ -38,9 +38,11 @@ def effects_check(
     for case in chosen:
         checks.append(check_effects(case, one_by_one=one_by_one))
         say(line(checks[-1]))
-    if out is not None:
-        write_text(out, markdown(checks, command=f"tacauchy-rig effects-check --out {out}"))
-    write_json(json_file, {"scenes": [check.as_json() for check in checks]})
+        # After every scene, so that Ctrl-C leaves what was found until then.
+        if out is not None:
+            command = f"tacauchy-rig effects-check --out {out}"
+            write_text(out, markdown(checks, command=command, case_count=len(effect_cases())))
+        write_json(json_file, {"scenes": [check.as_json() for check in checks]})
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
 
 

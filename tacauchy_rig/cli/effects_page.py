@@ -43,15 +43,19 @@ def line(check: EffectCheck) -> str:
     return f"{text} ({apart})" if apart else text
 
 
-def markdown(checks: Sequence[EffectCheck], *, command: str) -> str:
-    """Return the page."""
+def markdown(checks: Sequence[EffectCheck], *, command: str, case_count: int) -> str:
+    """Return the page.
+
+    Args:
+        case_count: Scenes in the catalogue, so that a page of a part says so.
+    """
     missed = [check.case.name for check in checks if not check.passed]
     parts = [
         "# Effects: plans against everything on",
         f"Made by `{command}`.",
         _PRESSED,
         _ABSENT,
-        f"{len(checks)} scenes; "
+        f"{len(checks)} of {case_count} scenes; "
         + (f"missed: {', '.join(missed)}." if missed else "all within their tolerance."),
         "\n".join([_HEAD, *(_row(check) for check in checks)]),
         "## The scenes",

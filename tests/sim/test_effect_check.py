@@ -47,7 +47,7 @@ def test_the_catalogue_differs_in_what_is_planned() -> None:
                 "target": Target(depth_m=1e-4),
                 "motion": Motion(shift_m=(1e-4, 0.0)),
             },
-            "goes straight down",
+            "goes straight down and is not tilted",
         ),
     ],
 )

@@ -22,16 +22,17 @@ def test_a_scene_is_checked_and_written_down(tmp_path: Path) -> None:
     page, found = tmp_path / "effects.md", tmp_path / "effects.json"
     files = ("--out", str(page), "--json", str(found))
     done = CliRunner().invoke(
-        app, ["effects-check", "--only", "rough, straight", "--no-one-by-one", *files]
+        app, ["effects-check", "--only", "by force", "--no-one-by-one", *files]
     )
     assert done.exit_code == 0, done.output
     assert "times the time with" in done.stdout
     text = page.read_text(encoding="utf-8")
-    assert "| rough, straight | 2 % | " in text
-    assert "inertia is off in both presses of rough, straight" in text
+    assert "| by force | 2 % | " in text
+    assert "1 of " in text
+    assert "inertia is off in both presses of by force" in text
     (scene,) = json.loads(found.read_text(encoding="utf-8"))["scenes"]
     assert scene["passed"] is True
-    assert "friction" in scene["added"]
+    assert "gravity" in scene["added"]
     assert scene["difference"] <= scene["tolerance"]
 
 
