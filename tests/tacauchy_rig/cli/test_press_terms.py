@@ -8,7 +8,13 @@ from sim.indenter import Cylinder, Plane, Sphere
 from sim.laws.catalogue import LawName
 from sim.pad import BoxPad, DiscPad
 from sim.scene import ContactMode
-from tacauchy_rig.cli.press_terms import parse_contact, parse_indenter, parse_layer, parse_pad
+from tacauchy_rig.cli.press_terms import (
+    parse_contact,
+    parse_filling,
+    parse_indenter,
+    parse_layer,
+    parse_pad,
+)
 from tacauchy_rig.errors import ConfigError
 
 
@@ -53,6 +59,33 @@ def test_wrong_pads_are_refused(text: str) -> None:
     """A pad without three sizes or without a unit is no pad."""
     with pytest.raises(ConfigError):
         parse_pad(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("mesh:gel.stl", "its unit is not said"),
+        ("mesh:gel.stl,unit=mile", "no such unit 'mile'"),
+        ("mesh:gel.stl,unit=mm", "gel.stl cannot be read"),
+        ("mesh:gel.step,unit=mm", "exact surfaces"),
+    ],
+)
+def test_wrong_pad_files_are_explained(text: str, message: str) -> None:
+    """The message names the file and what is wrong with it."""
+    with pytest.raises(ConfigError, match=message):
+        parse_pad(text)
+
+
+def test_mesh_settings_are_read() -> None:
+    """Those that are given; the others stay the preset's."""
+    filling = parse_filling("l_r=0.08,dihedral_min=5deg")
+    assert filling.l_r == pytest.approx(0.08)
+    assert filling.dihedral_min_rad == pytest.approx(0.0872664626)
+    assert filling.stop_energy is None
+    with pytest.raises(ConfigError, match="unknown mesh setting edge"):
+        parse_filling("edge=1mm")
+    with pytest.raises(ConfigError, match="l_r = 3"):
+        parse_filling("l_r=3")
 
 
 def test_layer_is_read_with_its_law() -> None:
