@@ -135,9 +135,10 @@ def test_pressing_flat_does_not_break() -> None:
 
 
 def test_indenter_beside_the_pad_is_refused() -> None:
-    """The message says where it came down."""
-    with pytest.raises(ConfigError, match=r"x = 60 mm, y = 0 mm"):
-        press(replace(SCENE, centre_m=(60e-3, 0.0)))
+    """The message says where the tip stands, the remedy where the pad ends."""
+    with pytest.raises(ConfigError, match=r"x = 13 mm, y = 0 mm comes down beside") as caught:
+        press(replace(SCENE, centre_m=(13e-3, 0.0)))
+    assert "from -10 to 10 mm in x" in caught.value.remedy
 
 
 def test_scene_refuses_nonsense() -> None:
