@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.bisection import bisected
-from sim.filling import Filling
 from sim.fitted_mesh import with_rim_fitted, with_top_fitted
 from sim.footprint import Footprint, footprint
 from sim.footprint_sizing import FootprintSizing
 from sim.indenter import Cylinder
-from sim.mesh import TetMesh, mesh_statistics
+from sim.mesh import TetMesh, refuse_flat
 from sim.mesh_choice import footprint_depth
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.pad import Pad
@@ -90,7 +89,8 @@ def footprint_mesh(
         fitted, scene.pad, touched.rim, reach_m=_RIM_REACH_SHARE * sizing.edge_m
     )
     mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
-    return _checked(mesh, scene.filling)
+    refuse_flat(mesh, scene.filling.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
+    return mesh
 
 
 def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
@@ -150,15 +150,3 @@ def diagonal(pad: Pad) -> float:
     """Return the diagonal of a pad's bounding box [m]."""
     half_x, half_y = pad.half_extents()
     return math.hypot(2.0 * half_x, 2.0 * half_y, pad.height_m)
-
-
-def _checked(mesh: TetMesh, filling: Filling) -> TetMesh:
-    asked = math.degrees(filling.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
-    found = mesh_statistics(mesh).dihedral_min_deg
-    if found < asked:
-        raise ConfigError(
-            f"fTetWild's mesh has an angle of {found:.3g} deg between faces of a tetrahedron, "
-            f"less than the {asked:.3g} deg asked for",
-            remedy="run again, which gives another mesh; lower stop_energy; or ask for less",
-        )
-    return mesh

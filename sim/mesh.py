@@ -10,6 +10,7 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.elements import boundary_faces
 from sim.fold import Fold
+from tacauchy_rig.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +88,21 @@ def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
         centre_edge_m=_centre_edge(mesh.vertices, faces),
         dihedral_min_deg=_smallest_dihedral(mesh.vertices[mesh.tets]),
     )
+
+
+def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
+    """Check a mesh's smallest angle between two faces of a tetrahedron.
+
+    Raises:
+        ConfigError: It is less than ``least_rad`` [rad].
+    """
+    found, asked = mesh_statistics(mesh).dihedral_min_deg, float(np.degrees(least_rad))
+    if found < asked:
+        raise ConfigError(
+            f"mesh {mesh.name} has an angle of {found:.3g} deg between faces of a tetrahedron, "
+            f"less than the {asked:.3g} deg asked for",
+            remedy="lower stop_energy, which makes another mesh, or ask for less",
+        )
 
 
 def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:

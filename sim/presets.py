@@ -15,7 +15,7 @@ from sim.graded_plane import Grading
 from sim.indenter import Cylinder
 from sim.laws.catalogue import LawName, law
 from sim.layers import element_constants, interface_shares, law_name, sector_factor
-from sim.mesh import TetMesh
+from sim.mesh import TetMesh, refuse_flat
 from sim.mesh_choice import MeshKind, contact_reach, mesh_choice
 from sim.mesh_store import mesh_key, stored_mesh
 from sim.model import Model
@@ -205,11 +205,13 @@ def _resolution(scene: Scene) -> Resolution:
 def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
     pad, sizing = scene.pad, _paper_sizing(scene)
     key = mesh_key(pad, sizing, *([shares] if shares else []))
-    return stored_mesh(
+    mesh = stored_mesh(
         "paper",
         key,
         lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
     )
+    refuse_flat(mesh, scene.filling.dihedral_min_rad or 0.0)
+    return mesh
 
 
 def _paper_sizing(scene: Scene) -> WildSizing:
