@@ -13,9 +13,14 @@ from sim.optics.photometric import PhotometricModel
 from sim.optics.polynomial import monomials, polynomial_exponents
 from tacauchy_rig.errors import ConfigError
 
-BALL_EXPONENTS = polynomial_exponents(
+_STEEP = polynomial_exponents(
     tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
 )
+# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
+_GENTLE = polynomial_exponents(
+    tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
+)
+BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

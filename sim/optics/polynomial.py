@@ -12,6 +12,7 @@ from sim.arrays import FloatArray, IntArray
 RealArray = NDArray[np.floating]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
+_ROWS = 8  # taller products of this kind take twice as long a row
 
 
 def polynomial_exponents(
@@ -114,14 +115,26 @@ def _plan(exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floa
 def _sum_terms(
     plan: _Plan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
 ) -> None:
-    """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
-    parts = plan.weights @ monomials(tilt, position, depth, plan.surface)
-    out[...] = 0.0
-    for (c, d), part in zip(plan.places, parts.reshape(len(plan.places), 3, -1), strict=True):
-        for coordinate, power in ((position[0], c), (position[1], d)):
-            for _ in range(power):
-                part *= coordinate
-        out += part
+    """Sum place monomial x (weights @ surface monomials) over one band of pixels.
+
+    Places are summed from the highest power down, each once multiplied by what it has more than
+    the place it falls back to.
+    """
+    features = monomials(tilt, position, depth, plan.surface)
+    parts = np.empty((len(plan.weights), features.shape[1]), dtype=features.dtype)
+    for row in range(0, len(parts), _ROWS):
+        np.matmul(plan.weights[row : row + _ROWS], features, out=parts[row : row + _ROWS])
+    by_place = dict(zip(plan.places, parts.reshape(len(plan.places), 3, -1), strict=True))
+    while len(by_place) > 1 or (0, 0) not in by_place:
+        c, d = max(by_place, key=lambda place: (sum(place), place))
+        part = by_place.pop((c, d))
+        part *= position[1] if d else position[0]
+        lower = (c, d - 1) if d else (c - 1, d)
+        if lower in by_place:
+            by_place[lower] += part
+        else:
+            by_place[lower] = part
+    out[...] = by_place[0, 0]
 
 
 def _powers(variable: RealArray, degree: int) -> list[RealArray]:
