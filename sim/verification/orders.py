@@ -14,7 +14,8 @@ from sim.richardson import force_on
 from sim.scene import Effect, Material, Preset, Scene, Target
 from sim.verification.section import Section
 
-REFINEMENTS = (0.5, 0.75, 1.0, 1.5, 2.0)
+# Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
+REFINEMENTS = (1.0, 1.5, 2.0)
 _SCENE = Scene(
     pad=DiscPad(radius_m=8e-3, height_m=4e-3),
     material=Material(young_pa=4e5, poisson=0.48),
@@ -48,7 +49,7 @@ class ConvergenceOrder:
 
 
 def convergence_orders() -> tuple[ConvergenceOrder, ...]:
-    """Press a sharp punch and a ball on five meshes each."""
+    """Press a sharp punch and a ball on three meshes each."""
     found = []
     for indenter, wanted in _INDENTERS:
         scene = replace(_SCENE, indenter=indenter)
@@ -102,5 +103,8 @@ def measure() -> Section:
         ),
         criterion="about 1 (at least 0.9) under a sharp rim, at least 1.8 under a ball",
         passed=all(row.order >= row.order_wanted for row in found),
-        note="the fit is F = limit + C h^p over all meshes, the finer ones weighing more",
+        note=(
+            "the fit is F = limit + C h^p; under a sharp rim an order above 1 says that the rim's "
+            "own edges, which refine at order 1, are not yet what is missing most"
+        ),
     )
