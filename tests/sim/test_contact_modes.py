@@ -1,67 +1,97 @@
-"""Pressing, sliding and torsion with friction, by their signatures."""
+"""Pressing, sliding and torsion with friction, by their signatures, maps and figures."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim.contact_modes import contact_signature
 from sim.effects import plan_effects
 from sim.indenter import Sphere
-from sim.loading import Hold, LoadingPath
+from sim.mode_figures import draw_modes, draw_sensors
+from sim.mode_maps import surface_maps, traction_arrows
+from sim.mode_runs import FRICTION, ModeRun, Pressed, press_mode, slide_mode, twist_mode
 from sim.pad import DiscPad
 from sim.press import path_for
 from sim.scene import ContactMode, Material, Motion, Preset, Scene, Target
+from sim.sensor import load_sensor
 
-MU = 0.5
+BALL = Sphere(diameter_m=10e-3)
+DEPTH_M = 0.3e-3
 
 
-@pytest.fixture
-def pressed() -> LoadingPath:
-    """A ball pressed into a small whole pad, with friction."""
+@pytest.fixture(scope="module")
+def runs() -> dict[str, ModeRun]:
+    """A ball pressed into a small whole pad, then slid, then turned instead."""
     scene = Scene(
         pad=DiscPad(radius_m=8e-3, height_m=4e-3),
         material=Material(young_pa=4e5, poisson=0.48),
-        indenter=Sphere(diameter_m=10e-3),
-        target=Target(depth_m=0.3e-3),
+        indenter=BALL,
+        target=Target(depth_m=DEPTH_M),
         preset=Preset.FAST,
         contact=ContactMode.FRICTION,
-        friction=MU,
+        friction=FRICTION,
         motion=Motion(shift_m=(1e-3, 0.0)),
     )
     path = path_for(scene, plan_effects(scene))
-    path.advance(0.3e-3)
-    return path
+    pressed = Pressed(
+        sensor=load_sensor("gelsight-mini"),
+        indenter=BALL,
+        path=path,
+        point=path.advance(DEPTH_M),
+    )
+    return {mode.name: mode for mode in (f(pressed) for f in (press_mode, slide_mode, twist_mode))}
 
 
-def test_pressing_pulls_radially_and_sums_to_nothing(pressed: LoadingPath) -> None:
-    """Tangential forces of a straight press cancel."""
-    assert pressed.last is not None
-    signature = contact_signature(pressed.last)
+def test_pressing_pulls_radially_and_sums_to_nothing(runs: dict[str, ModeRun]) -> None:
+    """Tangential forces of a straight press run to and from the axis and cancel."""
+    signature = runs["press"].signature
     assert signature.radial_share > 0.85
     assert np.linalg.norm(signature.tangential_n[:2]) < 1e-3 * signature.normal_n
 
 
-def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(pressed: LoadingPath) -> None:
+def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(
+    runs: dict[str, ModeRun],
+) -> None:
     """Under a held force, along x: the resultant, and the pressure that moves forward."""
-    assert pressed.last is not None
-    before = pressed.last.force_n[2]
-    point = pressed.carry(shift_m=(0.4e-3, 0.0), hold=Hold.FORCE)
-    signature = contact_signature(point)
-    on_indenter = -np.array(signature.tangential_n)
-    assert on_indenter[0] / np.linalg.norm(on_indenter[:2]) < -0.98
-    assert signature.mobilised_friction == pytest.approx(MU, rel=0.03)
-    assert signature.tangential_sum_n <= MU * signature.normal_n * (1.0 + 1e-3)
-    assert signature.centre_m[0] > 1e-5
-    assert point.force_n[2] == pytest.approx(before, rel=1e-6)
+    slide = runs["slide"]
+    assert slide.passed, slide.criteria
+    assert slide.signature.sliding_friction == pytest.approx(FRICTION, rel=1.5e-3)
+    assert slide.signature.centre_m[0] > 1e-5
+    assert slide.point.force_n[2] == pytest.approx(runs["press"].point.force_n[2], rel=1e-6)
 
 
-def test_torsion_pulls_around_the_axis(pressed: LoadingPath) -> None:
-    """A third of a radian is enough for the contact to slip round."""
-    point = pressed.carry(twist_rad=0.35)
-    signature = contact_signature(point)
-    assert signature.circumferential_share >= 0.95
-    assert np.linalg.norm(point.force_n[:2]) < 1e-6 * point.force_n[2]
+def test_torsion_pulls_around_the_axis(runs: dict[str, ModeRun]) -> None:
+    """A turn that starts where the press ended, not where the slide did."""
+    twist = runs["twist"]
+    assert twist.passed, twist.criteria
+    assert np.linalg.norm(twist.point.force_n[:2]) < 1e-6 * twist.point.force_n[2]
+
+
+def test_maps_carry_the_forces_that_act(runs: dict[str, ModeRun]) -> None:
+    """Arrows sum to the tangential resultant; the map's pressure integrates to the force."""
+    slide = runs["slide"]
+    _, arrows = traction_arrows(slide.point, pitch_m=2e-4)
+    total = arrows.sum(axis=0) * 2e-4**2
+    assert total == pytest.approx(slide.signature.tangential_n[:2], rel=1e-9)
+    maps = surface_maps(slide.path, slide.point)
+    a, b, c = (maps.points_m[maps.triangles[:, k]] for k in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    force = areas @ maps.pressure_pa[maps.triangles].mean(axis=1)
+    assert force == pytest.approx(slide.signature.normal_n, rel=0.1)
+
+
+def test_figures_are_drawn(runs: dict[str, ModeRun], tmp_path: Path) -> None:
+    """Both figures, as PDF and PNG."""
+    paths = draw_modes(list(runs.values()), tmp_path) + draw_sensors([runs["press"]], tmp_path)
+    assert [path.name for path in paths] == [
+        "contact_modes.pdf",
+        "contact_modes.png",
+        "three_sensors.pdf",
+        "three_sensors.png",
+    ]
+    assert all(path.stat().st_size > 10_000 for path in paths)
 
 
 def test_a_load_is_met_and_gives_the_same_depth() -> None:

@@ -1,0 +1,256 @@
+"""Figures of contact modes and sensors: sections, meshes, pressure and tangential traction.
+
+Scale bars are in SI units. Colour maps are cividis and PuOr, which survive colour-blind eyes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Polygon
+from matplotlib.tri import Triangulation
+
+from sim.arrays import FloatArray, IntArray
+from sim.mode_maps import SurfaceMaps, surface_maps, traction_arrows
+from sim.mode_runs import ModeRun
+from sim.section import Section, cut
+from tacauchy_rig.errors import RecordError
+
+_PAGE_IN = 7.16
+_MM, _KPA = 1e3, 1e-3
+_ARROW_MIN_SHARE = 5e-3
+_INK, _STEEL = "#222222", "#C9CED6"
+_STYLE: Any = {
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "figure.titlesize": 8.5,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.5,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "text.color": _INK,
+    # Type 42 embeds the fonts.
+    "pdf.fonttype": 42,
+    "savefig.dpi": 300,
+}
+_TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
+# The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
+_SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
+
+
+def draw_modes(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
+    """Draw a punch's modes, one a row: stress in a section, pressure, tangential traction, shear.
+
+    Raises:
+        RecordError: The files cannot be written.
+    """
+    with mpl.rc_context(_STYLE):
+        figure, rows = _rows(len(runs), height_in=1.75, widths=(1.35, 1, 1, 1.35))
+        for (part, row), run in zip(rows, runs, strict=True):
+            force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
+            part.suptitle(f"{_TITLES[run.name]}, {run.travel}, {force}", x=0.01, ha="left")
+            maps, section = surface_maps(run.path, run.point), cut(run.path.model, _positions(run))
+            _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+            _draw_pressure(row[1], run, maps)
+            _draw_traction(row[2], run, maps)
+            name, i, j = _SHEARS[run.name]
+            _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
+        return _save(figure, folder, "contact_modes")
+
+
+def draw_sensors(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
+    """Draw one press on several sensors, one a row: section, mesh, pressure, tangential traction.
+
+    Raises:
+        RecordError: The files cannot be written.
+    """
+    with mpl.rc_context(_STYLE):
+        figure, rows = _rows(len(runs), height_in=1.85, widths=(1.35, 0.95, 1, 1))
+        for (part, row), run in zip(rows, runs, strict=True):
+            force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
+            count = len(run.path.model.elements)
+            title = f"{run.sensor.title}, {run.travel}, {force}, {count} tetrahedra"
+            part.suptitle(title, x=0.01, ha="left")
+            maps, section = surface_maps(run.path, run.point), cut(run.path.model, _positions(run))
+            _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+            _draw_mesh(row[1], maps)
+            _draw_pressure(row[2], run, maps)
+            _draw_traction(row[3], run, maps)
+        return _save(figure, folder, "three_sensors")
+
+
+def _rows(
+    count: int, *, height_in: float, widths: tuple[float, ...]
+) -> tuple[Figure, list[tuple[SubFigure, Any]]]:
+    """Return a figure of rows that each have a title of their own, and every row's axes."""
+    figure = Figure(figsize=(_PAGE_IN, height_in * count), layout="constrained")
+    parts = figure.subfigures(count, 1, squeeze=False)[:, 0]
+    return figure, [(part, part.subplots(1, len(widths), width_ratios=widths)) for part in parts]
+
+
+def _positions(run: ModeRun) -> FloatArray:
+    return run.point.state.positions
+
+
+def _reach(run: ModeRun) -> float:
+    """Return half the width of the maps [mm], about 1.5 contact radii."""
+    contact = run.point.equilibrium.contact
+    touched = np.any(contact.forces != 0.0, axis=2)
+    arms = (contact.points - run.point.state.tip)[touched][:, :2]
+    return float(1.5 * np.linalg.norm(arms, axis=1).max() * _MM)
+
+
+def _draw_section(
+    axes: Axes, run: ModeRun, section: Section, entry: tuple[int, int], name: str
+) -> None:
+    values = section.stress_pa[:, entry[0], entry[1]] * _KPA
+    # A few nodes at a rim would wash out all the rest.
+    limit = float(np.quantile(np.abs(values), 0.98))
+    grid = _triangulation(section.points_m, section.triangles)
+    look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
+    # Shaded triangles leave hairlines between them: flat ones with edges lie below.
+    axes.tripcolor(grid, values, shading="flat", edgecolors="face", linewidth=0.4, **look)
+    shown = axes.tripcolor(grid, values, shading="gouraud", **look)
+    _draw_interfaces(axes, section)
+    _draw_indenter(axes, run)
+    reach = 1.6 * _reach(run)
+    tip = run.point.state.tip * _MM
+    height = run.path.model.height_m * _MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(0.0, 1.35 * height)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$z$ (mm)")
+    _bar(axes, shown, f"{name} (kPa)", extend="both")
+
+
+def _draw_interfaces(axes: Axes, section: Section) -> None:
+    """Draw the edges where two layers meet."""
+    if section.layers.max() == section.layers.min():
+        return
+    lower = section.triangles[section.layers == section.layers.min()]
+    points = np.round(section.points_m * 1e9).astype(np.int64)
+    upper = section.triangles[section.layers != section.layers.min()].reshape(-1)
+    shared = set(map(tuple, points[upper]))
+    edges = [
+        section.points_m[[a, b]] * _MM
+        for triangle in lower
+        for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
+        if tuple(points[a]) in shared and tuple(points[b]) in shared
+    ]
+    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=_INK, linewidths=0.5))
+
+
+def _draw_indenter(axes: Axes, run: ModeRun) -> None:
+    """Draw the rigid body's outline in the plane of the section."""
+    radius = run.indenter.radius_m
+    x = np.linspace(-radius, radius, 401)
+    below = run.indenter.lower_surface(x, np.zeros_like(x))
+    tip = run.point.state.tip
+    top = run.path.model.height_m * 2.0
+    x = np.concatenate([x, x[[-1, 0]]]) + tip[0]
+    z = np.concatenate([below + tip[2], [top, top]])
+    axes.add_patch(
+        Polygon(np.column_stack([x, z]) * _MM, facecolor=_STEEL, edgecolor=_INK, linewidth=0.6)
+    )
+
+
+def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
+    """Draw the elements' faces on the whole contact surface, seen along z."""
+    corners = maps.points_m[maps.corner_faces][..., :2] * _MM
+    axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=_INK, lw=0.2))
+    low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
+    axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
+    axes.set_ylim(low[1] - 0.3, high[1] + 0.3)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$y$ (mm)")
+
+
+def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    _draw_map(axes, run, maps, maps.pressure_pa * _KPA, "$-p_n$ (kPa)")
+    x, y = np.array(run.signature.centre_m) * _MM + run.point.state.tip[:2] * _MM
+    axes.plot([x], [y], marker="+", color="white", markersize=6, markeredgewidth=1.0)
+
+
+def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
+    _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
+    pitch = _reach(run) / _MM / 7.0
+    places, arrows = traction_arrows(run.point, pitch_m=pitch)
+    sizes = np.linalg.norm(arrows, axis=1)
+    shown = sizes > _ARROW_MIN_SHARE * sizes.max()
+    # The root of the size, so that the middle is seen beside the rim.
+    lengths = arrows[shown] / np.sqrt(sizes[shown] * sizes.max())[:, None]
+    axes.quiver(
+        *(places[shown].T * _MM),
+        *lengths.T,
+        color="white",
+        edgecolor=_INK,
+        linewidth=0.25,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0 / (1.2 * pitch * _MM),
+        pivot="mid",
+        width=0.014,
+        headwidth=3.2,
+        headlength=3.6,
+        headaxislength=3.2,
+    )
+
+
+def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, name: str) -> None:
+    shown = axes.tripcolor(
+        _triangulation(maps.points_m, maps.triangles),
+        values,
+        shading="gouraud",
+        cmap="cividis",
+        vmin=0.0,
+        vmax=float(np.quantile(values[values > 0.0], 0.99)),
+        rasterized=True,
+    )
+    reach, tip = _reach(run), run.point.state.tip * _MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(tip[1] - reach, tip[1] + reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$y$ (mm)")
+    _bar(axes, shown, name, extend="max")
+
+
+def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:
+    return Triangulation(points_m[:, 0] * _MM, points_m[:, 1] * _MM, triangles)
+
+
+def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
+    """Put a scale beside the axes, as high as they are."""
+    beside = axes.inset_axes((1.04, 0.0, 0.055, 1.0))
+    bar = axes.figure.colorbar(shown, cax=beside, extend=extend)
+    bar.ax.set_title(name, loc="left", fontsize=7, pad=3)
+    bar.outline.set_linewidth(0.5)
+
+
+def _save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    paths = [folder / f"{name}.pdf", folder / f"{name}.png"]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            figure.savefig(path)
+    except OSError as error:
+        raise RecordError(
+            f"{folder}: cannot be written: {error.strerror}", remedy="give --out another folder"
+        ) from error
+    return paths

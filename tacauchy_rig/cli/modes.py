@@ -1,0 +1,88 @@
+"""``tacauchy-rig modes``: the contact modes of the paper's figures, drawn and held to numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.indenter import Cylinder, Sphere, describe
+from sim.mode_figures import draw_modes, draw_sensors
+from sim.mode_runs import (
+    BALL,
+    FRICTION,
+    PUNCH,
+    ModeRun,
+    press_in,
+    press_mode,
+    slide_mode,
+    twist_mode,
+)
+from sim.scene import Preset
+from sim.sensor import load_sensor
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.press_terms import parse_indenter
+from tacauchy_rig.errors import ConfigError
+
+_MOVED_ON = "gelsight-mini"
+_SENSORS = ("gelsight-mini", "digit", "9dtact")
+
+
+def modes(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figures go.")],
+    indenter: Annotated[
+        str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
+    ] = describe(PUNCH),
+    preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    json_file: JsonFile = None,
+) -> None:
+    """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
+    say(f"friction {FRICTION:g}, preset {preset.value}")
+    punched = list(_shown(_moved_runs(_round(indenter), preset)))
+    figures = draw_modes(punched, out)
+    pressed = list(_shown(_ball_runs(preset)))
+    figures += draw_sensors(pressed, out)
+    for path in figures:
+        say(f"figure {path}")
+    runs = punched + pressed
+    write_json(json_file, {"preset": preset, "modes": [run.as_json() for run in runs]})
+    raise typer.Exit(0 if all(run.passed for run in runs) else 1)
+
+
+def _round(text: str) -> Cylinder | Sphere:
+    indenter = parse_indenter(text)
+    if not isinstance(indenter, Cylinder | Sphere):
+        raise ConfigError(
+            f"--indenter {text}: only round bodies can be slid and turned here",
+            remedy="give a cylinder with a fillet, or a sphere",
+        )
+    return indenter
+
+
+def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun]:
+    pressed = press_in(load_sensor(_MOVED_ON), indenter, preset=preset)
+    for mode in (press_mode, slide_mode, twist_mode):
+        yield mode(pressed)
+
+
+def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
+    for name in _SENSORS:
+        yield press_mode(press_in(load_sensor(name), BALL, preset=preset))
+
+
+def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
+    """Say what each run gave as soon as it is there."""
+    for run in runs:
+        signature = run.signature
+        say()
+        say(
+            f"{run.title}: F_n {signature.normal_n:.4f} N, "
+            f"tangential {signature.tangential_sum_n:.4f} N in sum"
+        )
+        for criterion in run.criteria:
+            verdict = "ok" if criterion.passed else "MISSED"
+            say(f"  {criterion.name:60} {criterion.measured:10.5f}  {criterion.limit:14} {verdict}")
+        yield run
