@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from sim.hard_cases import (
+    compression,
+    footprints,
     impacts,
     materials,
     precision,
     presses,
     refinement,
+    rims,
+    sliding,
     starts,
     time_steps,
     units,
@@ -19,11 +23,15 @@ from tacauchy_rig.errors import ConfigError
 
 # A module that brings rows is added here and nowhere else.
 _MODULES = (
+    compression,
+    footprints,
     impacts,
     materials,
     precision,
     presses,
     refinement,
+    rims,
+    sliding,
     starts,
     time_steps,
     units,
