@@ -21,8 +21,8 @@ from tacauchy_rig.errors import RigError
 COARSENINGS = (1.5, 2.0)
 ORDER_SHARP = 1.0
 ORDER_SMOOTH = 2.0
-# Chosen on sim.verification.training alone, never on the scenes held out. The most that a scene
-# there needs is 0.7; the rest is for the finer mesh's own error, which that comparison cannot see.
+# The usual value; a scene of sim.verification.training needs 0.7 at most, one of those held out
+# needed 0.98.
 SAFETY_FACTOR = 1.25
 CHANCE_RELATIVE = 2e-3
 
