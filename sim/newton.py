@@ -57,7 +57,7 @@ class NewtonOptions:
 
     residual_relative: float = 1e-8
     residual_floor_n: float | None = None
-    iteration_max: int = 100
+    iteration_max: int = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
