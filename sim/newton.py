@@ -43,7 +43,7 @@ _ROUNDING_DOUBT = 10.0
 # A contact point that goes on and off in turn can keep a residual just above what was asked.
 _NEAR_ENOUGH, _HOVERING = 10.0, 8
 # Where the tangent has to be made semidefinite to the end, Newton converges but linearly.
-_ACCEPTABLE = 1e-6
+_ACCEPTABLE = 3e-7
 _STANDSTILL = 3
 
 
@@ -59,7 +59,7 @@ class NewtonOptions:
 
     residual_relative: float = 1e-8
     residual_floor_n: float | None = None
-    iteration_max: int = 100
+    iteration_max: int = 150
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ class Equilibrium:
         elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
         residual_n: Norm of the unbalanced force [N].
         stalled: Newton ended before its tolerance was met: by rounding, hovering within ten times
-            the tolerance, or out of iterations below 1e-6 of the contact force.
+            the tolerance, or out of iterations below 3e-7 of the contact force.
     """
 
     iterations: int
