@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +13,7 @@ from rich.table import Table
 
 from reports.figures.accuracy import CostPoint, Panel, draw_accuracy
 from reports.metrics import structural_similarity_index, zero_mean_correlation
-from sim.accuracy.configurations import FULL, SHORT, Configuration, reseeded
+from sim.accuracy.configurations import FULL, SHORT, reseeded
 from sim.accuracy.study import Row, Study, study
 from sim.elements import ElementOrder
 from sim.optics.geometry import CameraGeometry, ImageArray
@@ -23,7 +22,7 @@ from sim.optics.render import TactileRenderer
 from sim.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.optics import nominal_model
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, write_json
+from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.pipeline import camera_geometry
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.versions import versions
@@ -53,6 +52,7 @@ def accuracy(
     """Press with many settings and show each one's error against its time."""
     scene = scene_of(SceneTerms(indenter=indenter, sensor=sensor, force=force))
     gel = load_sensor(sensor)
+    writable_folder(out)
     configurations = [reseeded(each, seed) for each in (FULL if full else SHORT)]
     found = study(
         scene,
@@ -159,26 +159,4 @@ def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:
 
 
 def _row_facts(row: Row) -> dict[str, Any]:
-    return {
-        "settings": _settings(row.configuration),
-        "errors": row.errors,
-        "zncc_contact": _finite(row.zncc_contact),
-        "setup_s": _finite(row.setup_s),
-        "solve_s": _finite(row.solve_s),
-        "wall_s": _finite(row.wall_s),
-        "steps": row.steps,
-        "newton_iterations": row.newton_iterations,
-        "tet_count": row.tet_count,
-        "node_count": row.node_count,
-        "on_front": row.on_front,
-        "failure": row.failure,
-    }
-
-
-def _settings(configuration: Configuration) -> dict[str, Any]:
-    plain = asdict(configuration)
-    return {**plain, "preset": configuration.preset.value, "element": configuration.element.value}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return {**asdict(row), "wall_s": row.wall_s}

@@ -52,6 +52,6 @@ def _chosen(names: list[str]) -> list[EffectCase]:
     if unknown:
         raise ConfigError(
             f"no scene is called {', '.join(map(repr, unknown))}",
-            remedy=f"choose from {', '.join(known)}",
+            remedy=f"choose from {', '.join(map(repr, known))}",
         )
     return [known[name] for name in names] or list(known.values())

@@ -23,7 +23,7 @@ from sim.mode_runs import (
 from sim.scene import Preset
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.output import say, writable_folder, write_json
 from tacauchy_rig.cli.press_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 
@@ -40,8 +40,10 @@ def modes(
     json_file: JsonFile = None,
 ) -> None:
     """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
+    punch = _round(indenter)
+    writable_folder(out)
     say(f"friction {FRICTION:g}, preset {preset.value}")
-    punched = list(_shown(_moved_runs(_round(indenter), preset)))
+    punched = list(_shown(_moved_runs(punch, preset)))
     figures = draw_modes(punched, out)
     pressed = list(_shown(_ball_runs(preset)))
     figures += draw_sensors(pressed, out)

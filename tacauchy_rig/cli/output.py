@@ -6,6 +6,7 @@ import json
 import logging
 import math
 import sys
+import tempfile
 from dataclasses import asdict, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -68,6 +69,22 @@ def write_text(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
+        ) from error
+
+
+def writable_folder(path: Path) -> Path:
+    """Make a folder for results before they are computed, and return it.
+
+    Raises:
+        RecordError: It cannot be made or written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            return path
     except OSError as error:
         raise RecordError(
             f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"

@@ -13,9 +13,9 @@ from sim.hard_cases.catalogue import select_cases
 from sim.hard_cases.observe import observe
 from sim.hard_cases.page import markdown, shown_numbers, summary_line, verdict
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, console, say, write_json
+from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
 from tacauchy_rig.cli.versions import versions
-from tacauchy_rig.errors import ConfigError, RecordError
+from tacauchy_rig.errors import ConfigError
 
 _PAGE = Path("docs/hard_cases.md")
 
@@ -48,7 +48,7 @@ def torture(
     page = out or (None if rows else _PAGE)
     if page is not None:
         command = f"tacauchy-rig torture --rows {rows}" if rows else "tacauchy-rig torture"
-        _write(page, markdown(results, command=command, versions=used))
+        write_text(page, markdown(results, command=command, versions=used))
         say(f"table {page}")
     raise typer.Exit(0 if all(result.passed for result in results) else 1)
 
@@ -74,13 +74,3 @@ def _table(results: list[CaseResult]) -> Table:
             f"{result.wall_s:.0f}",
         )
     return table
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error

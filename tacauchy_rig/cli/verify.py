@@ -16,9 +16,9 @@ from sim.verification.catalogue import SECTIONS
 from sim.verification.page import cell, markdown, result
 from sim.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, console, say, write_json
+from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
 from tacauchy_rig.cli.versions import versions
-from tacauchy_rig.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.errors import ConfigError, RigError
 
 
 def verify(
@@ -42,7 +42,7 @@ def verify(
         complain(f"{name}: {_word(found[name])} [{time.monotonic() - started:.0f} s]")
         _show(found[name])
         if out is not None:
-            _write(out, _page(found, out))
+            write_text(out, _page(found, out))
     if out is not None:
         say(f"page {out}")
     write_json(json_file, {"sections": found, "versions": versions()})
@@ -101,13 +101,3 @@ def _page(found: dict[str, Section], out: Path) -> str:
         versions=versions(),
         machine=f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors",
     )
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error
