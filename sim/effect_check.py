@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.effect_cases import EffectCase
 from sim.effects import EffectPlan, plan_effects
-from sim.press import PressResult, press
+from sim.press import press
 from sim.scene import ContactMode, Effect, Scene, Target
 
 # Effects that change the mechanics and can be switched on where a scene has them.
@@ -30,17 +30,20 @@ _TOUCH_M = 5e-6
 class TimedPress:
     """A press and the processor's time for it [s], which a busy machine does not change."""
 
-    result: PressResult
+    force_n: tuple[float, ...]
+    depth_m: float
+    node_count: int
+    newton_iterations: int
     processor_s: float
     wall_s: float
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``."""
         return {
-            "force_n": self.result.force_n,
-            "depth_m": self.result.depth_m,
-            "node_count": self.result.node_count,
-            "newton_iterations": self.result.newton_iterations,
+            "force_n": list(self.force_n),
+            "depth_m": self.depth_m,
+            "node_count": self.node_count,
+            "newton_iterations": self.newton_iterations,
             "processor_s": self.processor_s,
             "wall_s": self.wall_s,
         }
@@ -154,7 +157,7 @@ def check_effects(case: EffectCase, *, one_by_one: bool = True) -> EffectCheck:
         full=full,
         added=tuple(added),
         left_apart=left_apart,
-        difference=difference(planned.result, full.result, case.scene),
+        difference=difference(planned, full, case.scene),
         omissions=_omissions(case.scene, planned, plan) if one_by_one else (),
     )
 
@@ -179,7 +182,7 @@ def everything_on(
     return replace(scene, effects=tuple(switches.items())), tuple(left_apart)
 
 
-def difference(one: PressResult, other: PressResult, scene: Scene) -> float:
+def difference(one: TimedPress, other: TimedPress, scene: Scene) -> float:
     """Return how far a press is from another, relative to the other."""
     if scene.target.force_n is not None:
         return abs(one.depth_m / other.depth_m - 1.0)
@@ -213,7 +216,7 @@ def _omissions(scene: Scene, planned: TimedPress, plan: EffectPlan) -> tuple[Omi
             Omission(
                 effect=row.effect,
                 estimated=row.estimated_error or 0.0,
-                measured=difference(without.result, planned.result, scene),
+                measured=difference(without, planned, scene),
                 time_ratio=planned.processor_s / without.processor_s,
             )
         )
@@ -232,7 +235,10 @@ def _timed(scene: Scene, *, load: bool) -> TimedPress:
     wall, processor = time.perf_counter(), time.process_time()
     result = press(scene)
     return TimedPress(
-        result=result,
+        force_n=tuple(map(float, result.force_n)),
+        depth_m=result.depth_m,
+        node_count=result.node_count,
+        newton_iterations=result.newton_iterations,
         processor_s=time.process_time() - processor,
         wall_s=time.perf_counter() - wall,
     )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from sim.effect_cases import EffectCase, effect_cases
-from sim.effect_check import check_effects
+from sim.effect_check import EffectCheck, check_effects
 from tacauchy_rig.cli.effects_page import line, markdown
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
+from tacauchy_rig.cli.side_by_side import Jobs, side_by_side
 from tacauchy_rig.errors import ConfigError
 
 
@@ -26,6 +28,7 @@ def effects_check(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Write the page there.")
     ] = None,
+    jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
@@ -34,10 +37,11 @@ def effects_check(
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
         return
-    checks = []
-    for case in chosen:
-        checks.append(check_effects(case, one_by_one=one_by_one))
-        say(line(checks[-1]))
+    checks: list[EffectCheck] = []
+    measure = partial(_checked, one_by_one=one_by_one)
+    for _, check in side_by_side(measure, [case.name for case in chosen], jobs=jobs):
+        checks.append(check)
+        say(line(check))
         # After every scene, so that Ctrl-C leaves what was found until then.
         if out is not None:
             command = f"tacauchy-rig effects-check --out {out}"
@@ -55,3 +59,7 @@ def _chosen(names: list[str]) -> list[EffectCase]:
             remedy=f"choose from {', '.join(map(repr, known))}",
         )
     return [known[name] for name in names] or list(known.values())
+
+
+def _checked(name: str, *, one_by_one: bool) -> EffectCheck:
+    return check_effects(_chosen([name])[0], one_by_one=one_by_one)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from sim.hard_cases.observe import observe
 from sim.hard_cases.page import markdown, shown_numbers, summary_line, verdict
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
+from tacauchy_rig.cli.side_by_side import Jobs
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.errors import ConfigError
 
@@ -24,6 +26,7 @@ def torture(
     rows: Annotated[
         str, typer.Option("--rows", metavar="N,N", help="Only these cases, such as 1,4.")
     ] = "",
+    jobs: Jobs = 1,
     json_file: JsonFile = None,
     out: Annotated[
         Path | None,
@@ -37,10 +40,12 @@ def torture(
     """Measure the simulator's hard cases, each in a process of its own; exit 1 if one fails."""
     chosen = select_cases(_numbers(rows))
     results = []
-    for case in chosen:
-        complain(f"{case.number:2} {case.name} ... (at most {case.limit_s:g} s)")
-        results.append(observe(case))
-        complain(f"   {verdict(results[-1])} after {results[-1].wall_s:.1f} s")
+    # Every case starts a process of its own, so that threads are enough to wait for them.
+    with ThreadPoolExecutor(jobs) as pool:
+        for result in pool.map(observe, chosen):
+            results.append(result)
+            told = f"{result.number:2} {result.name}: {verdict(result)}"
+            complain(f"{told} after {result.wall_s:.1f} s")
     console.print(_table(results))
     say(summary_line(results))
     used = versions()

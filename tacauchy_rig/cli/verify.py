@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +16,7 @@ from sim.verification.page import cell, markdown, result
 from sim.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
+from tacauchy_rig.cli.side_by_side import Jobs, side_by_side
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.errors import ConfigError, RigError
 
@@ -30,17 +30,17 @@ def verify(
         Path | None,
         typer.Option("--out", metavar="FILE", help="Write a page, such as docs/verification.md."),
     ] = None,
+    jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
     """Press what has a known answer, and say how far off the simulator is; takes minutes."""
     names = _chosen(sections)
     found: dict[str, Section] = {}
-    for name in names:
-        complain(f"{name} ...")
-        started = time.monotonic()
-        found[name] = _measured(name)
-        complain(f"{name}: {_word(found[name])} [{time.monotonic() - started:.0f} s]")
-        _show(found[name])
+    complain(f"{len(names)} sections: {', '.join(names)}")
+    for name, section in side_by_side(_measured, names, jobs=jobs):
+        found[name] = section
+        complain(f"{name}: {_word(section)}")
+        _show(section)
         if out is not None:
             write_text(out, _page(found, out))
     if out is not None:
