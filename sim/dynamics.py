@@ -20,8 +20,10 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.inertia import Inertia
 from sim.loading import LoadingPath
-from sim.newton import Equilibrium, Problem, equilibrate, overlap_fraction
+from sim.newton import Equilibrium, equilibrate
 from sim.nodal_mass import inertial_masses
+from sim.overlap import overlap_fraction
+from sim.problem import Problem
 from sim.state import State
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 

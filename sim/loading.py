@@ -20,15 +20,10 @@ from sim.indenter import Indenter
 from sim.legs import CarryLeg, DepthLeg, ForceLeg, Leg, Pose
 from sim.linear_solver import LinearSolver, linear_solver
 from sim.model import Model
-from sim.newton import (
-    OVERLAP_SHARE,
-    Equilibrium,
-    NewtonOptions,
-    Problem,
-    equilibrate,
-    overlap_fraction,
-)
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.overlap import OVERLAP_SHARE, overlap_fraction
 from sim.potentials import NodalPotential
+from sim.problem import Problem
 from sim.state import State
 from sim.unloaded import unloaded_positions
 from tacauchy_rig.errors import ConfigError, ConvergenceError

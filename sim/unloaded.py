@@ -13,8 +13,9 @@ from sim.arrays import FloatArray
 from sim.indenter import Plane
 from sim.linear_solver import LinearSolver
 from sim.model import Model
-from sim.newton import NewtonOptions, Problem, equilibrate
+from sim.newton import NewtonOptions, equilibrate
 from sim.potentials import NodalPotential
+from sim.problem import Problem
 
 _CLEARANCE_HEIGHTS = 10.0
 

@@ -15,7 +15,8 @@ from sim.indenter import Cylinder, Sphere, describe
 from sim.linear_solver import linear_solver
 from sim.loading import LoadingPath
 from sim.model import Model
-from sim.newton import Equilibrium, NewtonOptions, Problem, equilibrate
+from sim.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.problem import Problem
 from sim.state import State
 from tacauchy_rig.errors import ConvergenceError
 

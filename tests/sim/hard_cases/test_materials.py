@@ -10,7 +10,6 @@ from sim.hard_cases.materials import CASES, slivers, stiff_layers
 from sim.hard_cases.pads import brick_mesh
 from sim.hard_cases.slivers import sliver_count, with_slivers
 from sim.mesh import mesh_statistics
-from sim.newton import _rounding_ends
 from tacauchy_rig.errors import ConfigError
 
 
@@ -43,21 +42,6 @@ def test_no_layers_have_no_punch_force() -> None:
     """A laminate needs a layer."""
     with pytest.raises(ConfigError, match="no layers"):
         punch_force((), height_m=4e-3, radius_m=1e-3, depth_m=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("residuals", "ends"),
-    [
-        ([1.0, 0.9], True),
-        ([8.0, 7.9, 7.8, 8.1], True),
-        ([8.0, 7.9, 8.1], False),
-        ([16.0, 8.0, 4.0, 2.0], False),
-        ([30.0, 29.0, 31.0, 30.0], False),
-    ],
-)
-def test_newton_ends_in_rounding(residuals: list[float], ends: bool) -> None:
-    """Below the estimate at once; a little above it once three iterations have gained nothing."""
-    assert _rounding_ends(residuals, 1.0) is ends
 
 
 def test_rows_of_this_module() -> None:

@@ -14,7 +14,8 @@ from sim.hard_cases.presses import no_contact, repeatable
 from sim.hard_cases.starts import random_start
 from sim.indenter import Cylinder, Indenter, Sphere
 from sim.loading import LoadingPath
-from sim.newton import NewtonOptions, Problem, equilibrate
+from sim.newton import NewtonOptions, equilibrate
+from sim.problem import Problem
 from tacauchy_rig.errors import ConvergenceError
 
 
