@@ -5,14 +5,14 @@ all. It ends when the residual, the norm of the unbalanced force, is
 
 - *enough*: at most ``residual_relative`` of the contact force, the floor, or what rounding alone
   leaves of it;
-- or *at a standstill that does no harm*: none of the last ``_WINDOW`` iterations took a tenth off
-  the residual from before them, and it is at most 3e-7 of the contact force or ten times the
-  rounding's estimate. Rounding does that, so does a contact point that goes on and off in turn.
+- or *at a standstill that does no harm*: none of the last five iterations brought it below nine
+  tenths of what it was before them, and it is at most 3e-7 of the contact force or ten times the
+  rounding's estimate. Rounding does that, and a contact point that goes on and off in turn.
 
-A standstill at a higher level is left to go on. After ``iteration_max`` iterations a residual that
-does no harm is taken, and any other is an error. Convergence that is but linear (the tangent made
-semidefinite to the end, a sharp rim half off the pad) goes on as long as it gains a tenth in
-``_WINDOW`` iterations: one that gains less would gain less than a factor of ten in all of them.
+At a standstill further up Newton goes on. After ``iteration_max`` iterations a residual that does
+no harm is taken, and any other is an error. Where convergence is but linear (the tangent made
+semidefinite to the end, a sharp rim half off the pad), Newton goes on while it gains a tenth in
+five iterations: what gains less would need more than a hundred for a factor of ten.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _HARMLESS_SHARE = 3e-7
 # The rounding's estimate may be short by this.
 _ROUNDING_DOUBT = 10.0
-_WINDOW, _GAIN = 8, 0.9
+_WINDOW, _LEFT = 5, 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,4 +189,4 @@ def _ends(
 def stands_still(residuals: Sequence[float]) -> bool:
     """Return whether the last iterations took less than a tenth off the residual before them."""
     recent = residuals[-_WINDOW:]
-    return len(residuals) > _WINDOW and min(recent) > _GAIN * residuals[-1 - _WINDOW]
+    return len(residuals) > _WINDOW and min(recent) > _LEFT * residuals[-1 - _WINDOW]
