@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.device import KERNEL_EPSILON
 from sim.indenter import Indenter
 from sim.linear_solver import LinearSolver, NotPositiveDefiniteError
-from sim.model import KERNEL_EPSILON, Model
+from sim.model import Model
 from sim.overlap import overlap_fraction
 from sim.potentials import NodalPotential
 from sim.state import ContactForces, State

@@ -6,11 +6,11 @@ import json
 import sys
 from dataclasses import asdict, dataclass
 
+from sim.device import KERNEL_EPSILON
 from sim.elements import ElementOrder
 from sim.hard_cases.pads import BALL, PUNCH, pad_model, round_mesh
 from sim.indenter import Indenter, describe
 from sim.loading import LoadingPath
-from sim.model import KERNEL_EPSILON
 from sim.state import ContactOptions
 
 BARRIERS_M = (1e-5, 1e-6)

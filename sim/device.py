@@ -1,0 +1,48 @@
+"""Arrays and kernel launches on one Warp device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+# Relative rounding of what the kernels compute; the host computes in float64.
+KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A Warp device by its name, ``cpu`` or ``cuda:0``."""
+
+    name: str
+
+    def array(self, values: Any, kind: Any) -> Any:
+        """Copy values to an array of a Warp type."""
+        return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.name)
+
+    def vectors(self, positions: NDArray[Any]) -> Any:
+        """Copy positions [m], shape [count, 3], to an array of vectors."""
+        return self.array(positions, wp.vec3d)
+
+    def empty(self, shape: tuple[int, ...], kind: Any) -> Any:
+        """Return an array that a kernel fills."""
+        return wp.empty(shape, dtype=kind, device=self.name)
+
+    def zeros(self, count: int, kind: Any) -> Any:
+        """Return an array that kernels add to."""
+        return wp.zeros(count, dtype=kind, device=self.name)
+
+    def launch(
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
+    ) -> None:
+        """Launch a kernel over a shape."""
+        wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name)
+
+
+def on_host(array: Any) -> NDArray[Any]:
+    """Return a device array on the host, its reals as float64; on the CPU this shares memory."""
+    host = array.numpy()
+    return np.asarray(host, dtype=np.float64 if host.dtype.kind == "f" else host.dtype)
