@@ -39,8 +39,10 @@ _PASSING = 1e-3
 _GRIP_ROUNDS = 30
 _GRIP_CHANGE = 1e-4
 _GRIP_CHANGE_PASSING = 1e-2
-# Of a push's time, until its force has a tangent to go by.
+# Of a push's time, until its force has a tangent to go by: a guess.
 _TOUCHING_SHARE = 0.02
+# Of a leg, where a gel relaxes: its stress is taken to change evenly in a step.
+_EVEN_SHARE = 0.1
 
 
 class Hold(StrEnum):
@@ -145,7 +147,10 @@ class LoadingPath:
             ConvergenceError: An increment failed even at the smallest step; the message names the
                 last depth that was reached, ``last`` holds it.
         """
-        point = start or self._point or self._first(depth_m, duration_s)
+        point = start or self._point
+        if point is None:
+            point = self._first(depth_m, duration_s)
+            duration_s = _part(1.0 - point.depth_m / depth_m, duration_s) if depth_m > 0.0 else None
         leg = DepthLeg(
             start=point.depth_m,
             end=depth_m,
@@ -176,8 +181,10 @@ class LoadingPath:
             return self.advance(0.0)
         point = start or self._point
         if point is None or not point.force_n[2] > 0.0:
-            touching = None if duration_s is None else _TOUCHING_SHARE * duration_s
-            point = self.advance(OVERLAP_SHARE * self.model.height_m, duration_s=touching)
+            touching = self._touching_share(point, force_n, duration_s)
+            depth = OVERLAP_SHARE * self.model.height_m
+            point = self.advance(depth, duration_s=_part(touching, duration_s))
+            duration_s = _part(1.0 - touching, duration_s)
         leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
         foreign = start is not None and start is not self._point
         return self._travel(point, leg, foreign=foreign, duration_s=duration_s)
@@ -247,8 +254,10 @@ class LoadingPath:
                 remedy="drive it by load or by depth, not by the displacement search",
             )
         point = self._refresh(point) if foreign else point
-        pace = None if duration_s is None else duration_s / max(abs(leg.end - leg.start), 1e-300)
-        at, step = leg.start, leg.longest(point.stiffness_n_m)
+        whole = abs(leg.end - leg.start)
+        pace = None if duration_s is None else duration_s / max(whole, 1e-300)
+        even = whole * self._even_share(duration_s)
+        at, step = leg.start, min(leg.longest(point.stiffness_n_m), even)
         while leg.is_short_of(at):
             advance = float(np.clip(leg.end - at, -step, step))
             try:
@@ -267,7 +276,7 @@ class LoadingPath:
                 continue
             self._accept(point)
             at = leg.end if abs(leg.end - at - taken) <= leg.exact else at + taken
-            step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)))
+            step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)), even)
         self._point = point
         self.counts.wall_s += time.perf_counter() - started
         return point
@@ -302,6 +311,12 @@ class LoadingPath:
         if self.model.relaxation is not None:
             self.model.relaxation.begin_step(math.inf if duration_s is None else duration_s)
 
+    def _even_share(self, duration_s: float | None) -> float:
+        """Return the part of a leg in which a relaxing gel's stress may be taken as a ramp."""
+        remembers = self.model.relaxation is not None
+        lasts = duration_s is not None and math.isfinite(duration_s)
+        return _EVEN_SHARE if remembers and lasts else 1.0
+
     def _accept(self, point: PathPoint) -> None:
         """Remember a point that is gone on from."""
         self.history.append((point.depth_m, float(point.force_n[2])))
@@ -310,14 +325,34 @@ class LoadingPath:
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, OVERLAP_SHARE * self.model.height_m)
-        share = depth / depth_m if depth_m > 0.0 else 1.0
-        self._begin(None if duration_s is None else share * duration_s)
-        tip = np.array([*self.centre_m, self.touch_m - depth])
-        state = self.model.rest_state(tip=tip, rotation=self.rotation)
-        state.positions = self.unloaded.copy()
-        point = self._settle(state, load_n=None, passing=depth < depth_m)
+        self._begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
+        point = self._settle(self._start(depth), load_n=None, passing=depth < depth_m)
         self._accept(point)
         return point
+
+    def _start(self, depth_m: float) -> State:
+        """Return the unloaded pad with the indenter at a depth."""
+        tip = np.array([*self.centre_m, self.touch_m - depth_m])
+        state = self.model.rest_state(tip=tip, rotation=self.rotation)
+        state.positions = self.unloaded.copy()
+        return state
+
+    def _touching_share(
+        self, point: PathPoint | None, force_n: float, duration_s: float | None
+    ) -> float:
+        """Return the part of a push in which the indenter comes to have a tangent to go by.
+
+        Under a force that grows evenly that is what it carries by then; found in two tries.
+        """
+        share = _TOUCHING_SHARE
+        if self.model.relaxation is None or duration_s is None or point is not None:
+            return share
+        for _ in range(2):
+            self._begin(share * duration_s)
+            start = self._start(OVERLAP_SHARE * self.model.height_m)
+            carried = float(self._settle(start, load_n=None, passing=True).force_n[2])
+            share = min(1.0, carried / force_n)
+        return share
 
     def _contact_radius(self, point: PathPoint) -> float:
         """Return how far from the tip the gel is touched [m]."""
@@ -417,6 +452,11 @@ class LoadingPath:
         passing = leg.is_short_of(reached)
         settled = self._settle(state, load_n=leg.load_at(reached), passing=passing)
         return settled, fraction * advance
+
+
+def _part(share: float, duration_s: float | None) -> float | None:
+    """Return a part of a time; for ever stays for ever."""
+    return duration_s if duration_s in (None, math.inf) else share * duration_s
 
 
 DOWN = np.array([0.0, 0.0, -1.0])

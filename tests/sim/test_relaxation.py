@@ -245,3 +245,19 @@ def test_path_that_takes_its_time_forgets_its_haste() -> None:
     # The barrier is as stiff as for the slow gel, and yields 1 % more to the fast one.
     assert fast == pytest.approx(slow / LEFT, rel=0.02)
     assert path.dwell(math.inf).force_n[2] == pytest.approx(slow, rel=1e-6)
+
+
+def test_press_takes_the_time_that_it_is_given() -> None:
+    """Touching counts as a part of it: a press in one go gives what forty short ones give."""
+    ball, whole_s, depth_m, load_n = Sphere(diameter_m=4e-3), 0.5, 1e-4, 0.1
+    by_depth, by_load = (LoadingPath(model(LawName.STABLE_NEO_HOOKEAN), ball) for _ in range(2))
+    for k in range(40):
+        pressed = by_depth.advance(depth_m * (k + 1) / 40, duration_s=whole_s / 40)
+        pushed = by_load.push(load_n * (k + 1) / 40, duration_s=whole_s / 40)
+    at_once = LoadingPath(model(LawName.STABLE_NEO_HOOKEAN), ball)
+    force_n = at_once.advance(depth_m, duration_s=whole_s).force_n[2]
+    assert force_n == pytest.approx(pressed.force_n[2], rel=1e-3)
+    at_once = LoadingPath(model(LawName.STABLE_NEO_HOOKEAN), ball)
+    assert at_once.push(load_n, duration_s=whole_s).depth_m == pytest.approx(
+        pushed.depth_m, rel=1e-3
+    )
