@@ -10,6 +10,8 @@ f is IPC's smoothed Coulomb law (Li et al. 2020, Eq. 14-16), but s is a length a
 the anchor, not from the last time step: a point that sticks does not creep, however many steps are
 taken. Pressure p and normal are lagged: they are refreshed when Newton has ended and Newton is run
 again until they stand still. Where u exceeds s, the anchor is then dragged along to that distance.
+A point that comes to touch within a step takes hold where its gap fell to d_hat on the way, so that
+gel running in under an edge is gripped from the start.
 
 Kernels launch over [face_count, face_point_count].
 """
@@ -66,6 +68,22 @@ def _offset(body: Any, anchor: wp.vec3d, load: wp.vec3d, x: wp.vec3d) -> wp.vec3
     return body.rotation * away
 
 
+@wp.func
+def _first_hold(
+    body: Any, free: wp.vec3d, here: wp.vec3d, distance: wp.float64, reach: wp.float64
+) -> wp.vec3d:
+    """Return where a gap fell to ``reach`` on a straight way, in the indenter's frame [m].
+
+    Args:
+        free: Where the point was last free.
+        here: Where it is, at ``distance``.
+    """
+    before, _ = signed_distance(body, body.position + body.rotation * free)
+    if before <= reach:
+        return here
+    return free + (here - free) * ((before - reach) / (before - distance))
+
+
 @BodyKernel
 @wp.kernel(enable_backward=False)
 def refresh(
@@ -93,7 +111,9 @@ def refresh(
     else:
         if held_out[f, q] == 0:
             held_out[f, q] = 1
-            anchor_out[f, q] = local_point(body, x)
+            anchor_out[f, q] = _first_hold(
+                body, anchor_out[f, q], local_point(body, x), distance, settings.reach
+            )
         p = wp.length(normal_forces[f, q]) / areas[f, q]
         # Where there is no pressure yet, a tiny one carries the direction.
         load_out[f, q] = (wp.transpose(body.rotation) * n) * wp.max(p, wp.float64(1.0e-12))
@@ -114,9 +134,14 @@ def drag(
     # Data out:
     anchor_out: wp.array2d(dtype=wp.vec3d),
 ):
-    """Bring the anchors of sliding points up to the slip length behind them."""
+    """Bring the anchors of sliding points up to the slip length behind them.
+
+    Those of free points come along, to know where they were last free.
+    """
     f, q = wp.tid()
-    if held[f, q] == 1 and settings.stiffness == wp.float64(0.0):
+    if held[f, q] == 0:
+        anchor_out[f, q] = local_point(body, surface_point(faces, face_values, positions, f, q))
+    elif settings.stiffness == wp.float64(0.0):
         x = surface_point(faces, face_values, positions, f, q)
         u = _offset(body, anchor_out[f, q], loads[f, q], x)
         length = wp.length(u)

@@ -40,7 +40,8 @@ class Grip:
 
     Attributes:
         held: 1 where a point touches.
-        anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3].
+        anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3];
+            where it was last, for one that is free.
         loads: Lagged contact pressure along the indenter's normal, in its frame [Pa], shape
             [..., 3].
     """
