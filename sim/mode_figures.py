@@ -24,6 +24,8 @@ from sim.section import Section, cut
 from tacauchy_rig.errors import RecordError
 
 _PAGE_IN = 7.16
+# For a page on a screen.
+_SCREEN_DPI = 140
 _MM, _KPA = 1e3, 1e-3
 _ARROW_MIN_SHARE = 5e-3
 _INK, _STEEL = "#222222", "#C9CED6"
@@ -44,15 +46,19 @@ _STYLE: Any = {
     "text.color": _INK,
     # Type 42 embeds the fonts.
     "pdf.fonttype": 42,
-    "savefig.dpi": 300,
 }
 _TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
 # The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
 _SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
 
 
-def draw_modes(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
+def draw_modes(
+    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
     """Draw a punch's modes, one a row: stress in a section, pressure, tangential traction, shear.
+
+    Args:
+        page_folder: Put a smaller PNG there besides.
 
     Raises:
         RecordError: The files cannot be written.
@@ -68,11 +74,16 @@ def draw_modes(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
             _draw_traction(row[2], run, maps)
             name, i, j = _SHEARS[run.name]
             _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
-        return _save(figure, folder, "contact_modes")
+        return _save(figure, folder, page_folder, "contact_modes")
 
 
-def draw_sensors(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
+def draw_sensors(
+    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
     """Draw one press on several sensors, one a row: section, mesh, pressure, tangential traction.
+
+    Args:
+        page_folder: Put a smaller PNG there besides.
 
     Raises:
         RecordError: The files cannot be written.
@@ -89,7 +100,7 @@ def draw_sensors(runs: Sequence[ModeRun], folder: Path) -> list[Path]:
             _draw_mesh(row[1], maps)
             _draw_pressure(row[2], run, maps)
             _draw_traction(row[3], run, maps)
-        return _save(figure, folder, "three_sensors")
+        return _save(figure, folder, page_folder, "three_sensors")
 
 
 def _rows(
@@ -243,14 +254,16 @@ def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
     bar.outline.set_linewidth(0.5)
 
 
-def _save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    paths = [folder / f"{name}.pdf", folder / f"{name}.png"]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in paths:
-            figure.savefig(path)
-    except OSError as error:
-        raise RecordError(
-            f"{folder}: cannot be written: {error.strerror}", remedy="give --out another folder"
-        ) from error
-    return paths
+def _save(figure: Figure, folder: Path, page_folder: Path | None, name: str) -> list[Path]:
+    wanted = {folder / f"{name}.pdf": 300, folder / f"{name}.png": 300}
+    if page_folder is not None:
+        wanted[page_folder / f"{name}.png"] = _SCREEN_DPI
+    for path, dpi in wanted.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=dpi)
+        except OSError as error:
+            raise RecordError(
+                f"{path}: cannot be written: {error.strerror}", remedy="give --out another folder"
+            ) from error
+    return list(wanted)

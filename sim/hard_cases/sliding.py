@@ -75,8 +75,7 @@ class _SlipRecord:
 
     def go(self, point: PathPoint, *, driven: bool) -> None:
         """Take over a step."""
-        signature = contact_signature(point)
-        mobilised = signature.tangential_sum_n / (FRICTION * signature.normal_n)
+        mobilised = contact_signature(self.path.model, point).sliding_friction / FRICTION
         self.excess = max(self.excess, mobilised - 1.0)
         before, self._before = self._before, point
         if before is None or before.state.grip is None or point.state.grip is None:

@@ -22,8 +22,9 @@ from sim.mode_runs import (
 )
 from sim.scene import Preset
 from sim.sensor import load_sensor
+from tacauchy_rig.cli.modes_page import markdown
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import say, writable_folder, write_json
+from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
 from tacauchy_rig.cli.press_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 
@@ -37,19 +38,36 @@ def modes(
         str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
     ] = describe(PUNCH),
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page, such as docs/contact_modes.md; its figures go to images beside it.",
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
     punch = _round(indenter)
     writable_folder(out)
+    images = None if page is None else writable_folder(page.parent / "images")
     say(f"friction {FRICTION:g}, preset {preset.value}")
     punched = list(_shown(_moved_runs(punch, preset)))
-    figures = draw_modes(punched, out)
+    figures = draw_modes(punched, out, page_folder=images)
     pressed = list(_shown(_ball_runs(preset)))
-    figures += draw_sensors(pressed, out)
+    figures += draw_sensors(pressed, out, page_folder=images)
     for path in figures:
         say(f"figure {path}")
     runs = punched + pressed
+    if page is not None:
+        command = f"tacauchy-rig modes --out {out} --page {page}"
+        if indenter != describe(PUNCH):
+            command += f" --indenter {indenter}"
+        if preset is not Preset.FAST:
+            command += f" --preset {preset.value}"
+        write_text(page, markdown(punched, pressed, command=command, preset=preset))
+        say(f"page {page}")
     write_json(json_file, {"preset": preset, "modes": [run.as_json() for run in runs]})
     raise typer.Exit(0 if all(run.passed for run in runs) else 1)
 
@@ -81,10 +99,10 @@ def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
         signature = run.signature
         say()
         say(
-            f"{run.title}: F_n {signature.normal_n:.4f} N, "
-            f"tangential {signature.tangential_sum_n:.4f} N in sum"
+            f"{run.title}: F_n {signature.normal_size_n:.4f} N, "
+            f"tangential {signature.tangential_sum_n:.4f} N in sum [{run.processor_s:.0f} s]"
         )
         for criterion in run.criteria:
-            verdict = "ok" if criterion.passed else "MISSED"
-            say(f"  {criterion.name:60} {criterion.measured:10.5f}  {criterion.limit:14} {verdict}")
+            told = f"{criterion.measured:10.5f}  {criterion.limit:14} {criterion.verdict}"
+            say(f"  {criterion.name:60} {told}")
         yield run
