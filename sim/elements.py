@@ -34,6 +34,7 @@ class ReferenceElement:
     Attributes:
         gradients: Shape function gradients in reference coordinates, shape
             [point_count, node_count, 3].
+        points: Barycentric coordinates of the quadrature points, shape [point_count, 4].
         weights: Quadrature weights that sum to one, shape [point_count].
         face_values: Shape functions of a face at its contact points, shape
             [face_point_count, face_node_count].
@@ -45,6 +46,7 @@ class ReferenceElement:
 
     order: ElementOrder
     gradients: FloatArray
+    points: FloatArray
     weights: FloatArray
     face_values: FloatArray
     face_gradients: FloatArray
@@ -82,6 +84,7 @@ def reference_element(order: ElementOrder, *, face_splits: int = 0) -> Reference
     return ReferenceElement(
         order=order,
         gradients=gradients,
+        points=points,
         weights=weights,
         face_values=face_values,
         face_gradients=face_gradients,

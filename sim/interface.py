@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.elements import boundary_faces, shape_gradients
+from sim.layer_stress import layer_stress
 from sim.model import Model
 
 
@@ -33,10 +34,14 @@ class InterfaceTraction:
         areas_m2: Deformed area of each point.
         below_pa: t = sigma n, sigma of the element below.
         above_pa: t = sigma n, sigma of the element above; the same in the exact solution.
+        smooth_below_pa: As ``below_pa``, of the lower layer's stress made continuous within it.
+        smooth_above_pa: As ``above_pa``, of the upper layer's.
         force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, but for
             the weight in between, shape [3].
         force_below_n: Integral of ``below_pa``, shape [3].
         force_above_n: Integral of ``above_pa``, shape [3].
+        force_smooth_below_n: Integral of ``smooth_below_pa``, shape [3].
+        force_smooth_above_n: Integral of ``smooth_above_pa``, shape [3].
     """
 
     nodes: IntArray
@@ -45,15 +50,27 @@ class InterfaceTraction:
     areas_m2: FloatArray
     below_pa: FloatArray
     above_pa: FloatArray
+    smooth_below_pa: FloatArray
+    smooth_above_pa: FloatArray
     force_n: FloatArray
     force_below_n: FloatArray
     force_above_n: FloatArray
+    force_smooth_below_n: FloatArray
+    force_smooth_above_n: FloatArray
 
     @property
     def jump_relative(self) -> float:
         """Norm of the traction's jump over the norm of its mean, both over the interface."""
-        jump = ((self.above_pa - self.below_pa) ** 2).sum(axis=2)
-        mean = ((0.5 * (self.above_pa + self.below_pa)) ** 2).sum(axis=2)
+        return self._jump(self.below_pa, self.above_pa)
+
+    @property
+    def smooth_jump_relative(self) -> float:
+        """The same of the layers' continuous stresses."""
+        return self._jump(self.smooth_below_pa, self.smooth_above_pa)
+
+    def _jump(self, below_pa: FloatArray, above_pa: FloatArray) -> float:
+        jump = ((above_pa - below_pa) ** 2).sum(axis=2)
+        mean = ((0.5 * (above_pa + below_pa)) ** 2).sum(axis=2)
         size = float((mean * self.areas_m2).sum())
         return float(np.sqrt((jump * self.areas_m2).sum() / size)) if size > 0.0 else 0.0
 
@@ -67,10 +84,13 @@ def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTr
     labels = model.mesh.layers
     if labels is None:
         return ()
-    return tuple(_traction(model, positions, labels <= layer) for layer in range(int(labels.max())))
+    return tuple(_traction(model, positions, labels, layer) for layer in range(int(labels.max())))
 
 
-def _traction(model: Model, positions: FloatArray, below: NDArray[np.bool_]) -> InterfaceTraction:
+def _traction(
+    model: Model, positions: FloatArray, labels: IntArray, layer: int
+) -> InterfaceTraction:
+    below = labels <= layer
     faces, under, over = _shared_faces(model.elements, below)
     reference = model.reference
     along = np.einsum("pka,fkx->afpx", reference.face_gradients, positions[faces])
@@ -80,6 +100,10 @@ def _traction(model: Model, positions: FloatArray, below: NDArray[np.bool_]) -> 
     lower, upper = (
         np.einsum("fpij,fpj->fpi", _stress_on_faces(model, positions, faces, parents), normals)
         for parents in (under, over)
+    )
+    smooth_lower, smooth_upper = (
+        _smooth_traction(model, layer_stress(model, positions, side), faces, normals)
+        for side in (labels == layer, labels == layer + 1)
     )
     fold = model.mesh.fold
     nodes = np.unique(faces)
@@ -91,10 +115,22 @@ def _traction(model: Model, positions: FloatArray, below: NDArray[np.bool_]) -> 
         areas_m2=areas,
         below_pa=lower,
         above_pa=upper,
+        smooth_below_pa=smooth_lower,
+        smooth_above_pa=smooth_upper,
         force_n=-fold.whole_force(forces.sum(axis=0)),
         force_below_n=-fold.whole_force(np.einsum("fpi,fp->i", lower, areas)),
         force_above_n=-fold.whole_force(np.einsum("fpi,fp->i", upper, areas)),
+        force_smooth_below_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_lower, areas)),
+        force_smooth_above_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_upper, areas)),
     )
+
+
+def _smooth_traction(
+    model: Model, stress_pa: FloatArray, faces: IntArray, normals: FloatArray
+) -> FloatArray:
+    """Return sigma n at the faces' points, sigma between the vertices' [Pa], shape [f, p, 3]."""
+    at_points = np.einsum("pc,fcij->fpij", model.reference.face_points, stress_pa[faces[:, :3]])
+    return np.asarray(np.einsum("fpij,fpj->fpi", at_points, normals))
 
 
 def _shared_faces(

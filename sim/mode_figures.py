@@ -25,8 +25,9 @@ from tacauchy_rig.errors import RecordError
 
 _PAGE_IN = 7.16
 # For a page on a screen.
-_SCREEN_DPI = 140
+_SCREEN_DPI = 120
 _MM, _KPA = 1e3, 1e-3
+_SECTION_MIN_MM = 3.0
 _ARROW_MIN_SHARE = 5e-3
 _INK, _STEEL = "#222222", "#C9CED6"
 _STYLE: Any = {
@@ -64,7 +65,7 @@ def draw_modes(
         RecordError: The files cannot be written.
     """
     with mpl.rc_context(_STYLE):
-        figure, rows = _rows(len(runs), height_in=1.75, widths=(1.35, 1, 1, 1.35))
+        figure, rows = _rows(len(runs), height_in=1.5, widths=(1.35, 1, 1, 1.35))
         for (part, row), run in zip(rows, runs, strict=True):
             force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
             part.suptitle(f"{_TITLES[run.name]}, {run.travel}, {force}", x=0.01, ha="left")
@@ -89,7 +90,7 @@ def draw_sensors(
         RecordError: The files cannot be written.
     """
     with mpl.rc_context(_STYLE):
-        figure, rows = _rows(len(runs), height_in=1.85, widths=(1.35, 0.95, 1, 1))
+        figure, rows = _rows(len(runs), height_in=1.75, widths=(1.35, 0.95, 1, 1))
         for (part, row), run in zip(rows, runs, strict=True):
             force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
             count = len(run.path.model.elements)
@@ -137,7 +138,7 @@ def _draw_section(
     shown = axes.tripcolor(grid, values, shading="gouraud", **look)
     _draw_interfaces(axes, section)
     _draw_indenter(axes, run)
-    reach = 1.6 * _reach(run)
+    reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
     tip = run.point.state.tip * _MM
     height = run.path.model.height_m * _MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)

@@ -10,8 +10,9 @@ from sim.arrays import FloatArray, IntArray
 from sim.model import Model
 from sim.stress import element_stress
 
-# Just beside the plane, so that no node lies on it.
-_BESIDE_SHARE = 1e-5
+# Just beside the plane, so that no node lies on it; tetrahedra that meet the plane in an edge then
+# leave slivers about as thin, which are nothing but hairlines in a picture.
+_BESIDE_SHARE, _THIN_SHARE = 1e-5, 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +58,21 @@ def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> Section:
     grouped = [_grouped(points, k) for k in range(len(counts))]
     at = np.concatenate(grouped).reshape(-1, 3)
     found = np.concatenate([_grouped(stress, k) for k in range(len(counts))]).reshape(-1, 3, 3)
+    triangles = np.arange(len(at), dtype=np.int32).reshape(-1, 3)
+    kept = _thickness(at[triangles]) > _THIN_SHARE * model.height_m
     return Section(
         points_m=at[:, [0, 2]],
-        triangles=np.arange(len(at), dtype=np.int32).reshape(-1, 3),
+        triangles=triangles[kept],
         stress_pa=found,
-        layers=np.concatenate(layers),
+        layers=np.concatenate(layers)[kept],
     )
+
+
+def _thickness(corners: FloatArray) -> FloatArray:
+    """Return the smallest height of triangles [m], shape [triangle_count]."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(doubled / np.linalg.norm(sides, axis=2).max(axis=1))
 
 
 def _grouped(pieces: list[FloatArray], index: int) -> FloatArray:

@@ -12,6 +12,7 @@ from sim.indenter import Cylinder, Sphere, describe
 from sim.mode_figures import draw_modes, draw_sensors
 from sim.mode_runs import (
     BALL,
+    BALL_REFINEMENT,
     FRICTION,
     PUNCH,
     ModeRun,
@@ -90,7 +91,8 @@ def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun
 
 def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
     for name in _SENSORS:
-        yield press_mode(press_in(load_sensor(name), BALL, preset=preset))
+        sensor = load_sensor(name)
+        yield press_mode(press_in(sensor, BALL, preset=preset, refinement=BALL_REFINEMENT))
 
 
 def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from sim.indenter import describe
-from sim.mode_runs import FRICTION, ModeRun
+from sim.mode_runs import BALL_REFINEMENT, FRICTION, ModeRun
 from sim.scene import Preset
 
 _WIDTH = 100
@@ -24,14 +24,14 @@ _PRESSED = (
 )
 _FORCES = (
     "Forces act on the gel and are split along the indenter's normals. **F_n** is the size of the "
-    "normal forces' resultant, **T** that of the tangential forces', **sum |t|** the sum of the "
-    "tangential forces' sizes, **sliding** that sum over mu times the sum of the normal forces' "
-    "sizes: 1 where every point slides. **Centre** is the centre of pressure's distance from the "
-    "indenter's axis along x."
+    "normal forces' resultant, **T** that of the tangential forces' (on a rounded edge it has a "
+    "part along z, which counts to F_z), **sum t** the sum of the tangential forces' sizes, "
+    "**sliding** that sum over mu times the sum of the normal forces' sizes: 1 where every point "
+    "slides. **Centre** is the centre of pressure's distance from the indenter's axis along x."
 )
 _DIRECTIONS = (
     "Directions are judged at the mesh's vertices, where the paper has its force fields: **radial**"
-    " and **around** are the mean |cos| of the angle between the tangential force and the way from "
+    " and **around** are the mean size of the cosine between the tangential force and the way from "
     "the axis, or around it, weighted by the force's size; **inward** is the weighted mean of the "
     "cosine with the way towards the axis. **Radial, by point** is the same as radial over the "
     "contact points, of which a face has twelve, more than its displacement can obey: where the "
@@ -63,6 +63,7 @@ def markdown(
         command: What makes the page.
     """
     runs = [*moved, *pressed]
+    ball = f"{describe(pressed[0].indenter)}, {pressed[0].travel}"
     missed = [run.title for run in runs if not run.passed]
     parts = [
         "# Contact modes",
@@ -73,7 +74,7 @@ def markdown(
         _MOVED,
         "\n".join(_criteria(moved)),
         "## A ball on three sensors",
-        f"{describe(pressed[0].indenter)}, {pressed[0].travel}.",
+        f"{ball}, edges {BALL_REFINEMENT:g} times finer than the preset's.",
         _PRESSED,
         "\n".join(_criteria(pressed)),
         "## Signatures",
