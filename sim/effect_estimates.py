@@ -59,6 +59,13 @@ def expected_depth(scene: Scene) -> float:
     return high
 
 
+def expected_force(scene: Scene) -> float:
+    """Return F_z at a scene's target, estimated for a depth as ``expected_depth`` does [N]."""
+    if scene.target.force_n is not None:
+        return scene.target.force_n
+    return _layer_force(scene, scene.target.depth_m or 0.0)
+
+
 def _layer_force(scene: Scene, depth_m: float) -> float:
     radius = contact_radius(scene, depth_m)
     ratio = radius / scene.pad.height_m

@@ -1,35 +1,28 @@
-"""What is believed about the error of F_z, and how that was measured.
+"""What is believed about the error of F_z on a preset's mesh, from presses that were measured.
 
-``measure_force_errors`` presses a few scenes on every preset and on the finest one, and writes the
-differences to a file that ships with the program; ``force_error`` reads it. A scene outside what
+``sim.accuracy.preset_errors`` presses a few scenes on every preset and on finer meshes, and writes
+what it finds to a file that ships with the program; ``force_error`` reads it. A scene outside what
 was measured gets no number here: ``sim.richardson`` presses it again on coarser meshes.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import statistics
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from pathlib import Path
 
-from sim.indenter import Cylinder, Indenter, Sphere, describe
+from sim.indenter import Cylinder, Indenter, describe
 from sim.laws.catalogue import LawName
-from sim.loading import LoadingPath
-from sim.mesh_choice import MeshKind, mesh_choice
-from sim.presets import build_model
-from sim.scene import ContactMode, Preset, Scene, Target
-from sim.sensor import Sensor
+from sim.mesh_choice import MeshKind, mesh_choice, mesh_depth
+from sim.scene import ContactMode, Preset, Scene
 
-DEPTHS_M = (0.2e-3, 0.45e-3, 0.7e-3)
-INDENTERS: tuple[Indenter, ...] = (
-    Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
-    Sphere(diameter_m=15e-3),
-)
-_FILE = "force_errors.json"
+FILE = "force_errors.json"
 _DEPTH_SHARE_MAX = 0.25
 _POISSON_MAX = 0.485
 _ROUNDED_SHARE = 0.0199
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,100 +30,141 @@ class ForceErrorRow:
     """One press on one preset.
 
     Attributes:
+        kind: Of the indenter, as ``indenter_kind`` has it.
+        depth_share: Depth over the depth that the mesh was made for.
+        pad_share: Depth over the pad's height.
         force_n: F_z of the preset [N].
-        reference_n: F_z of preset reference [N].
-        reference_error: Relative difference of presets accurate and reference: how far the
-            reference itself may still be from the limit.
+        limit_n: F_z that finer and finer meshes tend to [N].
+        doubt: Relative error that the limit itself may have.
+        cpu_s: Processor time of the whole path to the deepest of its depths, mesh included [s].
     """
 
+    kind: str
     indenter: str
+    poisson: float
     preset: str
     depth_m: float
+    depth_share: float
+    pad_share: float
     force_n: float
-    reference_n: float
-    reference_error: float
+    limit_n: float
+    doubt: float
+    cpu_s: float
 
     @property
     def error(self) -> float:
-        """Relative error that the row supports, the reference's own doubt included."""
-        return abs(self.force_n / self.reference_n - 1.0) + self.reference_error
+        """Relative error that the row supports, the limit's own doubt included."""
+        return abs(self.force_n / self.limit_n - 1.0) + self.doubt
 
 
-def force_error(scene: Scene) -> tuple[float | None, str]:
-    """Return the believed relative error of a scene's F_z, or None, and how it is known."""
-    kind = _kind(scene.indenter)
-    rows = [r for r in _rows() if r.preset == scene.preset.value and _row_kind(r) == kind]
-    outside = _outside(scene)
-    if not rows or outside:
-        reason = outside or f"no {kind} was measured on preset {scene.preset.value}"
-        return None, reason
-    worst = max(rows, key=lambda row: row.error)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Depth:
+    """A depth over the one that the mesh was made for, and over the pad's height."""
+
+    mesh_share: float
+    pad_share: float
+
+
+def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | None, str]:
+    """Return the believed relative error of a scene's F_z, or None, and how it is known.
+
+    Args:
+        depth_m: Where the press is judged [m]; None is where its mesh was made for. A mesh made for
+            a deeper press is coarse for a shallow one.
+    """
+    depth = mesh_depth(scene) if depth_m is None else depth_m
+    kind = indenter_kind(scene.indenter)
+    shares = _Depth(mesh_share=depth / mesh_depth(scene), pad_share=depth / scene.pad.height_m)
+    near = _near(kind, scene.preset, shares)
+    outside = _outside(scene, depth)
+    if not near or outside:
+        return None, outside or f"no {kind} was measured on preset {scene.preset.value}"
+    worst = max(near, key=lambda row: row.error)
     return worst.error, (
-        f"{kind}: largest difference of {len(rows)} presses into a GelSight Mini from preset "
-        f"reference, plus the reference's own doubt; worst: {worst.indenter} at "
-        f"{worst.depth_m * 1e3:g} mm"
+        f"{kind}: largest of {len(near)} presses' differences from the limit of finer meshes, plus "
+        f"that limit's own doubt; worst: {worst.indenter}, nu {worst.poisson:g}, at "
+        f"{worst.depth_m * 1e3:g} mm in a GelSight Mini"
     )
 
 
-def measure_force_errors(sensor: Sensor, path: Path) -> list[ForceErrorRow]:
-    """Press every indenter on every preset and write the rows to a JSON file; takes minutes."""
-    rows = []
-    for indenter in INDENTERS:
-        forces = {preset: _forces(sensor, indenter, preset) for preset in Preset}
-        for preset, depth in ((p, d) for p in Preset for d in range(len(DEPTHS_M))):
-            reference = forces[Preset.REFERENCE][depth]
-            rows.append(
-                ForceErrorRow(
-                    indenter=describe(indenter),
-                    preset=preset.value,
-                    depth_m=DEPTHS_M[depth],
-                    force_n=forces[preset][depth],
-                    reference_n=reference,
-                    reference_error=abs(forces[Preset.ACCURATE][depth] / reference - 1.0),
-                )
-            )
-    path.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", "utf-8")
-    return rows
+def time_ratio(preset: Preset, to: Preset) -> float:
+    """Return how many times as long a press takes on one preset as on another.
+
+    It is the median over the presses that were measured on both, of processor time, so that a
+    busy machine changes it little.
+    """
+    spent = {(r.indenter, r.poisson, r.preset): r.cpu_s for r in _rows()}
+    ratios = [
+        seconds / spent[indenter, poisson, to.value]
+        for (indenter, poisson, name), seconds in spent.items()
+        if name == preset.value and (indenter, poisson, to.value) in spent
+    ]
+    return statistics.median(ratios)
 
 
-def _forces(sensor: Sensor, indenter: Indenter, preset: Preset) -> list[float]:
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        indenter=indenter,
-        target=Target(depth_m=max(DEPTHS_M)),
-        preset=preset,
-    )
-    path = LoadingPath(build_model(scene), indenter)
-    return [float(path.advance(depth).force_n[2]) for depth in DEPTHS_M]
+def measured_kinds() -> tuple[str, ...]:
+    """Return the kinds of indenter that were measured."""
+    return tuple(dict.fromkeys(row.kind for row in _rows()))
 
 
-@cache
-def _rows() -> tuple[ForceErrorRow, ...]:
-    text = resources.files("sim").joinpath(_FILE).read_text("utf-8")
-    return tuple(ForceErrorRow(**row) for row in json.loads(text))
+def believed(kind: str, preset: Preset, *, pad_share: float) -> float | None:
+    """Return the believed relative error of a kind on a preset at its mesh's depth, or None.
+
+    Args:
+        pad_share: Depth over the pad's height.
+    """
+    near = _near(kind, preset, _Depth(mesh_share=1.0, pad_share=pad_share))
+    return max((row.error for row in near), default=None)
 
 
-def _kind(indenter: Indenter) -> str:
+def typical_error(preset: Preset) -> float:
+    """Return the median error of a preset over all presses that were measured."""
+    return statistics.median(row.error for row in _rows() if row.preset == preset.value)
+
+
+def indenter_kind(indenter: Indenter) -> str:
+    """Return the kind of indenter whose errors are alike."""
     if not isinstance(indenter, Cylinder):
         return describe(indenter).split(":")[0]
     rounded = indenter.fillet_m >= _ROUNDED_SHARE * indenter.diameter_m
     return "cylinder with a rounded rim" if rounded else "cylinder with a sharp rim"
 
 
-def _row_kind(row: ForceErrorRow) -> str:
-    return {describe(indenter): _kind(indenter) for indenter in INDENTERS}[row.indenter]
+def _near(kind: str, preset: Preset, depth: _Depth) -> list[ForceErrorRow]:
+    """Return the row of every measured press that is nearest on the safe side.
+
+    A ball's mesh is made for a depth and coarse for a press less deep. A cylinder's is not, and its
+    error grows with the depth in the pad.
+    """
+    presses: dict[tuple[str, float], list[ForceErrorRow]] = {}
+    for row in _rows():
+        if row.preset == preset.value and row.kind == kind:
+            presses.setdefault((row.indenter, row.poisson), []).append(row)
+    follows_depth = kind == "sphere"
+    return [_safe(rows, depth, follows_depth=follows_depth) for rows in presses.values()]
 
 
-def _outside(scene: Scene) -> str:
+def _safe(rows: list[ForceErrorRow], depth: _Depth, *, follows_depth: bool) -> ForceErrorRow:
+    if follows_depth:
+        below = [row for row in rows if row.depth_share <= depth.mesh_share + _SAME]
+        return max(below, key=lambda row: row.depth_share, default=rows[0])
+    above = [row for row in rows if row.pad_share >= depth.pad_share - _SAME]
+    return min(above, key=lambda row: row.pad_share, default=rows[-1])
+
+
+@cache
+def _rows() -> tuple[ForceErrorRow, ...]:
+    text = resources.files("sim").joinpath(FILE).read_text("utf-8")
+    return tuple(ForceErrorRow(**row) for row in json.loads(text))
+
+
+def _outside(scene: Scene, depth_m: float) -> str:
     """Say what of a scene lies outside the presses that were measured, or nothing."""
-    depth = scene.target.depth_m
     if scene.layers:
         return "no gel of several layers was measured"
     if scene.material.poisson > _POISSON_MAX:
         return f"Poisson's ratio {scene.material.poisson:g} is above {_POISSON_MAX:g}"
-    if depth is not None and depth > _DEPTH_SHARE_MAX * scene.pad.height_m:
+    if depth_m > _DEPTH_SHARE_MAX * scene.pad.height_m:
         return f"the press is deeper than {_DEPTH_SHARE_MAX:.0%} of the pad"
     if scene.contact is not ContactMode.FRICTIONLESS:
         return "no bonded contact and none with friction was measured"

@@ -60,8 +60,12 @@ def contact_reach(scene: Scene) -> float:
     if not isinstance(scene.indenter, Sphere):
         return widest
     radius = scene.indenter.radius_m
-    depth = scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
-    return float(min(math.sqrt(1.5 * radius * depth), radius, widest))
+    return float(min(math.sqrt(1.5 * radius * mesh_depth(scene)), radius, widest))
+
+
+def mesh_depth(scene: Scene) -> float:
+    """Return the depth that a revolved mesh is made for [m]."""
+    return scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
 
 
 def footprint_depth(scene: Scene) -> float:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects import EffectPlan, plan_effects
-from sim.force_error import force_error
 from sim.gravity import weight
 from sim.loading import Hold, LoadingPath, PathPoint
 from sim.match import find_force
 from sim.model import Model
 from sim.moving_press import moving_press
 from sim.presets import build_model, densities_of
-from sim.scene import Drive, Effect, Scene, Target
+from sim.scene import Drive, Effect, Scene
 from sim.stress import surface_stress
+from sim.tolerance import Alternative, alternatives, expected_error
 from sim.turned_indenter import tilted
 
 
@@ -44,6 +44,7 @@ class PressResult:
         estimated_force_error_relative: Believed relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
         effects: What was simulated and what was left out, with reasons.
+        alternatives: The next cheaper preset and the next better one.
     """
 
     force_n: tuple[float, float, float]
@@ -67,6 +68,7 @@ class PressResult:
     estimated_force_error_relative: float | None
     estimated_force_error_basis: str
     effects: list[dict[str, Any]]
+    alternatives: tuple[Alternative, ...]
     model: Model = field(repr=False)
     point: PathPoint | None = field(repr=False)
 
@@ -74,7 +76,8 @@ class PressResult:
         """Return plain values for ``--json``, units in the keys."""
         skipped = {"model", "point"}
         names = [name for name in self.__dataclass_fields__ if name not in skipped]
-        return {name: getattr(self, name) for name in names}
+        plain = {name: getattr(self, name) for name in names}
+        return {**plain, "alternatives": [asdict(each) for each in self.alternatives]}
 
 
 def press(scene: Scene, *, model: Model | None = None, device: str = "cpu") -> PressResult:
@@ -179,7 +182,7 @@ def measure(
     )
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
-    error, basis = force_error(replace(scene, target=Target(depth_m=point.depth_m)))
+    error, basis = expected_error(scene, plan, depth_m=point.depth_m)
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),
@@ -202,6 +205,7 @@ def measure(
         estimated_force_error_relative=error,
         estimated_force_error_basis=basis,
         effects=plan.as_json(),
+        alternatives=alternatives(scene, depth_m=point.depth_m, wall_s=sum(wall_s.values())),
         model=model,
         point=point,
     )

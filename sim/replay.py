@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from sim.effects import EffectPlan, plan_effects
@@ -17,6 +18,7 @@ from sim.match import ForceMatch, find_force, push_to_force
 from sim.press import PressResult, measure, path_for
 from sim.scene import ContactMode, Drive, Preset, Scene, Target
 from sim.sensor import Sensor
+from sim.tolerance import Tolerance, alternatives, keeping
 from tacauchy_rig.run import Replay, ReplayTrial
 
 Progress = Callable[[int, str], None]
@@ -28,6 +30,7 @@ def replay_forces(
     forces_n: Sequence[float],
     *,
     preset: Preset = Preset.BALANCED,
+    tolerance: Tolerance | None = None,
     tolerance_n: float = 0.08,
     centre_m: tuple[float, float] = (0.0, 0.0),
     contact: ContactMode = ContactMode.FRICTIONLESS,
@@ -46,6 +49,7 @@ def replay_forces(
         indenter: The rigid body.
         forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
         preset: Mesh and element.
+        tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
         tolerance_n: Largest |F_z simulated - measured| [N].
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
         contact: What touching points may do along the indenter.
@@ -58,8 +62,60 @@ def replay_forces(
 
     Raises:
         ConvergenceError: A force cannot be reached; the message names how far the press got.
+        ConfigError: No preset keeps the tolerance.
     """
     say = on_progress or (lambda _index, _text: None)
+    scene = replay_scene(
+        sensor,
+        indenter,
+        forces_n,
+        preset=preset,
+        tolerance=tolerance,
+        tolerance_n=tolerance_n,
+        centre_m=centre_m,
+        contact=contact,
+        drive=drive,
+    )
+    started = time.perf_counter()
+    say(0, f"meshing {sensor.title}, preset {scene.preset.value}")
+    plan = plan_effects(scene)
+    path = path_for(scene, plan)
+    trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
+    for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
+        trials[position] = _trial(scene, plan, path, position, forces_n[position])
+        done = trials[position][0]
+        say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
+    ordered = [trials[position] for position in range(len(forces_n))]
+    replay = Replay(
+        name=name,
+        trials=tuple(trial for trial, _ in ordered),
+        model={
+            **_model_facts(scene, path),
+            **_cost_facts(scene, ordered, tolerance, time.perf_counter() - started),
+            "effects": plan.as_json(),
+        },
+        versions=_versions(),
+    )
+    return replay, [fields for _, fields in ordered]
+
+
+def replay_scene(
+    sensor: Sensor,
+    indenter: Indenter,
+    forces_n: Sequence[float],
+    *,
+    preset: Preset = Preset.BALANCED,
+    tolerance: Tolerance | None = None,
+    tolerance_n: float = 0.08,
+    centre_m: tuple[float, float] = (0.0, 0.0),
+    contact: ContactMode = ContactMode.FRICTIONLESS,
+    drive: Drive = Drive.LOAD,
+) -> Scene:
+    """Return the press to the largest of the forces; arguments as for ``replay_forces``.
+
+    Raises:
+        ConfigError: No preset keeps the tolerance.
+    """
     scene = Scene(
         pad=sensor.pad,
         material=sensor.material,
@@ -74,22 +130,7 @@ def replay_forces(
         force_tolerance_n=tolerance_n,
         sensor=sensor.name,
     )
-    say(0, f"meshing {sensor.title}, preset {preset.value}")
-    plan = plan_effects(scene)
-    path = path_for(scene, plan)
-    trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
-    for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
-        trials[position] = _trial(scene, plan, path, position, forces_n[position])
-        done = trials[position][0]
-        say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
-    ordered = [trials[position] for position in range(len(forces_n))]
-    replay = Replay(
-        name=name,
-        trials=tuple(trial for trial, _ in ordered),
-        model={**_model_facts(scene, path), "effects": plan.as_json()},
-        versions=_versions(),
-    )
-    return replay, [fields for _, fields in ordered]
+    return scene if tolerance is None else keeping(scene, tolerance)
 
 
 def _trial(
@@ -156,6 +197,25 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "linear_solver": path.solver.name,
         "device": model.device,
         "setup_s": path.setup_s,
+    }
+
+
+def _cost_facts(
+    scene: Scene,
+    trials: Sequence[tuple[ReplayTrial, TrialFields]],
+    tolerance: Tolerance | None,
+    wall_s: float,
+) -> dict[str, Any]:
+    """Return what was asked of the force, what is believed of it, what it took and would take."""
+    errors = [trial.force_error_estimate for trial, _ in trials]
+    known = [error for error in errors if error is not None]
+    deepest = max((trial.depth_simulated_m for trial, _ in trials), default=0.0)
+    others = alternatives(scene, depth_m=deepest, wall_s=wall_s)
+    return {
+        "tolerance": None if tolerance is None else str(tolerance),
+        "force_error_largest_relative": max(known) if len(known) == len(errors) else None,
+        "wall_s": wall_s,
+        "alternatives": [asdict(other) for other in others],
     }
 
 

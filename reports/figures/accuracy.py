@@ -22,6 +22,7 @@ class CostPoint:
 
     Attributes:
         errors: By quantity, with or without sign.
+        bars: How far each may be off, by quantity.
         label: Written beside the point where it is not empty.
     """
 
@@ -29,6 +30,7 @@ class CostPoint:
     errors: Mapping[str, float]
     on_front: bool
     is_linear_element: bool
+    bars: Mapping[str, float]
     label: str = ""
 
 
@@ -92,7 +94,7 @@ def _draw_panel(
         axes.errorbar(
             [known[k].wall_s for k in chosen],
             [sizes[k] for k in chosen],
-            yerr=_both(sizes, chosen, bar),
+            yerr=_both(sizes, [known[k].bars.get(panel.quantity, 0.0) for k in chosen], chosen),
             fmt=marker,
             markersize=4.5 if large else 3.0,
             color=ORANGE if linear else BLUE,
@@ -118,8 +120,10 @@ def bar_ends(size: float, bar: float) -> tuple[float, float]:
     return min(bar, 0.9 * size), bar
 
 
-def _both(sizes: Sequence[float], chosen: Sequence[int], bar: float) -> list[list[float]]:
-    ends = [bar_ends(sizes[k], bar) for k in chosen]
+def _both(
+    sizes: Sequence[float], bars: Sequence[float], chosen: Sequence[int]
+) -> list[list[float]]:
+    ends = [bar_ends(sizes[k], bar) for k, bar in zip(chosen, bars, strict=True)]
     return [[down for down, _ in ends], [up for _, up in ends]]
 
 

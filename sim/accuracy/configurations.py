@@ -10,6 +10,7 @@ from sim.scene import Effect, Preset, Scene
 
 BARRIER_M = 5e-6
 PAPER_BARRIER_M = 1e-3
+REFERENCE_COARSENING = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,17 @@ class Configuration:
 
 
 REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
-COARSER_REFERENCE = replace(REFERENCE, name="coarser reference", refinement=1.0 / 1.5)
+SHORT_REFERENCE = replace(REFERENCE, name="reference / 1.25", refinement=1.0 / 1.25)
+
+
+def coarser(reference: Configuration) -> Configuration:
+    """Return a reference's settings with edges 1.5 times as long, for its own error."""
+    return replace(
+        reference,
+        name=f"{reference.name}, coarser",
+        refinement=reference.refinement / REFERENCE_COARSENING,
+    )
+
 
 _FAST = Configuration(name="fast", preset=Preset.FAST)
 _BALANCED = Configuration(name="balanced", preset=Preset.BALANCED)

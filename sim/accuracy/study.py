@@ -8,13 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.accuracy.configurations import COARSER_REFERENCE, REFERENCE, Configuration
+from sim.accuracy.configurations import (
+    REFERENCE,
+    REFERENCE_COARSENING,
+    Configuration,
+    coarser,
+)
 from sim.accuracy.observation import Observation, height_error, observe
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
 from sim.scene import Preset, Scene
 from tacauchy_rig.errors import RigError
 
+# What an error changes by on another mesh of the same settings, over the error.
+MESH_CHANCE = 0.25
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
 _ORDER = 1.0
 
@@ -77,10 +84,9 @@ def study(
     render: Render,
     similarity: Similarity,
     reference: Configuration = REFERENCE,
-    coarser: Configuration = COARSER_REFERENCE,
     on_progress: Progress = lambda _text: None,
 ) -> Study:
-    """Measure every configuration against preset reference.
+    """Measure every configuration against a reference.
 
     The reference's bar is Richardson's: its difference from a mesh 1.5 times as coarse, carried to
     the limit at the order of a sharp rim, 1, which for a smooth contact is too much.
@@ -90,7 +96,6 @@ def study(
         render: Turns height maps into the tactile image.
         similarity: SSIM of two images, and their correlation inside the contact.
         reference: What counts as exact.
-        coarser: The same on a mesh whose refinement is smaller.
 
     Raises:
         ConvergenceError: The reference cannot be pressed.
@@ -100,8 +105,8 @@ def study(
     exact = observe(scene, reference, geometry)
     judge = _Judge(exact, render, similarity)
     on_progress("coarser reference, for the reference's own error")
-    drift, _ = judge.errors(observe(scene, coarser, geometry))
-    share = 1.0 / ((reference.refinement / coarser.refinement) ** _ORDER - 1.0)
+    drift, _ = judge.errors(observe(scene, coarser(reference), geometry))
+    share = 1.0 / (REFERENCE_COARSENING**_ORDER - 1.0)
     bars = {name: share * abs(error) for name, error in drift.items()}
     rows = []
     for configuration in configurations:
@@ -193,6 +198,11 @@ def front_of(points: Sequence[tuple[float, float]]) -> list[bool]:
         and not any((c <= cost and e <= error and (c < cost or e < error)) for c, e in points)
         for cost, error in points
     ]
+
+
+def error_bar(reference_bar: float, error: float) -> float:
+    """Return how far an error may be off: the reference's own, and what its mesh happens to cut."""
+    return reference_bar + MESH_CHANCE * abs(error)
 
 
 def _relative(found: float, exact: float) -> float:

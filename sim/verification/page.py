@@ -10,8 +10,22 @@ from sim.verification.section import Section
 _WIDTH = 100
 
 
+TITLE = "Verification of the simulator"
+NOTE = (
+    "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses; the "
+    "command below a table gives one of its rows. Times apart, the numbers are the same when it is "
+    "run again."
+)
+
+
 def markdown(
-    sections: Sequence[Section], *, command: str, versions: Mapping[str, str], machine: str
+    sections: Sequence[Section],
+    *,
+    command: str,
+    versions: Mapping[str, str],
+    machine: str,
+    title: str = TITLE,
+    note: str = NOTE,
 ) -> str:
     """Return the page.
 
@@ -19,16 +33,13 @@ def markdown(
         command: What made it.
         versions: Of what the numbers depend on.
         machine: Where it ran, in words.
+        note: What a reader has to know before all sections.
     """
     missed = [section for section in sections if not section.passed]
     verdict = "every criterion is met" if not missed else f"{len(missed)} of them missed"
-    lines = ["# Verification of the simulator", ""]
+    lines = [f"# {title}", ""]
     lines += [f"**{len(sections)} sections, {verdict}.**", ""]
-    lines += _filled(
-        f"Written by `{command}` on {machine}. Every number comes from the scenes, meshes and "
-        "solver that `tacauchy-rig press` uses; the command below a table gives one of its rows. "
-        "Times apart, the numbers are the same when it is run again."
-    )
+    lines += _filled(f"Written by `{command}` on {machine}. {note}")
     lines += ["| section | result | criterion |", "|---|---|---|"]
     lines += [f"| {s.title} | {result(s)} | {s.criterion} |" for s in sections]
     for section in sections:

@@ -8,23 +8,26 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from reports.figures.accuracy import CostPoint, Panel, draw_accuracy
 from reports.metrics import structural_similarity_index, zero_mean_correlation
-from sim.accuracy.configurations import FULL, SHORT, reseeded
-from sim.accuracy.study import Row, Study, study
+from sim.accuracy import promise as promises
+from sim.accuracy.configurations import FULL, REFERENCE, SHORT, SHORT_REFERENCE, reseeded
+from sim.accuracy.preset_errors import measure_preset_errors, training
+from sim.accuracy.study import Row, Study, error_bar, study
+from sim.accuracy.tables import study_section
 from sim.elements import ElementOrder
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
 from sim.optics.render import TactileRenderer
 from sim.sensor import Sensor, load_sensor
+from tacauchy_rig.cli.accuracy_page import PROMISES, study_name, write_page
 from tacauchy_rig.cli.optics import nominal_model
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.pipeline import camera_geometry
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
+from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
 
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -39,7 +42,7 @@ _PANELS = (
 
 
 def accuracy(
-    out: Annotated[Path, typer.Option("--out", help="Folder for figure, table and JSON.")] = Path(
+    out: Annotated[Path, typer.Option("--out", help="Folder for figures, tables and JSON.")] = Path(
         "accuracy"
     ),
     sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
@@ -47,28 +50,79 @@ def accuracy(
     force: Annotated[str, typer.Option("--force")] = "4.7332N",
     full: Annotated[bool, typer.Option("--full", help="Measure many more settings.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Other meshes of the same sizes.")] = 0,
+    promise: Annotated[
+        bool, typer.Option("--promise", help="Judge --tolerance on ten scenes instead.")
+    ] = False,
+    presets: Annotated[
+        Path | None,
+        typer.Option(
+            "--presets", metavar="FILE", help="Measure the table that --tolerance uses instead."
+        ),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", metavar="FILE", help="Write a page of all that is in the folder."),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press with many settings and show each one's error against its time."""
-    scene = scene_of(SceneTerms(indenter=indenter, sensor=sensor, force=force))
-    gel = load_sensor(sensor)
     writable_folder(out)
-    configurations = [reseeded(each, seed) for each in (FULL if full else SHORT)]
+    if presets is not None:
+        facts = _measure_presets(presets)
+    elif promise:
+        facts = _judge_promises(out)
+    else:
+        terms = SceneTerms(indenter=indenter, sensor=sensor, force=force)
+        facts = _study(terms, out, full=full, seed=seed)
+    write_json(json_file, facts)
+    if page is not None:
+        for file in write_page(page, out):
+            say(str(file))
+
+
+def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
+    scene, gel = scene_of(terms), load_sensor(terms.sensor or "")
     found = study(
         scene,
-        configurations,
+        [reseeded(each, seed) for each in (FULL if full else SHORT)],
         camera_geometry(gel),
         render=_Renderer(gel),
         similarity=_similarity,
+        reference=reseeded(REFERENCE if full else SHORT_REFERENCE, seed),
         on_progress=lambda text: complain(f"  {text}"),
     )
-    _show(found)
-    files = _draw(found, out)
-    facts = _facts(found, scene_text=f"{indenter} into {sensor} at {force}", seed=seed)
-    write_json(out / "accuracy.json", facts)
-    write_json(json_file, facts)
-    for file in (*files, out / "accuracy.json"):
+    text = f"{terms.indenter} into {terms.sensor} at {terms.force}"
+    name = study_name(seed)
+    command = " ".join(
+        ["tacauchy-rig accuracy", *(["--full"] if full else []), f"--seed {seed} --out {out}"]
+    )
+    section = study_section(found, scene=text, command=command)
+    facts = {**_facts(found, scene_text=text, seed=seed), "section": asdict(section)}
+    show_section(section)
+    for row in found.rows:
+        if row.failure:
+            complain(f"{row.configuration.name}: {row.failure}")
+    files = [*_draw(found, out, name), out / f"{name}.json"]
+    write_json(files[-1], facts)
+    for file in files:
         say(str(file))
+    return facts
+
+
+def _measure_presets(file: Path) -> dict[str, Any]:
+    rows = measure_preset_errors(training(), file, on_progress=lambda text: complain(f"  {text}"))
+    say(str(file))
+    return {"rows": rows, "versions": versions()}
+
+
+def _judge_promises(out: Path) -> dict[str, Any]:
+    found = promises.measure(on_progress=lambda text: complain(f"  {text}"))
+    section = promises.section(found, command=f"tacauchy-rig accuracy --promise --out {out}")
+    show_section(section)
+    facts = {"section": asdict(section), "versions": versions()}
+    write_json(out / PROMISES, facts)
+    say(str(out / PROMISES))
+    return facts
 
 
 class _Renderer:
@@ -92,59 +146,20 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 
-def _draw(found: Study, folder: Path) -> list[Path]:
+def _draw(found: Study, folder: Path, name: str) -> list[Path]:
     points = [
         CostPoint(
             wall_s=row.wall_s,
             errors=row.errors,
             on_front=row.on_front,
             is_linear_element=row.configuration.element is ElementOrder.P1,
+            bars={name: error_bar(found.bars[name], error) for name, error in row.errors.items()},
             label=row.configuration.name if row.configuration.is_preset or row.on_front else "",
         )
         for row in found.rows
         if not row.failure
     ]
-    return draw_accuracy(points, found.bars, _PANELS, folder=folder)
-
-
-def _show(found: Study) -> None:
-    table = Table(title="What accuracy costs in time", caption=_caption(found))
-    for name in ("settings", "tets", "its", "time (s)", "F_z", "depth", "pressure", "radius"):
-        table.add_column(name, justify="left" if name == "settings" else "right")
-    for name in ("height", "1-SSIM", "ZNCC", "front"):
-        table.add_column(name, justify="right")
-    for row in sorted(found.rows, key=lambda row: (not row.failure, row.wall_s)):
-        table.add_row(*_cells(row))
-    Console().print(table)
-    for row in found.rows:
-        if row.failure:
-            complain(f"{row.configuration.name}: {row.failure}")
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    if row.failure:
-        return (row.configuration.name, *("-",) * 11)
-    errors = row.errors
-    signed = [f"{errors[name]:+.2%}" for name in ("force", "depth", "pressure", "radius")]
-    return (
-        row.configuration.name,
-        str(row.tet_count),
-        str(row.newton_iterations),
-        f"{row.wall_s:.2f}",
-        *signed,
-        f"{errors['height']:.2%}",
-        f"{errors['image']:.4f}",
-        f"{row.zncc_contact:.4f}",
-        "*" if row.on_front else "",
-    )
-
-
-def _caption(found: Study) -> str:
-    bars = ", ".join(f"{name} {bar:.2%}" for name, bar in found.bars.items())
-    return (
-        f"Errors against preset reference ({found.reference.wall_s:.1f} s), whose own error is "
-        f"believed to be at most: {bars}."
-    )
+    return draw_accuracy(points, found.bars, _PANELS, folder=folder, name=name)
 
 
 def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:

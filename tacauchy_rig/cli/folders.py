@@ -10,14 +10,26 @@ import typer
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.pipeline import replay_run, report_run
+from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.store.export import ExportKind, export_run
 from tacauchy_rig.store.run_store import RunStore
 
 
-def replay(folder: RunFolder, json_file: JsonFile = None) -> None:
+def replay(
+    folder: RunFolder,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerance",
+            metavar="0.02N|1%",
+            help="Take the cheapest preset that keeps F_z within it.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
     """Simulate the trials of a run again and write its report."""
     store = RunStore.open(folder)
-    replay_run(store)
+    replay_run(store, tolerance=None if tolerance is None else parse_tolerance(tolerance))
     _report(store, json_file)
 
 

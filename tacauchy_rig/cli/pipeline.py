@@ -16,11 +16,13 @@ from sim.indenter import Cylinder, Indenter, Sphere
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import height_maps
 from sim.optics.render import TactileRenderer
-from sim.replay import replay_forces
+from sim.replay import replay_forces, replay_scene
 from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
+from sim.tolerance import Tolerance
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
+from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.run import Replay, TrialRecord
@@ -39,11 +41,31 @@ class Summary:
     passed: bool
 
 
-def replay_run(store: RunStore) -> Replay:
+def check_replay(config: RigConfig) -> None:
+    """Refuse what no replay could be made with, before six presses are done for it.
+
+    Raises:
+        ConfigError: No such sensor or preset, or no preset keeps the tolerance.
+    """
+    replay_scene(
+        sensor_of(config),
+        indenter_of(config),
+        config.protocol.force_targets,
+        preset=preset_of(config),
+        tolerance=tolerance_of(config),
+        drive=drive_of(config),
+    )
+
+
+def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
+
+    Args:
+        tolerance: Take the cheapest preset that keeps it, whatever is configured.
 
     Raises:
         RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
         ConvergenceError: A force cannot be reached.
     """
     config = store.config
@@ -55,6 +77,7 @@ def replay_run(store: RunStore) -> Replay:
         indenter,
         [record.force_measured_n or 0.0 for record in records],
         preset=preset_of(config),
+        tolerance=tolerance or tolerance_of(config),
         drive=drive_of(config),
         tolerance_n=config.replay.force_tolerance,
         name=REPLAY_NAME,
@@ -131,6 +154,16 @@ def preset_of(config: RigConfig) -> Preset:
             f"replay.preset: {config.replay.preset!r} is no preset",
             remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
         ) from error
+
+
+def tolerance_of(config: RigConfig) -> Tolerance | None:
+    """Return the tolerance that chooses the preset, if one is configured.
+
+    Raises:
+        ConfigError: It is neither a force nor a share.
+    """
+    text = config.replay.tolerance
+    return None if text is None else parse_tolerance(text, field="replay.tolerance")
 
 
 def drive_of(config: RigConfig) -> Drive:

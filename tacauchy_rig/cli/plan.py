@@ -5,7 +5,6 @@ from __future__ import annotations
 from sim.effects import plan_effects
 from sim.laws.catalogue import LawName
 from sim.mesh_choice import mesh_choice
-from sim.scene import Preset
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.scene_options import (
@@ -50,7 +49,7 @@ def plan(
     law: LawOption = LawName.STABLE_NEO_HOOKEAN,
     contact: ContactOption = "frictionless",
     duration: DurationOption = None,
-    preset: PresetOption = Preset.BALANCED,
+    preset: PresetOption = None,
     mesh: MeshOption = None,
     tolerance: ToleranceOption = None,
     effect: EffectOption = None,
@@ -87,11 +86,13 @@ def plan(
     for row in planned.effects:
         error = "" if row.estimated_error is None else f"{row.estimated_error:.2e}"
         say(f"{row.effect.value:21} {'on' if row.on else 'off':4} {error:9} {row.reason}")
+    say(f"preset: {scene.preset}")
     say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
     write_json(
         json_file,
         {
+            "preset": scene.preset.value,
             "effects": planned.as_json(),
             "mesh": {"kind": choice.kind.value, "reason": choice.reason},
             "tolerance": planned.tolerance,

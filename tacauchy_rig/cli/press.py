@@ -13,7 +13,7 @@ from sim.laws.catalogue import LawName
 from sim.press import PressResult
 from sim.press import press as simulate_press
 from sim.richardson import with_estimate
-from sim.scene import Drive, Material, Preset, Scene
+from sim.scene import Drive, Material, Scene
 from sim.warp_start import warp_device
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
@@ -69,7 +69,7 @@ def press(
     law: LawOption = LawName.STABLE_NEO_HOOKEAN,
     contact: ContactOption = "frictionless",
     duration: DurationOption = None,
-    preset: PresetOption = Preset.BALANCED,
+    preset: PresetOption = None,
     mesh: MeshOption = None,
     tolerance: ToleranceOption = None,
     effect: EffectOption = None,
@@ -142,6 +142,8 @@ def _show(scene: Scene, result: PressResult) -> None:
     off = [row["name"] for row in result.effects if not row["on"]]
     say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options says why")
     say(f"time       {sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations")
+    for other in result.alternatives:
+        say(f"{other.role:10} {other}")
 
 
 def _show_interfaces(result: PressResult) -> None:

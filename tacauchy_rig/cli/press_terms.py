@@ -12,8 +12,9 @@ from sim.pad import BoxPad, DiscPad, Pad
 from sim.scene import ContactMode, Effect, Layer, Material
 from sim.sensor_pad import filling_of
 from sim.surface_pad import SurfacePad, read_surface_pad
+from sim.tolerance import Tolerance
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 
 
 def parse_pad(text: str) -> Pad:
@@ -177,6 +178,19 @@ def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[floa
         for part in parts
     ]
     return values[0], values[1] if len(values) == 2 else 0.0
+
+
+def parse_tolerance(text: str, *, field: str = "--tolerance") -> Tolerance:
+    """Read ``0.02N``, ``1%`` or ``0.01``.
+
+    Raises:
+        ConfigError: Neither a force nor a share, or not above zero.
+    """
+    parts = split_quantity(text)
+    is_force = parts is not None and parts[1] in UNITS[Dimension.FORCE]
+    dimension = Dimension.FORCE if is_force else Dimension.RATIO
+    value = parse_quantity(text, dimension=dimension, field=field).value
+    return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 
 def parse_switch(text: str) -> tuple[Effect, bool]:

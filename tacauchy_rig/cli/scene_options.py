@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from sim.effect_estimates import expected_force
 from sim.filling import Filling
 from sim.laws.catalogue import LawName
 from sim.layers import interface_shares
 from sim.scene import Drive, Layer, Material, Motion, Output, Preset, Scene, Target
 from sim.sensor import Sensor, load_sensor
+from sim.tolerance import keeping
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
     parse_filling,
@@ -20,6 +22,7 @@ from tacauchy_rig.cli.press_terms import (
     parse_pad,
     parse_pair,
     parse_switch,
+    parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
@@ -73,10 +76,17 @@ ContactOption = Annotated[
 DurationOption = Annotated[
     str | None, typer.Option("--duration", help="Time that the press takes; 1 s if not given.")
 ]
-PresetOption = Annotated[Preset, typer.Option("--preset")]
+PresetOption = Annotated[
+    Preset | None, typer.Option("--preset", help="balanced, unless --tolerance chooses one.")
+]
 ToleranceOption = Annotated[
-    float | None,
-    typer.Option("--tolerance", help="Relative error of F_z by which effects may be left out."),
+    str | None,
+    typer.Option(
+        "--tolerance",
+        metavar="0.02N|1%",
+        help="Take the cheapest preset that keeps F_z within it; with --preset, leave out effects "
+        "within it.",
+    ),
 ]
 EffectOption = Annotated[
     list[str] | None,
@@ -110,8 +120,8 @@ class SceneTerms:
     law: LawName = LawName.STABLE_NEO_HOOKEAN
     contact: str = "frictionless"
     duration: str | None = None
-    preset: Preset = Preset.BALANCED
-    tolerance: float | None = None
+    preset: Preset | None = None
+    tolerance: str | None = None
     effects: list[str] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
     drive: Drive = Drive.LOAD
@@ -122,7 +132,8 @@ def scene_of(terms: SceneTerms) -> Scene:
     """Read a scene.
 
     Raises:
-        ConfigError: A text is not understood, or the scene is not complete.
+        ConfigError: A text is not understood, the scene is not complete, or no preset keeps the
+            tolerance.
     """
     if (terms.sensor is None) == (terms.pad is None):
         raise ConfigError("a press needs either --sensor or --pad", remedy="give exactly one")
@@ -130,7 +141,7 @@ def scene_of(terms: SceneTerms) -> Scene:
     layers = _layers(known, terms)
     contact, friction = parse_contact(terms.contact)
     duration = _quantity(terms.duration, Dimension.TIME, "--duration")
-    return Scene(
+    scene = Scene(
         pad=known.pad if known is not None else parse_pad(terms.pad or ""),
         material=layers[-1].material,
         layers=layers if interface_shares(layers) else (),
@@ -149,13 +160,18 @@ def scene_of(terms: SceneTerms) -> Scene:
         ),
         duration_s=1.0 if duration is None else duration,
         outputs=frozenset(terms.outputs),
-        tolerance=terms.tolerance,
         effects=tuple(parse_switch(text) for text in terms.effects),
         drive=terms.drive,
-        preset=terms.preset,
+        preset=terms.preset or Preset.BALANCED,
         filling=_filling(known, terms),
         sensor=terms.sensor or "",
     )
+    if terms.tolerance is None:
+        return scene
+    tolerance = parse_tolerance(terms.tolerance)
+    if terms.preset is None:
+        return keeping(scene, tolerance)
+    return replace(scene, tolerance=tolerance.of(expected_force(scene)))
 
 
 def _filling(sensor: Sensor | None, terms: SceneTerms) -> Filling:

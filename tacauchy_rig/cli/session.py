@@ -19,7 +19,7 @@ from protocols.session import run_session
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, console, say, write_json
-from tacauchy_rig.cli.pipeline import preset_of, replay_run, report_run, sensor_of
+from tacauchy_rig.cli.pipeline import check_replay, replay_run, report_run
 from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
@@ -100,8 +100,7 @@ def _say_recovered(report: RecoveryReport) -> None:
 def _new_run(loaded: LoadedConfig, text: str, *, press_only: bool, json_file: Path | None) -> None:
     config = loaded.config
     if not press_only:  # a wrong name here must not wait until six presses are done
-        preset_of(config)
-        sensor_of(config)
+        check_replay(config)
     parent = Path(config.run.output_directory)
     check_free_space(parent, config)
     store = RunStore.create(

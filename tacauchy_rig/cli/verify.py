@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
 from sim.verification.catalogue import SECTIONS
-from sim.verification.page import cell, markdown, result
+from sim.verification.page import markdown
 from sim.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
+from tacauchy_rig.cli.output import complain, say, write_json, write_text
+from tacauchy_rig.cli.section_table import result_word, show_section
 from tacauchy_rig.cli.side_by_side import Jobs, side_by_side
-from tacauchy_rig.cli.versions import versions
+from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import ConfigError, RigError
 
 
@@ -39,8 +36,8 @@ def verify(
     complain(f"{len(names)} sections: {', '.join(names)}")
     for name, section in side_by_side(_measured, names, jobs=jobs):
         found[name] = section
-        complain(f"{name}: {_word(section)}")
-        _show(section)
+        complain(f"{name}: {result_word(section)}")
+        show_section(section)
         if out is not None:
             write_text(out, _page(found, out))
     if out is not None:
@@ -78,20 +75,6 @@ def _measured(name: str) -> Section:
         )
 
 
-def _word(section: Section) -> str:
-    return result(section).strip("*")
-
-
-def _show(section: Section) -> None:
-    table = Table(title=section.title, title_justify="left", caption_justify="left")
-    for number, column in enumerate(section.columns):
-        table.add_column(column, justify="right" if number else "left", overflow="fold")
-    for row in section.rows:
-        table.add_row(*(Text(cell(value)) for value in row))
-    table.caption = f"{_word(section)}: {section.criterion}"
-    console.print(table)
-
-
 def _page(found: dict[str, Section], out: Path) -> str:
     """Return the page of what was measured so far, with the command that makes just that."""
     chosen = "" if list(found) == list(SECTIONS) else f" --sections {','.join(found)}"
@@ -99,5 +82,5 @@ def _page(found: dict[str, Section], out: Path) -> str:
         list(found.values()),
         command=f"tacauchy-rig verify{chosen} --out {out}",
         versions=versions(),
-        machine=f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors",
+        machine=machine(),
     )

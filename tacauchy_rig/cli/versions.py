@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from importlib import metadata
 
@@ -35,3 +36,8 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[name] = "absent"
     return found
+
+
+def machine() -> str:
+    """Return where this runs, in words."""
+    return f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors"

@@ -239,10 +239,14 @@ class ProtocolSection(Section):
 
 
 class ReplaySection(Section):
-    """How trials are replayed: model settings that override the sensor's file."""
+    """How trials are replayed: model settings that override the sensor's file.
+
+    ``tolerance``, such as ``0.02N`` or ``1%``, chooses the preset in place of ``preset``.
+    """
 
     force_tolerance: Force = Field(gt=0)
     preset: str
+    tolerance: str | None = None
     drive: str
     young: Pressure | None = Field(default=None, gt=0)
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)

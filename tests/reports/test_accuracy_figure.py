@@ -20,10 +20,15 @@ _POINTS = [
         errors={"force": -0.1, "depth": 0.2, "image": 0.0},
         on_front=True,
         is_linear_element=False,
+        bars={"force": 0.02},
         label="fast",
     ),
     CostPoint(
-        wall_s=2.0, errors={"force": 0.5, "depth": 0.1}, on_front=False, is_linear_element=True
+        wall_s=2.0,
+        errors={"force": 0.5, "depth": 0.1},
+        on_front=False,
+        is_linear_element=True,
+        bars={},
     ),
 ]
 

@@ -12,9 +12,10 @@ import pyvista
 from sim.fields import TrialFields
 from sim.force_error import force_error
 from sim.indenter import Cylinder, Plane
-from sim.replay import replay_forces
+from sim.replay import replay_forces, replay_scene
 from sim.scene import ContactMode, Material, Preset, Scene, Target
 from sim.sensor import load_sensor
+from sim.tolerance import Tolerance
 from tacauchy_rig.run import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
@@ -51,6 +52,30 @@ def test_every_force_is_met_in_its_own_place(
     assert [line[0] for line in lines] == ["0", "2", "1"]
     assert replay.model["young_pa"] == pytest.approx(0.435e6)
     assert replay.versions["warp-lang"] != "absent"
+
+
+def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(
+    replayed: tuple[Replay, list[TrialFields], list[str]],
+) -> None:
+    """The time is all trials' and the mesh's; preset fast has a better neighbour."""
+    replay, _, _ = replayed
+    facts = replay.model
+    assert facts["wall_s"] >= sum(trial.wall_s["solve_s"] for trial in replay.trials)
+    assert facts["force_error_largest_relative"] == max(
+        trial.force_error_estimate or 0.0 for trial in replay.trials
+    )
+    better = facts["alternatives"][-1]
+    assert better["role"] == "better"
+    assert better["error_relative"] < facts["force_error_largest_relative"]
+
+
+def test_a_tolerance_chooses_the_replays_preset() -> None:
+    """By the largest of the forces, before anything is meshed."""
+    sensor = load_sensor("gelsight-mini")
+    wide = replay_scene(sensor, PUNCH, FORCES, tolerance=Tolerance(relative=0.3))
+    assert wide.preset is Preset.FAST
+    assert wide.target.force_n == max(FORCES)
+    assert replay_scene(sensor, PUNCH, FORCES).preset is Preset.BALANCED
 
 
 def test_fields_are_the_whole_pads(
@@ -123,7 +148,6 @@ def test_force_error_is_stated_only_where_it_was_measured() -> None:
     assert paper > 0.5
     for other in (
         replace(scene, indenter=Plane()),
-        replace(scene, indenter=Cylinder(diameter_m=5e-3)),
         replace(scene, material=Material(young_pa=1e5, poisson=0.495)),
         replace(scene, target=Target(depth_m=2e-3)),
         replace(scene, contact=ContactMode.BONDED),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
+from tacauchy_rig.errors import ConfigError
 
 DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")
 PRESS = ("--indenter", "sphere:diameter=4mm", "--depth", "0.05mm", "--preset", "fast")
@@ -42,3 +43,26 @@ def test_error_is_estimated_when_asked_for() -> None:
     done = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--estimate-error"])
     assert done.exit_code == 0
     assert "Richardson" in done.stdout
+
+
+def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
+    """A wide one takes the cheapest; the neighbours' cost is printed and kept."""
+    scene = ["press", *DISC, *PRESS[:4]]
+    file = tmp_path / "press.json"
+    done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
+    assert done.exit_code == 0
+    assert "preset fast" in done.stdout
+    assert "better     preset balanced: about" in done.stdout
+    found = json.loads(file.read_text("utf-8"))
+    assert found["estimated_force_error_relative"] <= 0.2
+    assert found["alternatives"][-1]["time_ratio"] > 1.0
+
+
+def test_tolerance_that_no_preset_keeps_is_refused() -> None:
+    """The refusal names the best that can be had; so does one that is no tolerance."""
+    refused = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "1e-6N"])
+    assert isinstance(refused.exception, ConfigError)
+    assert "comes nearest with" in refused.exception.message
+    wrong = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "1 mm"])
+    assert isinstance(wrong.exception, ConfigError)
+    assert "--tolerance" in wrong.exception.message

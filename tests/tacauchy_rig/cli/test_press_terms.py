@@ -8,12 +8,14 @@ from sim.indenter import Cylinder, Plane, Sphere
 from sim.laws.catalogue import LawName
 from sim.pad import BoxPad, DiscPad
 from sim.scene import ContactMode
+from sim.tolerance import Tolerance
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
     parse_filling,
     parse_indenter,
     parse_layer,
     parse_pad,
+    parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
 
@@ -37,6 +39,20 @@ def test_disc_and_indenters() -> None:
     assert parse_indenter("plane") == Plane()
     assert parse_contact("bonded") == (ContactMode.BONDED, 0.0)
     assert parse_contact("friction:0.5") == (ContactMode.FRICTION, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "tolerance"),
+    [
+        ("0.02N", Tolerance(force_n=0.02)),
+        ("20 mN", Tolerance(force_n=0.02)),
+        ("1%", Tolerance(relative=0.01)),
+        ("0.01", Tolerance(relative=0.01)),
+    ],
+)
+def test_tolerances_are_forces_or_shares(text: str, tolerance: Tolerance) -> None:
+    """The unit says which; a bare number is a share."""
+    assert parse_tolerance(text) == tolerance
 
 
 @pytest.mark.parametrize(

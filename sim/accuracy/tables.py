@@ -1,0 +1,146 @@
+"""What a study found, as tables with their criteria."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sim.accuracy.study import MESH_CHANCE, QUANTITIES, Row, Study, error_bar
+from sim.force_error import believed, measured_kinds, time_ratio
+from sim.scene import Preset
+from sim.tolerance import presets_by_cost
+from sim.verification.section import Section
+
+_PAD_SHARE = 0.1
+ROWS_WANTED, FRONT_WANTED = 12, 4
+
+Errors = Mapping[str, Mapping[str, float]]
+
+
+def study_section(found: Study, *, scene: str, command: str) -> Section:
+    """Return every configuration's errors and cost."""
+    fast = next((row.wall_s for row in found.rows if row.configuration.name == Preset.FAST), None)
+    measured = [row for row in found.rows if not row.failure]
+    front = sum(row.on_front for row in measured)
+    bars = ", ".join(f"{name} {bar:.2%}" for name, bar in found.bars.items())
+    return Section(
+        title="Error against time",
+        columns=(
+            "settings",
+            "tetrahedra",
+            "iterations",
+            "time [s]",
+            "time over fast's",
+            "F_z [%]",
+            "depth [%]",
+            "pressure [%]",
+            "radius [%]",
+            "height [%]",
+            "1 - SSIM",
+            "ZNCC",
+            "front",
+        ),
+        rows=tuple(
+            _cells(row, fast)
+            for row in sorted((*found.rows, found.reference), key=lambda row: row.wall_s)
+        ),
+        criterion=f"at least {ROWS_WANTED} configurations and a front of at least {FRONT_WANTED}",
+        passed=len(measured) >= ROWS_WANTED and front >= FRONT_WANTED,
+        note=f"{scene}. F_z is compared at the reference's depth, everything else at the force. "
+        f"Errors are against preset reference, whose own error is believed to be at most: {bars}. "
+        f"{len(measured)} configurations beside it, {front} of them on the front of F_z.",
+        command=command,
+    )
+
+
+def _cells(row: Row, fast_s: float | None) -> tuple[str | float | None, ...]:
+    name = row.configuration.name
+    if row.failure:
+        return (name, *(None,) * 12)
+    errors = row.errors
+    percent = [1e2 * errors[name] for name in ("force", "depth", "pressure", "radius", "height")]
+    return (
+        name,
+        row.tet_count,
+        row.newton_iterations,
+        row.wall_s,
+        row.wall_s / fast_s if fast_s else None,
+        *percent,
+        errors["image"],
+        row.zncc_contact,
+        "yes" if row.on_front else "",
+    )
+
+
+def seed_section(
+    first: Errors, second: Errors, bars: Mapping[str, float], *, seed: int, command: str
+) -> Section:
+    """Return whether errors come out alike on other meshes.
+
+    Args:
+        first: Errors by the configuration's name and quantity.
+        second: The same on meshes of another seed.
+        bars: The references' own errors by quantity, both added up.
+    """
+    names = [name for name in first if name in second and first[name] and second[name]]
+    outside = {name: _outside(first[name], second[name], bars) for name in names}
+    rows = tuple(
+        (
+            name,
+            1e2 * first[name]["force"],
+            1e2 * second[name]["force"],
+            1e2 * error_bar(bars["force"], first[name]["force"]),
+            ", ".join(outside[name]) or "none",
+        )
+        for name in names
+    )
+    total = len(QUANTITIES) * len(names)
+    missed = sum(len(each) for each in outside.values())
+    return Section(
+        title="The same on other meshes",
+        columns=("settings", "F_z [%]", f"F_z, seed {seed} [%]", "bar of F_z [%]", "outside"),
+        rows=rows,
+        criterion="every error is reproduced within its bar on meshes of another seed",
+        passed=missed == 0,
+        note=f"{total - missed} of {total} errors (six quantities each) come out within their bar: "
+        f"the references' own errors plus {MESH_CHANCE:.0%} of the error, for what a mesh's edges "
+        "happen to cut. A seed makes every edge up to 7 % shorter or longer, the reference's too; "
+        "preset paper has but one mesh.",
+        command=command,
+    )
+
+
+def _outside(
+    first: Mapping[str, float], second: Mapping[str, float], bars: Mapping[str, float]
+) -> Sequence[str]:
+    return [
+        name
+        for name in QUANTITIES
+        if abs(second[name] - first[name]) > error_bar(bars[name], first[name])
+    ]
+
+
+def presets_section(*, command: str) -> Section:
+    """Return what is believed of every preset, as the choice by a tolerance sees it."""
+    kinds = measured_kinds()
+    return Section(
+        title="What the presets are worth",
+        columns=("preset", "time over fast's", *(f"error, {kind} [%]" for kind in kinds)),
+        rows=tuple(
+            (
+                preset.value,
+                time_ratio(preset, Preset.FAST),
+                *(_percent(believed(kind, preset, pad_share=_PAD_SHARE)) for kind in kinds),
+            )
+            for preset in presets_by_cost()
+        ),
+        criterion="none: this is what a tolerance chooses by",
+        passed=True,
+        note=f"Relative error of F_z {_PAD_SHARE:.0%} of the pad deep, the largest over the "
+        "presses of that kind, plus the doubt of the limit it is measured against. Times are "
+        "ratios of processor times on one thread. Kept in sim/force_errors.json.",
+        command=command,
+    )
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 1e2 * share

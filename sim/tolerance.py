@@ -1,0 +1,140 @@
+"""The cheapest preset that keeps a tolerance, and what its neighbours would have cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sim.effect_estimates import expected_depth, expected_force
+from sim.effects import EffectPlan, plan_effects
+from sim.force_error import force_error, time_ratio, typical_error
+from sim.scene import Preset, Scene
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """How far off F_z may be: relative to F_z, or in newtons; exactly one of the two.
+
+    Attributes:
+        force_n: Of the largest force where there are several [N].
+    """
+
+    relative: float | None = None
+    force_n: float | None = None
+
+    def __post_init__(self) -> None:
+        value = self.relative if self.force_n is None else self.force_n
+        if (self.relative is None) == (self.force_n is None) or value is None or not value > 0.0:
+            raise ConfigError(
+                f"a tolerance of {value} is none", remedy="write it as 0.02N or 1%, above 0"
+            )
+
+    def of(self, force_n: float) -> float:
+        """Return the tolerance relative to a force [N]; infinite for none."""
+        if self.force_n is None:
+            return self.relative or 0.0
+        return self.force_n / force_n if force_n > 0.0 else float("inf")
+
+    def __str__(self) -> str:
+        return f"{self.relative:.3g} of F_z" if self.force_n is None else f"{self.force_n:g} N"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternative:
+    """A preset beside the one that was used.
+
+    Attributes:
+        role: ``cheaper`` or ``better``.
+        error_relative: Believed relative error of F_z; None where nothing is known.
+        time_ratio: Its time over that of the preset used.
+        wall_s: The time it would have taken here [s].
+    """
+
+    role: str
+    preset: str
+    error_relative: float | None
+    time_ratio: float
+    wall_s: float
+
+    def __str__(self) -> str:
+        error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
+        return (
+            f"preset {self.preset}: about {self.time_ratio:.2g} times the time ({self.wall_s:.2g} "
+            f"s), force error {error}"
+        )
+
+
+def presets_by_cost() -> tuple[Preset, ...]:
+    """Return the presets, the cheapest first."""
+    return tuple(sorted(Preset, key=lambda preset: time_ratio(preset, Preset.FAST)))
+
+
+def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[float | None, str]:
+    """Return the believed relative error of F_z, of the mesh and of what is left out; and why."""
+    error, basis = force_error(scene, depth_m=depth_m)
+    if error is None or not plan.estimated_error:
+        return error, basis
+    left_out = f"{basis}; {plan.estimated_error:.2%} for effects left out"
+    return error + plan.estimated_error, left_out
+
+
+def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
+    """Return a scene with the cheapest preset whose believed error keeps a tolerance.
+
+    Effects are left out within what the mesh leaves of it.
+
+    Raises:
+        ConfigError: No preset keeps it, or nothing is known about such a scene.
+    """
+    allowed = tolerance.of(expected_force(scene))
+    depth = expected_depth(scene)
+    known: dict[Preset, float] = {}
+    reason = ""
+    for preset in presets_by_cost():
+        tried = replace(scene, preset=preset)
+        error, reason = force_error(tried, depth_m=depth)
+        if error is None:
+            continue
+        if error <= allowed:
+            return replace(tried, tolerance=allowed - error)
+        known[preset] = error
+    if not known:
+        raise ConfigError(
+            f"no preset promises {tolerance} here: {reason}",
+            remedy="choose one with --preset; `press --estimate-error` says what it was worth",
+        )
+    best = min(known, key=lambda preset: known[preset])
+    raise ConfigError(
+        f"no preset promises {tolerance}, {allowed:.2%} of the force expected; preset {best} comes "
+        f"nearest with {known[best]:.2%}",
+        remedy=f"allow {known[best]:.2%}, or take --preset {best}",
+    )
+
+
+def alternatives(scene: Scene, *, depth_m: float, wall_s: float) -> tuple[Alternative, ...]:
+    """Return the next cheaper preset, and the cheapest of those that are better.
+
+    Args:
+        depth_m: Where the press ended [m].
+        wall_s: What it took [s].
+    """
+    order = presets_by_cost()
+    errors = {p: _error(replace(scene, preset=p), depth_m) for p in order}
+    ranks = {p: typical_error(p) if errors[p] is None else errors[p] or 0.0 for p in order}
+    cheaper = order[: order.index(scene.preset)][-1:]
+    better = tuple(p for p in order if ranks[p] < ranks[scene.preset])[:1]
+    return tuple(
+        Alternative(
+            role=role,
+            preset=preset.value,
+            error_relative=errors[preset],
+            time_ratio=time_ratio(preset, scene.preset),
+            wall_s=time_ratio(preset, scene.preset) * wall_s,
+        )
+        for role, presets in (("cheaper", cheaper), ("better", better))
+        for preset in presets
+    )
+
+
+def _error(scene: Scene, depth_m: float) -> float | None:
+    return expected_error(scene, plan_effects(scene), depth_m=depth_m)[0]

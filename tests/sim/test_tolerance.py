@@ -1,0 +1,118 @@
+"""The preset that a tolerance chooses, and what its neighbours would have cost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.effects import plan_effects
+from sim.force_error import force_error, time_ratio
+from sim.indenter import Cylinder, Plane, Sphere
+from sim.scene import ContactMode, Preset, Scene, Target
+from sim.sensor import load_sensor
+from sim.tolerance import (
+    Tolerance,
+    alternatives,
+    expected_error,
+    keeping,
+    presets_by_cost,
+)
+from tacauchy_rig.errors import ConfigError
+
+GEL = load_sensor("gelsight-mini")
+SCENE = Scene(
+    pad=GEL.pad,
+    material=GEL.material,
+    indenter=Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
+    target=Target(depth_m=0.5e-3),
+)
+BALL = replace(SCENE, indenter=Sphere(diameter_m=10e-3))
+
+
+@given(
+    scene=st.sampled_from([SCENE, BALL]),
+    depth_m=st.floats(0.1e-3, 0.8e-3),
+    allowed=st.floats(0.015, 0.5),
+)
+def test_the_choice_is_the_cheapest_that_is_believed_to_keep_it(
+    scene: Scene, depth_m: float, allowed: float
+) -> None:
+    """Mesh and effects left out stay within it together; everything cheaper would not."""
+    scene = replace(scene, target=Target(depth_m=depth_m))
+    chosen = keeping(scene, Tolerance(relative=allowed))
+    error, _ = expected_error(chosen, plan_effects(chosen), depth_m=depth_m)
+    assert error is not None
+    assert error <= allowed * (1.0 + 1e-12)
+    order = presets_by_cost()
+    for cheaper in order[: order.index(chosen.preset)]:
+        other, _ = force_error(replace(scene, preset=cheaper))
+        assert other is None or other > allowed
+
+
+def test_newtons_are_taken_relative_to_the_force() -> None:
+    """0.05 N is another preset's business at 0.5 N than at 4 N."""
+    weak = replace(SCENE, target=Target(force_n=0.5))
+    strong = replace(SCENE, target=Target(force_n=4.0))
+    order = presets_by_cost()
+    cheap, dear = (keeping(s, Tolerance(force_n=0.08)).preset for s in (weak, strong))
+    assert order.index(cheap) < order.index(dear)
+
+
+def test_what_no_preset_keeps_is_refused_with_the_best() -> None:
+    """The message names the nearest preset and what it promises."""
+    with pytest.raises(ConfigError) as refused:
+        keeping(SCENE, Tolerance(relative=1e-5))
+    assert f"preset {Preset.REFERENCE}" in refused.value.message
+    assert "--preset reference" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [replace(SCENE, indenter=Plane()), replace(SCENE, contact=ContactMode.BONDED)],
+    ids=["plane", "bonded"],
+)
+def test_nothing_is_promised_where_nothing_was_measured(scene: Scene) -> None:
+    """No preset is chosen by guess; the message says what was not measured."""
+    with pytest.raises(ConfigError, match="measured"):
+        keeping(scene, Tolerance(relative=0.05))
+
+
+@pytest.mark.parametrize(
+    ("relative", "force_n"), [(None, None), (0.1, 0.1), (0.0, None), (None, -1.0)]
+)
+def test_a_tolerance_is_one_number_above_zero(
+    relative: float | None, force_n: float | None
+) -> None:
+    """Neither none, nor two, nor nothing at all."""
+    with pytest.raises(ConfigError):
+        Tolerance(relative=relative, force_n=force_n)
+
+
+@pytest.mark.parametrize("preset", list(Preset))
+def test_neighbours_are_cheaper_and_better(preset: Preset) -> None:
+    """The cheaper one costs less, the better one errs less; times follow the ratios."""
+    scene = replace(SCENE, preset=preset)
+    own, _ = force_error(scene)
+    found = {each.role: each for each in alternatives(scene, depth_m=0.5e-3, wall_s=10.0)}
+    assert own is not None
+    if "cheaper" in found:
+        assert found["cheaper"].time_ratio < 1.0
+    if "better" in found:
+        assert (found["better"].error_relative or 0.0) < own
+    for each in found.values():
+        assert each.wall_s == pytest.approx(10.0 * each.time_ratio)
+        assert each.time_ratio == time_ratio(Preset(each.preset), preset)
+    ends = {presets_by_cost()[0]: {"better"}, Preset.REFERENCE: {"cheaper"}}
+    assert set(found) == ends.get(preset, {"cheaper", "better"})
+
+
+def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
+    """A bonded press on preset balanced: accurate is next, with an unknown error."""
+    bonded = replace(SCENE, contact=ContactMode.BONDED)
+    found = {each.role: each for each in alternatives(bonded, depth_m=0.5e-3, wall_s=1.0)}
+    assert found["better"].preset == Preset.ACCURATE
+    assert found["better"].error_relative is None
+    assert "force error unknown" in str(found["better"])
