@@ -26,19 +26,21 @@ class Training:
 
 
 def training() -> tuple[Training, ...]:
-    """Return the presses that the table is made of; each kind's first on preset reference too."""
+    """Return the presses that the table is made of; each kind's first on preset reference too.
+
+    Under a sharp rim stress is singular, its meshes are the largest, and no limit was found in an
+    acceptable time: such a punch is not in the table.
+    """
     punch, blunt = (
         Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
         Cylinder(diameter_m=4e-3, fillet_m=0.3e-3),
     )
     large, small = Sphere(diameter_m=15e-3), Sphere(diameter_m=8e-3)
-    sharp = Cylinder(diameter_m=5e-3)
     return (
         _training(punch, depth_m=0.7e-3, poisson=0.48, finest=Preset.REFERENCE),
         _training(blunt, depth_m=0.3e-3, poisson=0.45, finest=Preset.ACCURATE),
         _training(large, depth_m=0.7e-3, poisson=0.48, finest=Preset.REFERENCE),
         _training(small, depth_m=0.3e-3, poisson=0.45, finest=Preset.ACCURATE),
-        _training(sharp, depth_m=0.3e-3, poisson=0.48, finest=Preset.ACCURATE),
     )
 
 

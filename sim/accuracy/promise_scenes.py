@@ -53,9 +53,9 @@ HELD_OUT = (
         tolerance=Tolerance(relative=0.02),
     ),
     Promise(
-        name="5 mm punch, 0.1 mm fillet, nu 0.48, to 1.8 N",
+        name="5 mm punch, 0.15 mm fillet, nu 0.47, to 1.8 N",
         scene=_gelsight(
-            Cylinder(diameter_m=5e-3, fillet_m=0.1e-3), Target(force_n=1.8), poisson=0.48
+            Cylinder(diameter_m=5e-3, fillet_m=0.15e-3), Target(force_n=1.8), poisson=0.47
         ),
         tolerance=Tolerance(force_n=0.05),
     ),
@@ -92,18 +92,18 @@ HELD_OUT = (
         tolerance=Tolerance(force_n=0.02),
     ),
     Promise(
-        name="sharp 4 mm punch, disc 4 mm, nu 0.46, 0.2 mm deep",
+        name="4 mm punch, 0.2 mm fillet, disc 4 mm, nu 0.46, 0.5 mm deep",
         scene=Scene(
             pad=_DISC,
             material=Material(young_pa=2e5, poisson=0.46),
-            indenter=Cylinder(diameter_m=4e-3),
-            target=Target(depth_m=0.2e-3),
+            indenter=Cylinder(diameter_m=4e-3, fillet_m=0.2e-3),
+            target=Target(depth_m=0.5e-3),
         ),
         tolerance=Tolerance(relative=0.1),
     ),
     Promise(
-        name="sharp 6 mm punch, nu 0.47, 0.4 mm deep",
-        scene=_gelsight(Cylinder(diameter_m=6e-3), Target(depth_m=0.4e-3), poisson=0.47),
+        name="9 mm ball, nu 0.4, 0.5 mm deep",
+        scene=_gelsight(Sphere(diameter_m=9e-3), Target(depth_m=0.5e-3), poisson=0.4),
         tolerance=Tolerance(relative=0.05),
     ),
 )

@@ -17,12 +17,11 @@ from sim.accuracy.preset_errors import measure_preset_errors, training
 from sim.accuracy.study import Row, Study, error_bar, study
 from sim.accuracy.tables import study_section
 from sim.elements import ElementOrder
-from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.geometry import ImageArray
 from sim.optics.height_map import HeightMaps
-from sim.optics.render import TactileRenderer
-from sim.sensor import Sensor, load_sensor
+from sim.sensor import load_sensor
 from tacauchy_rig.cli.accuracy_page import PROMISES, study_name, write_page
-from tacauchy_rig.cli.optics import nominal_model
+from tacauchy_rig.cli.nominal_renderer import GREY_LEVEL, NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.pipeline import camera_geometry
@@ -31,7 +30,6 @@ from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
 
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
-_GREY_LEVEL = 110
 _PANELS = (
     Panel(quantity="force", title="$F_z$ at equal depth"),
     Panel(quantity="depth", title="Depth at equal $F_z$"),
@@ -86,7 +84,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         scene,
         [reseeded(each, seed) for each in (FULL if full else SHORT)],
         camera_geometry(gel),
-        render=_Renderer(gel),
+        render=NominalRenderer(gel),
         similarity=_similarity,
         reference=reseeded(REFERENCE if full else SHORT_REFERENCE, seed),
         on_progress=lambda text: complain(f"  {text}"),
@@ -125,24 +123,9 @@ def _judge_promises(out: Path) -> dict[str, Any]:
     return facts
 
 
-class _Renderer:
-    """The image that a sensor's nominal optics give over an evenly grey no-contact frame."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._model = nominal_model(sensor)
-        self._geometry: CameraGeometry = camera_geometry(sensor)
-
-    def __call__(self, maps: HeightMaps) -> ImageArray:
-        shape = (self._geometry.height, self._geometry.width, 3)
-        background = np.full(shape, _GREY_LEVEL, dtype=np.uint8)
-        return TactileRenderer(background, maps.rest, self._model, self._geometry).render(
-            maps.loaded
-        )
-
-
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
     inside = maps.contact
-    changes = [image.astype(np.float64)[inside] - _GREY_LEVEL for image in (exact, found)]
+    changes = [image.astype(np.float64)[inside] - GREY_LEVEL for image in (exact, found)]
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 

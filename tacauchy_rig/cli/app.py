@@ -11,6 +11,7 @@ import typer
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import calibrate, config_commands, emulate, session
 from tacauchy_rig.cli.accuracy import accuracy
+from tacauchy_rig.cli.bench import bench
 from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.effects_check import effects_check
 from tacauchy_rig.cli.fault_table import fault_table
@@ -39,6 +40,7 @@ app.command("export")(export)
 app.command("press")(press)
 app.command("plan")(plan)
 app.command("accuracy")(accuracy)
+app.command("bench")(bench)
 app.command("torture")(torture)
 app.command("verify")(verify)
 app.command("effects-check")(effects_check)

@@ -1,0 +1,144 @@
+"""What the benchmark measured, as tables."""
+
+from __future__ import annotations
+
+from sim.bench.frames import FRAME_COUNT, TRAVEL_M
+from sim.bench.growth import EXPONENT_WANTED, exponent, local_exponents
+from sim.bench.suite import Bench
+from sim.verification.section import Section
+
+_TIMES = "none: a time belongs to the machine and what else it does"
+
+
+def sections(found: Bench) -> list[Section]:
+    """Return the tables in the order of the page."""
+    return [_frames(found), _phases(found), _replays(found), _growth(found)]
+
+
+def _frames(found: Bench) -> Section:
+    first = found.frames[0]
+    return Section(
+        title="Frames a second",
+        columns=(
+            "preset",
+            "device",
+            "environments",
+            "tetrahedra",
+            "iterations",
+            "set-up [s]",
+            "frame [ms]",
+            "frames [1/s]",
+            f"frame over {first.preset}'s",
+            "peak memory [MiB]",
+        ),
+        rows=tuple(
+            (
+                row.preset,
+                row.device,
+                row.environments,
+                row.tet_count,
+                row.newton_iterations,
+                row.setup_s,
+                row.frame_ms,
+                row.frames_per_s,
+                row.frame_ms / first.frame_ms,
+                row.memory_mib,
+            )
+            for row in found.frames
+        ),
+        criterion=_TIMES,
+        passed=True,
+        note=f"An indenter travels {TRAVEL_M * 1e3:g} mm into the gel in {FRAME_COUNT} frames, "
+        "each an equilibrium. Memory is the process's peak so far."
+        + "".join(f" Not measured: {text}." for text in found.absent),
+    )
+
+
+def _phases(found: Bench) -> Section:
+    names = dict.fromkeys(row.name for row in found.phases)
+    presets = dict.fromkeys(row.preset for row in found.phases)
+    times = {(row.name, row.preset): row for row in found.phases}
+    return Section(
+        title="Parts of the work",
+        columns=(
+            "part",
+            *(f"{preset}, {what} [ms]" for preset in presets for what in ("median", "least")),
+        ),
+        rows=tuple(
+            (
+                name,
+                *(
+                    1e3 * seconds
+                    for preset in presets
+                    for seconds in (times[name, preset].median_s, times[name, preset].least_s)
+                ),
+            )
+            for name in names
+        ),
+        criterion=_TIMES,
+        passed=True,
+        note="Each alone, on the state at the end of a press. Assembly: energy, gradient and "
+        "Newton matrix of the elements. Contact: gaps, energy, forces and their sum at the nodes. "
+        "Solution: one right side. These are done about once a Newton iteration; the stress on the "
+        "surface, the height map and the image once a frame.",
+    )
+
+
+def _replays(found: Bench) -> Section:
+    first = found.replays[0]
+    return Section(
+        title="Replay of a run",
+        columns=("preset", "presses", "iterations", "time [s]", f"time over {first.preset}'s"),
+        rows=tuple(
+            (
+                row.preset,
+                row.trial_count,
+                row.newton_iterations,
+                row.wall_s,
+                row.wall_s / first.wall_s,
+            )
+            for row in found.replays
+        ),
+        criterion=_TIMES,
+        passed=True,
+        note="The forces of the dry run, met on one loading path, with mesh and fields, without "
+        "images.",
+    )
+
+
+def _growth(found: Bench) -> Section:
+    sizes = [float(row.tet_count) for row in found.growth]
+    spent = [row.cpu_s for row in found.growth]
+    each = [row.cpu_s / row.newton_iterations for row in found.growth]
+    power = exponent(sizes, spent)
+    steps = [None, *local_exponents(sizes, spent)]
+    return Section(
+        title="Growth with elements",
+        columns=(
+            "edges shorter by",
+            "tetrahedra",
+            "nodes",
+            "iterations",
+            "processor time [s]",
+            "of an iteration [ms]",
+            "exponent from the row above",
+        ),
+        rows=tuple(
+            (
+                row.refinement,
+                row.tet_count,
+                row.node_count,
+                row.newton_iterations,
+                row.cpu_s,
+                1e3 * iteration,
+                step,
+            )
+            for row, iteration, step in zip(found.growth, each, steps, strict=True)
+        ),
+        criterion=f"time grows no faster than the elements to the power of {EXPONENT_WANTED:g}",
+        passed=power <= EXPONENT_WANTED,
+        note=f"Fitted through all rows: time goes with the elements to the power of {power:.2f}, "
+        f"that of one iteration to the power of {exponent(sizes, each):.2f}. The same press with "
+        "the same settings on finer and finer meshes; processor time, so that a busy machine "
+        "changes it little.",
+    )

@@ -1,0 +1,82 @@
+"""``tacauchy-rig bench``: how long the simulator's work takes on this machine."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from reports.figures.bench import Growth, draw_bench
+from sim.bench.growth import EXPONENT_WANTED, exponent
+from sim.bench.suite import Bench, run_bench
+from sim.bench.tables import sections
+from sim.scene import Preset
+from sim.sensor import load_sensor
+from sim.verification.page import markdown
+from tacauchy_rig.cli.nominal_renderer import NominalRenderer
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.pipeline import camera_geometry
+from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
+from tacauchy_rig.cli.section_table import show_section
+from tacauchy_rig.cli.versions import machine, versions
+from tacauchy_rig.config.load import load_config
+
+_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
+
+
+def bench(
+    out: Annotated[Path, typer.Option("--out", help="Folder for figure, page and JSON.")] = Path(
+        "bench"
+    ),
+    sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
+    indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
+    json_file: JsonFile = None,
+) -> None:
+    """Time frames, their parts, a replay, and the growth with elements; minutes."""
+    writable_folder(out)
+    gel = load_sensor(sensor)
+    terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
+    found = run_bench(
+        scene_of(terms),
+        camera_geometry(gel),
+        NominalRenderer(gel),
+        load_config(None).config.protocol.force_targets,
+        on_progress=lambda text: complain(f"  {text}"),
+    )
+    tables = sections(found)
+    for section in tables:
+        show_section(section)
+    for text in found.absent:
+        say(f"not measured: {text}")
+    facts = {**asdict(found), "machine": machine(), "versions": versions()}
+    write_json(out / "bench.json", facts)
+    write_json(json_file, facts)
+    page = markdown(
+        tables,
+        title="Benchmark",
+        note=f"{indenter} into {sensor}.\n\n![Benchmark](bench.png)",
+        command=f"tacauchy-rig bench --out {out}",
+        versions=versions(),
+        machine=machine(),
+    )
+    write_text(out / "bench.md", page)
+    for file in (*_draw(found, out), out / "bench.json", out / "bench.md"):
+        say(str(file))
+
+
+def _draw(found: Bench, folder: Path) -> list[Path]:
+    parts: dict[str, dict[str, float]] = {}
+    for row in found.phases:
+        parts.setdefault(row.preset, {})[row.name] = 1e3 * row.median_s
+    sizes = [float(row.tet_count) for row in found.growth]
+    times = [row.cpu_s for row in found.growth]
+    batches = [(row.environments, row.frames_per_s) for row in found.frames if row.environments > 1]
+    return draw_bench(
+        parts,
+        Growth(sizes=sizes, times_s=times, exponent=exponent(sizes, times), limit=EXPONENT_WANTED),
+        batches,
+        folder=folder,
+    )

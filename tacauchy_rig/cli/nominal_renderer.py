@@ -1,0 +1,30 @@
+"""The image of a sensor's nominal optics over an evenly grey no-contact frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import HeightMaps
+from sim.optics.render import TactileRenderer
+from sim.sensor import Sensor
+from tacauchy_rig.cli.optics import nominal_model
+from tacauchy_rig.cli.pipeline import camera_geometry
+
+GREY_LEVEL = 110
+
+
+class NominalRenderer:
+    """Renders height maps as nobody has calibrated them."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._model = nominal_model(sensor)
+        self._geometry: CameraGeometry = camera_geometry(sensor)
+
+    def __call__(self, maps: HeightMaps) -> ImageArray:
+        """Return the image of the loaded gel."""
+        shape = (self._geometry.height, self._geometry.width, 3)
+        background = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+        return TactileRenderer(background, maps.rest, self._model, self._geometry).render(
+            maps.loaded
+        )

@@ -1,0 +1,112 @@
+"""The benchmark: what it counts and how it fits; no time is judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.bench.frames import FRAME_COUNT, FrameRow, travel
+from sim.bench.growth import exponent, growth, local_exponents
+from sim.bench.memory import peak_memory_mib
+from sim.bench.phases import phases
+from sim.bench.suite import Bench, ReplayRow
+from sim.bench.tables import sections
+from sim.indenter import Sphere
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import HeightMaps
+from sim.pad import DiscPad
+from sim.scene import Material, Preset, Scene, Target
+
+_SCENE = Scene(
+    pad=DiscPad(radius_m=9e-3, height_m=5e-3),
+    material=Material(young_pa=0.4e6, poisson=0.45),
+    indenter=Sphere(diameter_m=12e-3),
+    target=Target(depth_m=1e-3),
+    preset=Preset.FAST,
+)
+_GEOMETRY = CameraGeometry(
+    width=24,
+    height=24,
+    scale_x_m=0.5e-3,
+    scale_y_m=0.5e-3,
+    centre_x_px=11.5,
+    centre_y_px=11.5,
+)
+
+
+def _render(maps: HeightMaps) -> ImageArray:
+    return np.zeros((*maps.loaded.shape, 3), dtype=np.uint8)
+
+
+@given(
+    power=st.floats(0.2, 3.0),
+    factor=st.floats(1e-6, 1e3),
+    sizes=st.lists(st.integers(10, 10**6), min_size=2, max_size=6, unique=True),
+)
+def test_a_power_law_is_fitted_exactly(power: float, factor: float, sizes: list[int]) -> None:
+    """Fitted through all and between neighbours, the exponent is the law's."""
+    grown = sorted(float(size) for size in sizes)
+    times = [factor * size**power for size in grown]
+    assert exponent(grown, times) == pytest.approx(power, rel=1e-6)
+    for local in local_exponents(grown, times):
+        assert local == pytest.approx(power, rel=1e-4)
+
+
+def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
+    """Elements grow with refinement; every row is a press that converged."""
+    rows = growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.8))
+    assert rows[0].tet_count < rows[1].tet_count
+    assert all(row.newton_iterations > 0 and row.cpu_s > 0.0 for row in rows)
+
+
+@pytest.fixture(scope="module")
+def found() -> Bench:
+    """Return a benchmark of a coarse ball press; its replay is made up."""
+    frame = travel(_SCENE, Preset.FAST)
+    parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
+    return Bench(
+        frames=(frame, replace(frame, environments=8)),
+        phases=tuple(parts),
+        replays=(ReplayRow(preset="fast", trial_count=6, newton_iterations=60, wall_s=3.0),),
+        growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
+        absent=("nothing",),
+    )
+
+
+def test_frames_are_counted_over_all_environments(found: Bench) -> None:
+    """Eight environments in the same time: eight times the frames, an eighth of the time each."""
+    alone, eight = found.frames
+    assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
+    assert alone.frame_ms == pytest.approx(1e3 / alone.frames_per_s)
+    assert eight.frames_per_s == pytest.approx(8.0 * alone.frames_per_s)
+    assert isinstance(alone, FrameRow)
+    assert 0.0 < alone.memory_mib <= peak_memory_mib()
+
+
+def test_every_part_is_timed(found: Bench) -> None:
+    """The least time is not above the median, and each part was repeated."""
+    assert [row.name for row in found.phases] == [
+        "assembly",
+        "factorisation",
+        "solution",
+        "contact",
+        "stress",
+        "height map",
+        "rendering",
+    ]
+    for row in found.phases:
+        assert 0.0 < row.least_s <= row.median_s
+        assert row.repeats >= 3
+
+
+def test_tables_hold_every_row(found: Bench) -> None:
+    """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
+    tables = sections(found)
+    assert [len(table.rows) for table in tables] == [2, 7, 1, 2]
+    assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
+    assert "Not measured: nothing." in tables[0].note
+    assert "exponent" in tables[3].columns[-1]
