@@ -36,12 +36,14 @@ class CameraView:
         height: Image rows [px]; they run along the pad's y.
         pixel_m: Size of a pixel on the gel, x and y [m].
         centre_m: Point of the pad in the middle of the image, x and y [m].
+        crop: Part of the raw frame's width and height that is cut off at each border.
     """
 
     width: int
     height: int
     pixel_m: tuple[float, float]
     centre_m: tuple[float, float]
+    crop: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +99,7 @@ _DIMENSIONS = {
     "markers": dict.fromkeys(("pitch_x", "pitch_y", "radius"), Dimension.LENGTH),
 }
 _COUNTS = {"camera": ("width", "height"), "markers": ("columns", "rows")}
+_PLAIN = {"camera": ("crop",)}
 _OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
 
 
@@ -157,6 +160,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
             height=counts["camera.height"],
             pixel_m=(value("camera.pixel_x"), value("camera.pixel_y")),
             centre_m=(value("camera.centre_x"), value("camera.centre_y")),
+            crop=_crop(data["camera"], origin),
         ),
         markers=_markers(numbers, counts),
         optics=parse_optics(data, origin),
@@ -200,6 +204,16 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> 
     return tuple(layers)
 
 
+def _crop(section: dict[str, Any], origin: str) -> float:
+    value = section.get("crop", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 0.5:
+        raise ConfigError(
+            f"{origin}: camera.crop is {value!r}",
+            remedy="give the part of the frame cut off at each border, such as 0.15; 0 is none",
+        )
+    return float(value)
+
+
 def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid | None:
     if "markers.columns" not in counts:
         return None
@@ -215,7 +229,7 @@ def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
     known = {"name", "title", "lamps", "layers", "optics", "mesh", *_DIMENSIONS}
     keys = [key for key in data if key not in known]
     for section, dimensions in _DIMENSIONS.items():
-        allowed = {*dimensions, *_COUNTS.get(section, ())}
+        allowed = {*dimensions, *_COUNTS.get(section, ()), *_PLAIN.get(section, ())}
         if section == "pad" and "surface" in data.get("pad", {}):
             allowed = set(SURFACE_KEYS)
         keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]

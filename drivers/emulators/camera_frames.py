@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from drivers.emulators.camera_jpeg import DEFAULT_QUALITY, MCU_PX, JpegMosaic, Tiles
 from drivers.emulators.camera_noise import NoisePool
-from drivers.emulators.camera_stamp import STAMP_WIDTH_PX, draw_number
+from drivers.emulators.camera_stamp import STAMP_HEIGHT_PX, STAMP_WIDTH_PX, draw_number
 from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.markers import MarkerGrid
@@ -76,11 +76,11 @@ class FrameFactory:
         self._camera = GelCamera(
             plant.truth,
             view_of(plant.truth, width, height).scaled(self._factor),
-            dome_radius_m=plant.case.gel.dome_radius_m,
             markers=MarkerGrid() if markers else None,
         )
         self._random = random.Random(plant.truth.seed)  # noqa: S311 - noise, not a secret
         self._noise = NoisePool(plant.truth, width, height)
+        self._stamped = height * plant.truth.unit.crop >= STAMP_HEIGHT_PX
         self._lock = threading.Lock()
         self._contacts: OrderedDict[PressKey, _Contact | None] = OrderedDict()
         self._light_step = 0
@@ -120,7 +120,7 @@ class FrameFactory:
             self._forget_oldest()
 
     def compose(self, key: PressKey, number: int) -> bytes:
-        """Return the JPEG of ``key`` with ``number`` drawn in."""
+        """Return the JPEG of ``key``, with ``number`` drawn in where a border is cropped away."""
         versions, pick = self._versions, self._random.randrange
         tiles = [list(versions[pick(_VERSION_COUNT)][row]) for row in range(self.mosaic.rows)]
         with self._lock:
@@ -144,7 +144,8 @@ class FrameFactory:
     def _finish(self, tiles: Tiles, number: int) -> bytes:
         columns = -(-STAMP_WIDTH_PX // self.mosaic.tile_width)
         strip = self._noise.added(self._row_block(0)[:, : columns * self.mosaic.tile_width])
-        draw_number(strip, number)
+        if self._stamped:
+            draw_number(strip, number)
         tiles[0][:columns] = self.mosaic.tiles(strip)[0]
         return self.mosaic.splice(tiles)
 

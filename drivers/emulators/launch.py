@@ -12,11 +12,15 @@ from urllib.parse import urlsplit
 
 from drivers.emulators.emulated_process import EmulatedProcess
 from drivers.emulators.faults import Device, parse_fault, post_fault
+from drivers.emulators.plant.press_table import case_for, press_table
+from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
+from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import (
     CameraDriver,
     ForceSensorDriver,
+    IndenterKind,
     RigConfig,
     RobotDriver,
 )
@@ -100,6 +104,7 @@ class Emulation:
         camera_port: Port of the camera's stream; 0 takes a free one.
         follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
             the emulated world; needed when a sensor or camera is emulated and the robot is not.
+        unit: The make of sensor that is emulated; a GelSight Mini if None.
     """
 
     def __init__(
@@ -110,12 +115,14 @@ class Emulation:
         devices: frozenset[Device],
         camera_port: int = 0,
         follow_host: str | None = None,
+        unit: EmulatedUnit | None = None,
     ) -> None:
         self.config = config
         self.camera_port = camera_port
         self.folder = folder.resolve()
         self.devices = devices
         self.follow_host = follow_host
+        self.unit = unit or EmulatedUnit()
         self.processes: dict[str, EmulatedProcess] = {}
         self.addresses = EmulatedAddresses()
 
@@ -172,7 +179,11 @@ class Emulation:
         self.processes[device.value].wait_ready()
 
     def _start_all(self) -> EmulatedAddresses:
-        truth = write_truth(self.folder, draw_truth(self.config.emulation.seed))
+        world = draw_truth(self.config.emulation.seed, unit=self.unit)
+        truth = write_truth(self.folder, world)
+        if self.devices - {Device.ROBOT}:
+            # Made here once, which may take longer than a device may take to come up.
+            press_table(case_for(self._tip(), world.poisson, gel=self.unit.gel))
         SharedWorld.create(self.world_path).close()
         robot_host = port = url = None
         if Device.ROBOT in self.devices:
@@ -227,6 +238,12 @@ class Emulation:
             *("--height", str(camera.height), "--rate", f"{camera.rate:g}"),
             *("--port", str(self.camera_port), *self._plant(truth)),
         ]
+
+    def _tip(self) -> Tip:
+        indenter = self.config.indenter
+        if indenter.kind is IndenterKind.SPHERE:
+            return SphereTip(diameter_m=indenter.diameter)
+        return CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
 
     def _plant(self, truth: Path) -> list[str]:
         indenter = self.config.indenter

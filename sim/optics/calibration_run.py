@@ -124,7 +124,7 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     presses = _presses(request, scene)
     warnings = check_before(presses, scene.geometry, ball_radius_m=radius_m)
     log.info("cross-validating %d presses", len(presses))
-    terms = _exponents(request.sensor)
+    terms = exponents_for(request.sensor)
     folds = min(request.folds, len(presses))
     scores, held_out = cross_validate(presses, scene, folds=folds, exponents=terms)
     warnings += check_after(scores, held_out, scene)
@@ -148,7 +148,8 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     )
 
 
-def _exponents(sensor: Sensor) -> IntArray:
+def exponents_for(sensor: Sensor) -> IntArray:
+    """Return the terms that a sensor's optics are fitted with."""
     return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
 
 

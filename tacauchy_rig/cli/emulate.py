@@ -12,6 +12,8 @@ import typer
 
 from drivers.emulators.faults import Device, parse_fault, post_fault
 from drivers.emulators.launch import Emulation
+from sim.sensor import load_sensor
+from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.config.load import load_config
@@ -46,7 +48,10 @@ def start(
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    with Emulation(config, folder=place, devices=chosen, follow_host=follow) as emulation:
+    unit = emulated_unit(load_sensor(config.sensor.name))
+    with Emulation(
+        config, folder=place, devices=chosen, follow_host=follow, unit=unit
+    ) as emulation:
         found = emulation.addresses
         say(f"emulation folder  {place}")
         if found.robot_host:

@@ -145,8 +145,8 @@ class FaultBench:
         """Return a fresh gel like the one that is pressed."""
         indenter, truth = self.config.indenter, read_truth(self.emulation / TRUTH_FILE)
         tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
-        surface = Geometry(surface=self.config.sensor.surface)
-        return Plant(truth, case_for(tip, truth.poisson), surface)
+        surface = Geometry(surface=self.config.sensor.surface, pad_size_m=truth.unit.pad_size_m)
+        return Plant(truth, case_for(tip, truth.poisson, gel=truth.unit.gel), surface)
 
     def without_places(self, text: str) -> str:
         """Return a message without addresses and paths that are this case's alone."""

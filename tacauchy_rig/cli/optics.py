@@ -19,6 +19,7 @@ from drivers.emulators.plant.truth import read_truth
 from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
 from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.calibration_run import exponents_for
 from sim.optics.geometry import CameraGeometry
 from sim.optics.grey_depth import GreyDepthModel, nominal_grey
 from sim.optics.nominal import Lamp, nominal_photometric
@@ -67,12 +68,13 @@ def calibrate_folder(
         background=read_rgb(folder / NO_CONTACT).astype(np.float64),
         profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
     )
-    found = calibrate_optics(presses, scene)
+    terms = exponents_for(sensor)
+    found = calibrate_optics(presses, scene, exponents=terms)
     residual_px = None
     if places:
         fit = _fit_scale(presses, found, places, nominal)
         scene = replace(scene, geometry=replace(fit.geometry, crop_fraction=nominal.crop_fraction))
-        found = calibrate_optics(presses, scene)
+        found = calibrate_optics(presses, scene, exponents=terms)
         residual_px = fit.residual_px
         say(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"

@@ -193,6 +193,7 @@ def scored_geometry(sensor: Sensor) -> ImageGeometry:
     """Return how frames of a sensor become the images that are scored."""
     view = sensor.camera
     return ImageGeometry(
+        crop_fraction=view.crop,
         width_px=view.width,
         height_px=view.height,
         scale_x_m_px=view.pixel_m[0],
@@ -210,6 +211,7 @@ def camera_geometry(sensor: Sensor) -> CameraGeometry:
         scale_y_m=view.pixel_m[1],
         centre_x_px=0.5 * (view.width - 1) - view.centre_m[0] / view.pixel_m[0],
         centre_y_px=0.5 * (view.height - 1) - view.centre_m[1] / view.pixel_m[1],
+        crop_fraction=view.crop,
     )
 
 

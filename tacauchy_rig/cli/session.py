@@ -16,6 +16,7 @@ from protocols.abort_watch import AbortWatch
 from protocols.confirmation import confirmation_screen, expected_answer
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
+from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, console, say, write_json
@@ -144,7 +145,11 @@ def press(store: RunStore) -> SessionResult:
         if chosen:
             follow = config.robot.host if config.moves_real_hardware else None
             emulation = Emulation(
-                config, folder=store.paths.emulation, devices=chosen, follow_host=follow
+                config,
+                folder=store.paths.emulation,
+                devices=chosen,
+                follow_host=follow,
+                unit=emulated_unit(sensor_of(config)),
             )
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")

@@ -37,7 +37,9 @@ def plant_from_arguments(arguments: argparse.Namespace) -> Plant:
     tip: Tip = SphereTip(diameter_m=arguments.diameter_m)
     if arguments.tip == "cylinder":
         tip = CylinderTip(diameter_m=arguments.diameter_m, fillet_m=arguments.fillet_m)
-    return Plant(truth, case_for(tip, truth.poisson), Geometry(surface=arguments.surface_m))
+    unit = truth.unit
+    surface = Geometry(surface=arguments.surface_m, pad_size_m=unit.pad_size_m)
+    return Plant(truth, case_for(tip, truth.poisson, gel=unit.gel), surface)
 
 
 def _point(text: str) -> Vector3:

@@ -1,8 +1,8 @@
 """Finite-strain equilibrium of a disc of gel under a rigid tip of revolution.
 
 Nine-node quadrilaterals, full integration; frictionless unilateral contact by a stiff penalty on
-the distance to the tip; clamped base, free wall. Young's modulus is one, so forces come out in
-square metres and scale with the true modulus.
+the distance to the tip; clamped base, free wall. Young's modulus of the layer that is touched is
+one, so forces come out in square metres and scale with the true modulus.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class GelSolver:
     def __init__(self, mesh: QuadMesh, law: NeoHookean) -> None:
         self.mesh = mesh
         self.law = law
-        self._gradients, self._weights = _strain_operator(mesh)
+        self._gradients, measure = _strain_operator(mesh)
+        self._weights = measure * mesh.stiffness[:, None]
         self._dofs = (2 * mesh.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
         self._edge_dofs = (2 * mesh.top_edges[:, :, None] + np.arange(2)).reshape(-1, 6)
         self._edge_shape, self._edge_weights = _surface_quadrature(mesh)

@@ -19,7 +19,7 @@ from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.still import gel_view, render_press
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.view import CROP_PER_SIDE
+from drivers.emulators.plant.unit import EmulatedUnit
 
 BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0
@@ -27,9 +27,9 @@ NO_CONTACT = "no_contact.png"
 CIRCLES = "circles.csv"
 POSITIONS = "positions.csv"
 _RAW_SIZE = (640, 480)
-_SIZE = (320, 240)
 _DEPTHS_M = (0.25e-3, 0.8e-3)
-_REACH_M = (6.5e-3, 4.2e-3)
+_DEEPEST_SHARE = 0.25  # of the gel's thickness
+_REACH = (0.64, 0.55)  # of half the image
 
 
 def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> None:
@@ -43,19 +43,19 @@ def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> N
     """
     folder.mkdir(parents=True, exist_ok=True)
     tip = SphereTip(diameter_m=BALL_DIAMETER_M)
-    table = press_table(case_for(tip, truth.poisson))
+    table = press_table(case_for(tip, truth.poisson, gel=truth.unit.gel))
     view = gel_view(truth, _RAW_SIZE)
     hand = np.random.default_rng([truth.seed, 4])
     cv2.imwrite(str(folder / NO_CONTACT), _averaged(truth, tip))
     circles, positions = [], []
-    for number, (x, y, depth) in enumerate(_places(count), start=1):
+    for number, (x, y, depth) in enumerate(_places(count, truth.unit), start=1):
         place = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
         raw = render_press(truth, tip, depth, _RAW_SIZE, centre_m=place, noise_seed=number)
         name = f"press-{number:02d}.png"
-        cv2.imwrite(str(folder / name), _scored(raw))
+        cv2.imwrite(str(folder / name), _scored(raw, truth.unit))
         radius = float(np.interp(depth, table.depths, table.contact_radius))
-        column, row = _scored_pixel(*view.pixel(*place))
-        clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio()])
+        column, row = _scored_pixel(view.pixel(*place), truth.unit)
+        clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio(truth.unit)[0]])
         clicked += CLICK_ERROR_PX * hand.standard_normal(3)
         circles.append([name, *(f"{value:.2f}" for value in clicked)])
         positions.append([name, f"{x:.7f}", f"{y:.7f}"])
@@ -70,14 +70,19 @@ def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
         writer.writerows(rows)
 
 
-def _places(count: int) -> list[tuple[float, float, float]]:
+def _places(count: int, unit: EmulatedUnit) -> list[tuple[float, float, float]]:
     """Return x, y and depth [m] of each press, filling the image evenly (R2 sequence)."""
     plastic = 1.324717957244746
+    deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
+    reach_x, reach_y = (
+        share * 0.5 * size * pixel
+        for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
+    )
     found = []
     for k in range(1, count + 1):
         u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
-        depth = _DEPTHS_M[0] + w * (_DEPTHS_M[1] - _DEPTHS_M[0])
-        found.append(((2 * u - 1) * _REACH_M[0], (2 * v - 1) * _REACH_M[1], depth))
+        depth = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
+        found.append(((2 * u - 1) * reach_x, (2 * v - 1) * reach_y, depth))
     return found
 
 
@@ -87,25 +92,30 @@ def _averaged(truth: PlantTruth, tip: SphereTip, *, frames: int = 12) -> ImageAr
         render_press(truth, tip, 0.0, _RAW_SIZE, noise_seed=1000 + k).astype(np.float32)
         for k in range(frames)
     ]
-    return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8))
+    return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8), truth.unit)
 
 
-def _scored(raw: ImageArray) -> ImageArray:
-    left, top = _border()
+def _scored(raw: ImageArray, unit: EmulatedUnit) -> ImageArray:
+    left, top = _border(unit)
     cropped = raw[top : raw.shape[0] - top, left : raw.shape[1] - left]
-    scaled = cv2.resize(np.ascontiguousarray(cropped), _SIZE, interpolation=cv2.INTER_AREA)
+    scaled = cv2.resize(
+        np.ascontiguousarray(cropped), unit.image_size, interpolation=cv2.INTER_AREA
+    )
     return np.asarray(scaled, dtype=np.uint8)
 
 
-def _border() -> tuple[int, int]:
-    return math.floor(_RAW_SIZE[0] * CROP_PER_SIDE), math.floor(_RAW_SIZE[1] * CROP_PER_SIDE)
+def _border(unit: EmulatedUnit) -> tuple[int, int]:
+    return math.floor(_RAW_SIZE[0] * unit.crop), math.floor(_RAW_SIZE[1] * unit.crop)
 
 
-def _ratio() -> float:
-    return _SIZE[0] / (_RAW_SIZE[0] - 2 * _border()[0])
+def _ratio(unit: EmulatedUnit) -> tuple[float, float]:
+    (left, top), (columns, rows) = _border(unit), unit.image_size
+    return columns / (_RAW_SIZE[0] - 2 * left), rows / (_RAW_SIZE[1] - 2 * top)
 
 
-def _scored_pixel(column: float, row: float) -> tuple[float, float]:
-    left, top = _border()
-    ratio_y = _SIZE[1] / (_RAW_SIZE[1] - 2 * top)
-    return (column + 0.5 - left) * _ratio() - 0.5, (row + 0.5 - top) * ratio_y - 0.5
+def _scored_pixel(raw: tuple[float, float], unit: EmulatedUnit) -> tuple[float, float]:
+    column, row = (
+        (place + 0.5 - border) * ratio - 0.5
+        for place, border, ratio in zip(raw, _border(unit), _ratio(unit), strict=True)
+    )
+    return column, row

@@ -1,5 +1,7 @@
 """The emulated camera's own optics: three coloured lights shade the gel's painted underside.
 
+A sensor with a dark skin under clear gel is seen in grey instead (``translucent``).
+
 Every pixel is lit by lights beside the gel (Lambert, inverse power of the distance, a soft
 terminator because the real lights are bars), by a broad highlight (Blinn 1977), and by light that
 the gel scatters everywhere. Colours mix in the sensor's filters, and a gamma with a soft shoulder
@@ -18,13 +20,16 @@ from drivers.emulators.plant.arrays import ImageArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.markers import MarkerGrid, marker_reflectance
 from drivers.emulators.plant.relief import STEP_M, Relief, relief_of
+from drivers.emulators.plant.shading import visible_share
 from drivers.emulators.plant.texture import gel_texture
+from drivers.emulators.plant.translucent import scattered_light
 from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from drivers.emulators.plant.view import View
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
-_LIGHT_DISTANCE_M = 15.5e-3
-_LIGHT_HEIGHT_M = 3.4e-3
+_LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle
+_LIGHT_HEIGHT = 0.85  # of the gel's thickness
 _FALLOFF = 1.25
 _DIRECT = (0.70, 0.68, 0.77)
 _SCATTERED = (0.235, 0.240, 0.290)
@@ -65,17 +70,18 @@ class GelCamera:
         truth: PlantTruth,
         view: View,
         *,
-        dome_radius_m: float,
         markers: MarkerGrid | None = None,
     ) -> None:
         self.view = view
         self._markers = markers
-        self._dome_radius_m = dome_radius_m
+        self._unit = unit = truth.unit
+        self._dome_radius_m = unit.gel.dome_radius_m
         self._x, self._y = view.gel_points()
         self._lights = [
-            _Light(i, truth.light_gain[i], self._x, self._y) for i in range(len(_LIGHT_AZIMUTH))
+            _Light(i, truth.light_gain[i], unit, self._x, self._y)
+            for i in range(len(_LIGHT_AZIMUTH))
         ]
-        self._shade = _vignette(self._x, self._y) * gel_texture(view, seed=truth.seed)
+        self._shade = _vignette(self._x, self._y, unit) * gel_texture(view, seed=truth.seed)
         self._blur_px = _BLUR_M / view.m_per_px[0]
         self._response = _response_curve()
 
@@ -148,6 +154,7 @@ class GelCamera:
     ) -> SingleArray:
         rows, columns = region.bottom - region.top, region.right - region.left
         linear = np.empty((rows, columns, 3), np.float32)
+        seen = self._grey if self._unit.light is GelLight.TRANSLUCENT else self._coloured
         for band in _bands(rows, columns):
             part = Region(
                 left=region.left,
@@ -155,16 +162,26 @@ class GelCamera:
                 right=region.right,
                 bottom=region.top + band.stop,
             )
-            slope_x, slope_y, crease = self._slopes(
-                relief, self._x[part.slices], self._y[part.slices]
-            )
-            steepness = slope_x * slope_x + slope_y * slope_y
-            inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
-            normal = (-slope_x * inverse, -slope_y * inverse, inverse)
-            shade = self._shade[part.slices] * gain[band]
-            colours = [light.shaded(part, normal, crease) * shade for light in self._lights]
-            linear[band] = cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING)
+            linear[band] = seen(relief, part, self._shade[part.slices] * gain[band])
         return linear
+
+    def _grey(self, relief: Relief | None, part: Region, shade: SingleArray) -> SingleArray:
+        light = scattered_light(relief, self._x[part.slices], self._y[part.slices]) * shade
+        return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+
+    def _coloured(self, relief: Relief | None, part: Region, shade: SingleArray) -> SingleArray:
+        x, y = self._x[part.slices], self._y[part.slices]
+        slope_x, slope_y, crease = self._slopes(relief, x, y)
+        steepness = slope_x * slope_x + slope_y * slope_y
+        inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
+        normal = (-slope_x * inverse, -slope_y * inverse, inverse)
+        colours = []
+        for light in self._lights:
+            seen = None
+            if self._unit.shadows and relief is not None:
+                seen = visible_share(relief, x, y, light.toward(part))
+            colours.append(light.shaded(part, normal, crease, seen) * shade)
+        return np.asarray(cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING), np.float32)
 
     def _slopes(
         self, relief: Relief | None, x: SingleArray, y: SingleArray
@@ -192,16 +209,20 @@ class GelCamera:
 class _Light:
     """One coloured bar of lights, as each pixel sees it."""
 
-    def __init__(self, index: int, gain: float, x: SingleArray, y: SingleArray) -> None:
+    def __init__(
+        self, index: int, gain: float, unit: EmulatedUnit, x: SingleArray, y: SingleArray
+    ) -> None:
         azimuth = float(_LIGHT_AZIMUTH[index])
-        to_x = np.float32(_LIGHT_DISTANCE_M * np.cos(azimuth)) - x
-        to_y = np.float32(_LIGHT_DISTANCE_M * np.sin(azimuth)) - y
-        distance = _length(to_x, to_y, np.full_like(to_x, _LIGHT_HEIGHT_M))
-        near = (_LIGHT_DISTANCE_M / distance) ** np.float32(_FALLOFF)
+        away_m = _LIGHT_DISTANCE * max(unit.pad_size_m)
+        height_m = _LIGHT_HEIGHT * unit.gel.thickness_m
+        to_x = np.float32(away_m * np.cos(azimuth)) - x
+        to_y = np.float32(away_m * np.sin(azimuth)) - y
+        distance = _length(to_x, to_y, np.full_like(to_x, height_m))
+        near = (away_m / distance) ** np.float32(_FALLOFF)
         self._toward: tuple[SingleArray, ...] = (
             to_x / distance,
             to_y / distance,
-            np.float32(_LIGHT_HEIGHT_M) / distance,
+            np.float32(height_m) / distance,
         )
         x_half, y_half, z_half = *self._toward[:2], self._toward[2] + np.float32(1.0)
         length = _length(x_half, y_half, z_half)
@@ -210,21 +231,35 @@ class _Light:
         self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
         self._scattered = (np.sqrt(near) * np.float32(gain * _SCATTERED[index])).astype(np.float32)
 
+    def toward(self, region: Region) -> tuple[SingleArray, ...]:
+        """Return the unit vectors from the gel to the light in ``region``, by component."""
+        return tuple(part[region.slices] for part in self._toward)
+
     def shaded(
-        self, region: Region, normal: tuple[SingleArray, ...], crease: SingleArray
+        self,
+        region: Region,
+        normal: tuple[SingleArray, ...],
+        crease: SingleArray,
+        seen: SingleArray | None,
     ) -> SingleArray:
-        """Return the light that reaches the camera from each pixel of ``region``."""
+        """Return the light that reaches the camera from each pixel of ``region``.
+
+        Args:
+            region: Which pixels.
+            normal: Of the gel, by component.
+            crease: Share of extra scattered light.
+            seen: Share of the light that is not hidden; None is all of it.
+        """
         cosine = _dot(self._toward, normal, region)
         lit = 0.5 * (cosine + np.sqrt(cosine * cosine + np.float32(_TERMINATOR**2)))
         shine = np.maximum(_dot(self._half, normal, region), 0.0)
         for _ in range(4):
             shine = shine * shine
         window = region.slices
-        light: SingleArray = (
-            self._direct[window] * lit
-            + self._shine[window] * shine
-            + self._scattered[window] * (1.0 + crease)
-        )
+        direct: SingleArray = self._direct[window] * lit + self._shine[window] * shine
+        if seen is not None:
+            direct = direct * seen
+        light: SingleArray = direct + self._scattered[window] * (1.0 + crease)
         return light
 
 
@@ -246,8 +281,9 @@ def _bands(rows: int, columns: int) -> list[slice]:
     return [slice(top, min(top + height, rows)) for top in range(0, rows, height)]
 
 
-def _vignette(x: SingleArray, y: SingleArray) -> SingleArray:
-    shade = 1.0 - 0.12 * (x * x + y * y) / 12.5e-3**2
+def _vignette(x: SingleArray, y: SingleArray, unit: EmulatedUnit) -> SingleArray:
+    edge_m = 0.495 * max(unit.pad_size_m)
+    shade = 1.0 - 0.12 * (x * x + y * y) / edge_m**2
     return np.maximum(shade, 0.1).astype(np.float32)
 
 

@@ -31,6 +31,7 @@ _DEPTH_STEP_M = 4e-5
 _FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
 _POINTS_PER_EDGE = 4
 _CUT_LIMIT = 3
+_DEEPEST_SHARE = 0.4  # of the gel's thickness
 
 log = logging.getLogger(__name__)
 
@@ -100,11 +101,14 @@ class PressTable:
             return cls(**{name: content[name].astype(np.float64) for name in content.files})
 
 
-def case_for(tip: Tip, poisson: float) -> PressCase:
+def case_for(tip: Tip, poisson: float, *, gel: GelDisc | None = None) -> PressCase:
     """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
+    disc = gel or GelDisc()
+    deepest_m = _DEEPEST_SHARE * disc.thickness_m
     if isinstance(tip, CylinderTip):
-        return PressCase(tip=tip, poisson=poisson)
-    return PressCase(tip=tip, poisson=poisson, max_depth_m=min(1.5e-3, 0.32 * tip.diameter_m))
+        return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=min(1.0e-3, deepest_m))
+    depth_m = min(1.5e-3, 0.32 * tip.diameter_m, deepest_m)
+    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=depth_m)
 
 
 def press_table(case: PressCase) -> PressTable:
@@ -194,10 +198,15 @@ def _advance(
 
 def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
     """Return the items in order, with digits that survive a round trip through text."""
-    return [
-        (name, _rounded(value) if isinstance(value, dict) else f"{value:.9g}")
-        for name, value in sorted(values.items())
-    ]
+    found: list[tuple[str, Any]] = []
+    for name, value in sorted(values.items()):
+        if isinstance(value, dict):
+            found.append((name, _rounded(value)))
+        elif not isinstance(value, tuple):
+            found.append((name, f"{value:.9g}"))
+        elif value:  # a gel of one material has the name it had before there were layers
+            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
+    return found
 
 
 def _grading(case: PressCase) -> Grading:

@@ -17,11 +17,14 @@ class GelDisc:
         radius_m: Radius of the disc [m].
         thickness_m: Height of its highest point above the clamped base [m].
         dome_radius_m: Radius of the domed top [m]; inf is flat.
+        layers: From the base upwards, each with its share of the height and its modulus over that
+            of the uppermost; empty for a gel of one material.
     """
 
     radius_m: float = 12.9e-3
     thickness_m: float = 4.0e-3
     dome_radius_m: float = 134e-3
+    layers: tuple[tuple[float, float], ...] = ()
 
     def sag(self, radius: FloatArray) -> FloatArray:
         """Return how far the surface lies below its highest point at ``radius`` [m]."""
@@ -59,6 +62,7 @@ class QuadMesh:
         elements: Node numbers, lexicographic with r fastest, shape [element_count, 9].
         top_edges: Nodes of each element edge on the top, inwards to outwards, [edge_count, 3].
         base_nodes, axis_nodes: Nodes on z = 0 and on r = 0.
+        stiffness: Modulus of each element over that of the uppermost layer, [element_count].
     """
 
     nodes: FloatArray
@@ -66,6 +70,7 @@ class QuadMesh:
     top_edges: IntArray
     base_nodes: IntArray
     axis_nodes: IntArray
+    stiffness: FloatArray
 
     @property
     def top_nodes(self) -> IntArray:
@@ -81,9 +86,9 @@ def mesh_disc(disc: GelDisc, grading: Grading) -> QuadMesh:
     fine = np.linspace(g.fine_from_m, g.fine_to_m, fine_count + 1)
     outer = g.fine_to_m + _growing(g.fine_size_m, disc.radius_m - g.fine_to_m, g)
     radii = _with_midpoints(np.concatenate([inner[:-1], fine, outer[1:]]))
-    layers = _with_midpoints(
-        1.0 - _growing(g.top_size_m, disc.thickness_m, g)[::-1] / disc.thickness_m
-    )
+    rows = 1.0 - _growing(g.top_size_m, disc.thickness_m, g)[::-1] / disc.thickness_m
+    rows = _with_interfaces(rows, disc)
+    layers = _with_midpoints(rows)
     height = disc.thickness_m - disc.sag(radii)
     r = np.broadcast_to(radii, (layers.size, radii.size))
     nodes = np.stack([r.ravel(), np.outer(layers, height).ravel()], axis=-1)
@@ -99,7 +104,32 @@ def mesh_disc(disc: GelDisc, grading: Grading) -> QuadMesh:
         top_edges=np.stack([top[:-2:2], top[1:-1:2], top[2::2]], axis=-1),
         base_nodes=number[0],
         axis_nodes=number[:, 0],
+        stiffness=np.repeat(_row_stiffness(rows, disc), radii.size // 2),
     )
+
+
+def _with_interfaces(rows: FloatArray, disc: GelDisc) -> FloatArray:
+    """Move the nearest boundary between element rows onto each interface of the layers."""
+    moved = rows.copy()
+    for interface in _interfaces(disc):
+        moved[1 + int(np.argmin(np.abs(moved[1:-1] - interface)))] = interface
+    return moved
+
+
+def _row_stiffness(rows: FloatArray, disc: GelDisc) -> FloatArray:
+    middle = 0.5 * (rows[1:] + rows[:-1])
+    if not disc.layers:
+        return np.ones_like(middle)
+    ratios = np.array([ratio for _, ratio in disc.layers])
+    stiffness: FloatArray = ratios[np.searchsorted(_interfaces(disc), middle)]
+    return stiffness
+
+
+def _interfaces(disc: GelDisc) -> FloatArray:
+    """Return the relative heights at which one layer ends and the next begins."""
+    shares = np.array([share for share, _ in disc.layers])
+    interfaces: FloatArray = np.cumsum(shares)[:-1]
+    return interfaces
 
 
 def line_shape(points: FloatArray) -> tuple[FloatArray, FloatArray]:

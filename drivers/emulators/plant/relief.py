@@ -26,6 +26,7 @@ class Relief:
         slope: Radial slope beyond that of the dome, at multiples of ``STEP_M``.
         curvature: Radial curvature [1/m], likewise.
         inside: 1 in contact, 0 outside, likewise.
+        bulge: Height towards the camera over the unloaded gel [m], likewise.
     """
 
     centre: tuple[float, float]
@@ -34,6 +35,7 @@ class Relief:
     slope: SingleArray
     curvature: SingleArray
     inside: SingleArray
+    bulge: SingleArray
 
 
 def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None:
@@ -42,7 +44,8 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
         return None
     last = float(profile.radius[-1])
     radius = np.arange(0.0, last, STEP_M)
-    slope = _smoothed_slope(np.interp(radius, profile.radius, -profile.height))
+    height = np.interp(radius, profile.radius, -profile.height)
+    slope = _smoothed_slope(height)
     curvature = np.gradient(slope, STEP_M)
     inside = np.clip((profile.contact_radius - radius) / (2 * STEP_M) + 0.5, 0.0, 1.0)
     extra = slope - radius / dome_radius_m * (1.0 - inside)
@@ -57,7 +60,17 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
         slope=_ending_in_zero(extra[:end] * fade),
         curvature=_ending_in_zero(curvature[:end] * fade),
         inside=_ending_in_zero(inside[:end]),
+        bulge=_ending_in_zero((height - 0.5 * radius**2 / dome_radius_m)[:end] * fade),
     )
+
+
+def looked_up(relief: Relief, table: SingleArray, x: SingleArray, y: SingleArray) -> SingleArray:
+    """Return a relief's table at points of the gel, x and y from its centre [m]."""
+    dx, dy = x - np.float32(relief.centre[0]), y - np.float32(relief.centre[1])
+    radius = np.sqrt(dx * dx + dy * dy)
+    index = np.minimum(radius * np.float32(1.0 / STEP_M), table.size - 1).astype(np.int32)
+    found: SingleArray = table[index]
+    return found
 
 
 def _smoothed_slope(height: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.markers import MarkerGrid
 from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.press_table import case_for
-from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.view import View, view_of
@@ -80,11 +79,11 @@ def gel_view(truth: PlantTruth, size: tuple[int, int]) -> View:
 @lru_cache(maxsize=4)
 def _camera(truth: PlantTruth, size: tuple[int, int], markers: bool) -> GelCamera:
     view = view_of(truth, *size).scaled(rendering_factor(*size))
-    dome_radius_m = GelDisc().dome_radius_m
-    grid = MarkerGrid() if markers else None
-    return GelCamera(truth, view, dome_radius_m=dome_radius_m, markers=grid)
+    return GelCamera(truth, view, markers=MarkerGrid() if markers else None)
 
 
 @lru_cache(maxsize=8)
 def _plant(truth: PlantTruth, tip: Tip) -> Plant:
-    return Plant(truth, case_for(tip, truth.poisson), Geometry(surface=(0.0, 0.0, 0.0)))
+    unit = truth.unit
+    surface = Geometry(surface=(0.0, 0.0, 0.0), pad_size_m=unit.pad_size_m)
+    return Plant(truth, case_for(tip, truth.poisson, gel=unit.gel), surface)

@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drivers.emulators.plant.press_table import POISSON_STEPS
+from drivers.emulators.plant.unit import EmulatedUnit, unit_from_plain
 from tacauchy_rig.errors import ConfigError, RecordError
 
 TRUTH_FILE = "truth.json"
+_POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs a press table
+_POISSON_LIMIT = 0.49
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +43,7 @@ class PlantTruth:
         force_drift_n_s: Drift of Fz [N/s].
         cross_talk: Share of Fz that shows up in Fx and Fy.
         force_latency_s, camera_latency_s: From the pose to the first byte on the wire [s].
+        unit: The make of sensor that all this is drawn around.
     """
 
     seed: int
@@ -65,25 +68,34 @@ class PlantTruth:
     cross_talk: tuple[float, float]
     force_latency_s: float
     camera_latency_s: float
+    unit: EmulatedUnit = field(default_factory=EmulatedUnit)
 
 
-def draw_truth(seed: int, overrides: Mapping[str, Any] | None = None) -> PlantTruth:
+def draw_truth(
+    seed: int,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    unit: EmulatedUnit | None = None,
+) -> PlantTruth:
     """Draw a world; the same seed gives the same world in every process.
 
     Args:
         seed: Any non-negative integer.
         overrides: Field values that replace drawn ones, whatever the seed.
+        unit: The make of sensor; a GelSight Mini if None.
 
     Raises:
         ConfigError: An override names no field.
     """
+    make = unit or EmulatedUnit()
+    offset = _POISSON_OFFSETS[int(_uniform(seed, "poisson", 0, len(_POISSON_OFFSETS)))]
     pose_angle = _uniform(seed, "pose direction", -np.pi, np.pi)
     pose_length = _uniform(seed, "pose error", 1.0e-4, 3.0e-4)
     drift_sign = 1.0 if _uniform(seed, "drift sign", -1.0, 1.0) > 0.0 else -1.0
     drawn = PlantTruth(
         seed=seed,
-        young_pa=0.435e6 * (1.0 + 0.05 * _normal(seed, "young")),
-        poisson=POISSON_STEPS[int(_uniform(seed, "poisson", 0, len(POISSON_STEPS)))],
+        young_pa=make.young_pa * (1.0 + 0.05 * _normal(seed, "young")),
+        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
         relaxation_weights=(
             _uniform(seed, "relaxation fast", 0.02, 0.04),
             _uniform(seed, "relaxation slow", 0.03, 0.04),
@@ -117,6 +129,7 @@ def draw_truth(seed: int, overrides: Mapping[str, Any] | None = None) -> PlantTr
         cross_talk=(0.005 * _normal(seed, "talk x"), 0.005 * _normal(seed, "talk y")),
         force_latency_s=_uniform(seed, "force latency", 0.002, 0.006),
         camera_latency_s=_uniform(seed, "camera latency", 0.010, 0.035),
+        unit=make,
     )
     # Plain floats, so that a truth read back from its file is equal to the one drawn.
     drawn = _from_plain(json.loads(json.dumps(_to_plain(drawn))))
@@ -152,14 +165,14 @@ def read_truth(path: Path) -> PlantTruth:
 
 
 def _to_plain(truth: PlantTruth) -> dict[str, Any]:
-    return {field.name: getattr(truth, field.name) for field in fields(truth)}
+    return asdict(truth)
 
 
 def _from_plain(content: dict[str, Any]) -> PlantTruth:
     values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
     }
-    return PlantTruth(**values)
+    return PlantTruth(**{**values, "unit": unit_from_plain(content["unit"])})
 
 
 def _normal(seed: int, name: str) -> float:

@@ -10,10 +10,6 @@ from drivers.emulators.plant.arrays import SingleArray
 from drivers.emulators.plant.truth import PlantTruth
 from tacauchy_rig.errors import ConfigError
 
-CROP_PER_SIDE = 0.15
-NOMINAL_M_PER_PX = 0.0634e-3  # of the 320x240 image that is left after the crop
-_NOMINAL_SIZE = (320, 240)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
@@ -69,12 +65,14 @@ def view_of(truth: PlantTruth, width: int, height: int) -> View:
     if not (320 <= width <= 3280 and 240 <= height <= 2464):
         raise ConfigError(
             f"emulated camera: {width}x{height} px is not between 320x240 and 3280x2464",
-            remedy="give a 4:3 size in that range, for example 640x480",
+            remedy="give a size in that range, for example 640x480",
         )
-    kept = 1.0 - 2.0 * CROP_PER_SIDE
+    unit = truth.unit
+    kept = 1.0 - 2.0 * unit.crop
+    columns, rows = unit.image_size
     scale = (
-        NOMINAL_M_PER_PX * _NOMINAL_SIZE[0] / (kept * width) * (1.0 + truth.image_scale_error[0]),
-        NOMINAL_M_PER_PX * _NOMINAL_SIZE[1] / (kept * height) * (1.0 + truth.image_scale_error[1]),
+        unit.pixel_m[0] * columns / (kept * width) * (1.0 + truth.image_scale_error[0]),
+        unit.pixel_m[1] * rows / (kept * height) * (1.0 + truth.image_scale_error[1]),
     )
     return View(
         width=width,

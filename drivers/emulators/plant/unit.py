@@ -1,0 +1,65 @@
+"""Which sensor is emulated: the sizes that a lab reads off the thing it holds in its hand.
+
+Stiffness, light, place and scale of the emulated world are drawn around these; how the gel bends
+and what its camera sees are the emulator's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from drivers.emulators.plant.quad_mesh import GelDisc
+
+
+class GelLight(StrEnum):
+    """What the camera sees: painted gel lit from its sides, or a dark skin through clear gel."""
+
+    COLOURED = "coloured"
+    TRANSLUCENT = "translucent"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedUnit:
+    """One make of sensor; the defaults are a GelSight Mini.
+
+    Attributes:
+        name: For messages.
+        pad_size_m: Length along x and y [m].
+        gel: The disc of equal area that is pressed in its place.
+        young_pa: Nominal modulus of the layer that is touched [Pa].
+        poisson: Nominal Poisson's ratio.
+        image_size: Columns and rows of the image that is scored [px].
+        pixel_m: Nominal size of its pixels on the gel, x and y [m].
+        crop: Part of the raw frame's width and height that is cut off at each border.
+        light: How the gel is seen.
+        shadows: Whether dents hide the lights from the gel behind them.
+    """
+
+    name: str = "gelsight-mini"
+    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
+    gel: GelDisc = field(default_factory=GelDisc)
+    young_pa: float = 0.435e6
+    poisson: float = 0.48
+    image_size: tuple[int, int] = (320, 240)
+    pixel_m: tuple[float, float] = (0.0634e-3, 0.0634e-3)
+    crop: float = 0.15
+    light: GelLight = GelLight.COLOURED
+    shadows: bool = False
+
+
+def unit_from_plain(content: Mapping[str, Any]) -> EmulatedUnit:
+    """Read what ``dataclasses.asdict`` and JSON made of a unit.
+
+    Raises:
+        KeyError, TypeError, ValueError: It is not one.
+    """
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
+    }
+    gel = dict(content["gel"])
+    gel["layers"] = tuple((float(share), float(ratio)) for share, ratio in gel["layers"])
+    values["gel"], values["light"] = GelDisc(**gel), GelLight(content["light"])
+    return EmulatedUnit(**values)

@@ -1,0 +1,57 @@
+"""What the emulators need to know of a sensor's file to stand in for such a sensor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight
+from sim.pad import BoxPad
+from sim.sensor import Sensor
+from sim.sensor_optics import OpticsKind
+
+
+def emulated_unit(sensor: Sensor) -> EmulatedUnit:
+    """Return a unit of the sensor's sizes, with a disc of gel of the pad's area in its place.
+
+    Only what a lab could read off the sensor goes across: what the emulated gel and its optics are
+    really like is drawn from the seed, and what they look like is the emulator's own.
+    """
+    camera, optics = sensor.camera, sensor.optics
+    half_x, half_y = sensor.pad.half_extents()
+    touched = sensor.material.young_pa
+    return EmulatedUnit(
+        name=sensor.name,
+        pad_size_m=(2.0 * half_x, 2.0 * half_y),
+        gel=GelDisc(
+            radius_m=round(math.sqrt(4.0 * half_x * half_y / math.pi), 4),
+            thickness_m=_height(sensor),
+            dome_radius_m=_dome_radius(sensor),
+            layers=tuple(
+                (layer.share, layer.material.young_pa / touched) for layer in sensor.layers
+            ),
+        ),
+        young_pa=touched,
+        poisson=sensor.material.poisson,
+        image_size=(camera.width, camera.height),
+        pixel_m=camera.pixel_m,
+        crop=camera.crop,
+        light=(GelLight.TRANSLUCENT if optics.kind is OpticsKind.GREY_DEPTH else GelLight.COLOURED),
+        shadows=optics.shadow_softness_m is not None,
+    )
+
+
+def _height(sensor: Sensor) -> float:
+    middle = np.zeros(1)
+    return round(float(sensor.pad.height_at(middle, middle)[0]), 6)
+
+
+def _dome_radius(sensor: Sensor) -> float:
+    """Return the radius of the pad's mean curvature, to the millimetre [m]; inf is flat."""
+    pad = sensor.pad
+    if not isinstance(pad, BoxPad):
+        return math.inf
+    curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
+    return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
