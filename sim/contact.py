@@ -65,13 +65,15 @@ def surface_point(
 
 
 @wp.func
-def _barrier_curvature(s: wp.float64, extension: wp.float64) -> wp.float64:
+def barrier_curvature(s: wp.float64, extension: wp.float64) -> wp.float64:
+    """Return f''(s), where the parabola below ``extension`` goes on."""
     r = wp.max(s, extension)
     return wp.float64(1.0) / (r * r)
 
 
 @wp.func
-def _barrier_slope(s: wp.float64, extension: wp.float64) -> wp.float64:
+def barrier_slope(s: wp.float64, extension: wp.float64) -> wp.float64:
+    """Return f'(s), where the parabola below ``extension`` goes on."""
     r = wp.max(s, extension)
     return wp.float64(1.0) - wp.float64(1.0) / r + (s - r) / (r * r)
 
@@ -162,11 +164,11 @@ def force(
     if distance < settings.distance:
         s = distance / settings.distance
         scale = areas[f, q] * settings.stiffness / settings.distance
-        pull = n * (scale * _barrier_slope(s, settings.extension))
-        along = scale / settings.distance * _barrier_curvature(s, settings.extension)
+        pull = n * (scale * barrier_slope(s, settings.extension))
+        along = scale / settings.distance * barrier_curvature(s, settings.extension)
         stiffness = wp.outer(n, n) * along
         if curved:
-            slope = scale * _barrier_slope(s, settings.extension)
+            slope = scale * barrier_slope(s, settings.extension)
             stiffness += distance_curvature(body, x) * slope
     point_out[f, q] = x
     force_out[f, q] = pull
