@@ -31,9 +31,18 @@ class Device:
         """Return an array that a kernel fills."""
         return wp.empty(shape, dtype=kind, device=self.name)
 
-    def zeros(self, count: int, kind: Any) -> Any:
+    def zeros(self, shape: int | tuple[int, ...], kind: Any) -> Any:
         """Return an array that kernels add to."""
-        return wp.zeros(count, dtype=kind, device=self.name)
+        return wp.zeros(shape, dtype=kind, device=self.name)
+
+    @property
+    def is_gpu(self) -> bool:
+        """It is a CUDA device."""
+        return bool(wp.get_device(self.name).is_cuda)
+
+    def synchronise(self) -> None:
+        """Wait until everything launched is done."""
+        wp.synchronize_device(self.name)
 
     def launch(
         self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]

@@ -28,6 +28,7 @@ class Model:
         device: Warp device, ``cpu`` or ``cuda:0``.
 
     Attributes:
+        discretisation: Nodes, elements and surface that all this stands on.
         young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness: a
             softer one would leave the barrier's pressure on a stiff skin short of what it needs.
         poisson: nu of that layer.
@@ -55,6 +56,7 @@ class Model:
         self.device = device
         self.contact_options = contact_options or ContactOptions()
         pad = discretise(mesh, order=order, face_splits=self.contact_options.face_splits)
+        self.discretisation = pad
         self.reference, self.pattern = pad.reference, pad.pattern
         self.nodes, self.elements, self.clamped = pad.nodes, pad.elements, pad.clamped
         self.faces, self.face_parents = pad.faces, pad.face_parents

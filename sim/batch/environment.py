@@ -1,0 +1,113 @@
+"""What the environments of a batch have of their own, what they share, and what they give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Environment:
+    """One press of a batch.
+
+    Attributes:
+        young_pa: E [Pa] of the gel.
+        poisson: nu of the gel.
+        depths_m: Depth of every frame below first touch [m], growing; or none, and
+        loads_n: Force F_z that pushes the indenter in every frame [N], growing.
+        offset_m: Where the indenter comes down beside the pilot's place, x and y [m].
+        rotation: Indenter frame to pad frame, shape [3, 3].
+    """
+
+    young_pa: float
+    poisson: float
+    depths_m: FloatArray | None = None
+    loads_n: FloatArray | None = None
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        if (self.depths_m is None) == (self.loads_n is None):
+            raise ConfigError(
+                "an environment has both depths and loads, or neither",
+                remedy="give the one that is known, frame by frame",
+            )
+        course = self.course
+        if course.ndim != 1 or len(course) == 0 or np.diff(course, prepend=0.0).min() <= 0.0:
+            unit, scale = ("mm", 1e3) if self.is_displaced else ("N", 1.0)
+            shown = ", ".join(f"{scale * value:.4g}" for value in course.reshape(-1)[:8])
+            raise ConfigError(
+                f"the frames of an environment, {shown} {unit}, do not grow from above zero",
+                remedy="give growing depths or loads",
+            )
+
+    @property
+    def is_displaced(self) -> bool:
+        """Its depths are given, not its loads."""
+        return self.depths_m is not None
+
+    @property
+    def course(self) -> FloatArray:
+        """What is given frame by frame: depths [m] or loads [N]."""
+        given = self.depths_m if self.depths_m is not None else self.loads_n
+        return np.asarray(given, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchOptions:
+    """Settings of the solver.
+
+    Attributes:
+        residual_relative: Residual norm over the contact force's norm.
+        forcing: Conjugate gradients end at this share of their first residual.
+        extension: Share of d_hat below which the barrier is a parabola. At 1 it is one altogether,
+            and gaps stay positive while the pressure is below 8 E.
+        search_max: Most steps of conjugate gradients for one of Newton.
+        newton_max: Most Newton steps for a frame.
+        halving_max: Most halvings of a Newton step.
+    """
+
+    residual_relative: float = 1e-6
+    forcing: float = 0.2
+    extension: float = 1.0
+    search_max: int = 100
+    newton_max: int = 40
+    halving_max: int = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchResult:
+    """What a batch gives; not a number where Newton gave up.
+
+    Attributes:
+        force_n: Force on the indenter, whole pad [N], shape [frame_count, environment_count, 3].
+        depth_m: Depth below first touch [m], shape [frame_count, environment_count].
+        residual: Norm of the unbalanced force over the contact force's, the same shape.
+        imbalance: Base reaction against the indenter's force, over the latter, the same shape.
+        gap_m: Smallest gap [m], the same shape.
+        evaluations: Forces, or stiffness times a direction, that each environment took.
+        wall_s: Time of the presses, without setting up.
+    """
+
+    force_n: FloatArray
+    depth_m: FloatArray
+    residual: FloatArray
+    imbalance: FloatArray
+    gap_m: FloatArray
+    evaluations: NDArray[np.int32]
+    wall_s: float
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which environments did not reach their last frame."""
+        return np.isnan(self.force_n[-1, :, 2])
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames of all environments over the time of the presses [1/s]."""
+        return float(np.isfinite(self.force_n[..., 2]).sum() / self.wall_s)
