@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.loading import PathPoint
 from sim.model import Model
+from sim.path_point import PathPoint
 
 _UP = np.array([0.0, 0.0, 1.0])
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.elements import linear_facets
 from sim.fold import Unfolding
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
 from sim.model import Model
+from sim.path_point import PathPoint
 from sim.stress import nodal_contact, surface_stress
 from sim.surface import SurfaceState
 from sim.vtu import QUADRATIC_TRIANGLE, TRIANGLE, vtu_bytes

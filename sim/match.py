@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
+from sim.path_point import PathPoint
 from tacauchy_rig.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40

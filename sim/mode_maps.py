@@ -10,7 +10,8 @@ from sim.arrays import FloatArray, IntArray
 from sim.contact_modes import contact_traction
 from sim.elements import linear_facets
 from sim.fields import top_faces
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
+from sim.path_point import PathPoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,8 @@ import numpy as np
 from sim.contact_modes import ContactSignature, contact_signature
 from sim.effects import plan_effects
 from sim.indenter import Cylinder, Sphere, describe
-from sim.loading import Hold, LoadingPath, PathPoint
+from sim.loading import Hold, LoadingPath
+from sim.path_point import PathPoint
 from sim.press import path_for
 from sim.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor import Sensor

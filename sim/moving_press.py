@@ -8,8 +8,9 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.dynamics import DynamicPress
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
 from sim.newton import Equilibrium
+from sim.path_point import PathPoint
 from sim.scene import Scene
 from tacauchy_rig.errors import ConfigError
 

@@ -11,10 +11,11 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects import EffectPlan, plan_effects
 from sim.gravity import weight
-from sim.loading import Hold, LoadingPath, PathPoint
+from sim.loading import Hold, LoadingPath
 from sim.match import find_force
 from sim.model import Model
 from sim.moving_press import moving_press
+from sim.path_point import PathPoint
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene
 from sim.stress import surface_stress

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.loading import PathPoint
 from sim.model import Model
+from sim.path_point import PathPoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,9 +10,10 @@ import numpy as np
 
 from sim.effects import plan_effects
 from sim.fields import surface_state
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps, height_maps
+from sim.path_point import PathPoint
 from sim.press import path_for
 from sim.scene import Preset, Scene
 from sim.stress import surface_stress

@@ -8,8 +8,9 @@ import numpy as np
 
 from sim.elements import ElementOrder
 from sim.hard_cases.pads import BALL, BARRIER_M, pad_model, round_mesh
-from sim.loading import Hold, LoadingPath, PathPoint
+from sim.loading import Hold, LoadingPath
 from sim.model import Model
+from sim.path_point import PathPoint
 from sim.press import contact_measures
 from sim.state import ContactOptions, Grip
 

@@ -11,8 +11,9 @@ from sim.contact_modes import contact_signature
 from sim.hard_cases.case import HardCase, Outcome
 from sim.hard_cases.pads import DISC, HEIGHT_M, pad_model, round_mesh
 from sim.indenter import Plane, Sphere
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
 from sim.pad import DiscPad
+from sim.path_point import PathPoint
 from sim.press import contact_measures
 from sim.state import ContactOptions
 
