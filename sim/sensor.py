@@ -1,4 +1,4 @@
-"""Sensors: one TOML file each, every number with its uncertainty and source."""
+"""Sensors: one TOML file each."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sim.filling import Filling
 from sim.layers import interface_shares
 from sim.pad import BoxPad, Pad
 from sim.scene import Layer, Material
+from sim.sensor_numbers import (
+    DIMENSIONS,
+    MATERIAL,
+    Measured,
+    read_counts,
+    read_number,
+    read_numbers,
+    refuse_unknown,
+)
 from sim.sensor_optics import SensorOptics, parse_optics
-from sim.sensor_pad import SURFACE_KEYS, filling_of, surface_of
+from sim.sensor_pad import filling_of, surface_of
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
-    """A number of a sensor file, SI, with its standard uncertainty and where it is from."""
-
-    value: float
-    uncertainty: float
-    source: str
+from tacauchy_rig.quantities import Dimension
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,20 +89,6 @@ class Sensor:
         return worst.uncertainty / worst.value, worst.source
 
 
-_MATERIAL = {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO}
-_DIMENSIONS = {
-    "pad": dict.fromkeys(
-        ("size_x", "size_y", "height", "dome_radius_x", "dome_radius_y"), Dimension.LENGTH
-    ),
-    "material": _MATERIAL,
-    "camera": dict.fromkeys(("pixel_x", "pixel_y", "centre_x", "centre_y"), Dimension.LENGTH),
-    "markers": dict.fromkeys(("pitch_x", "pitch_y", "radius"), Dimension.LENGTH),
-}
-_COUNTS = {"camera": ("width", "height"), "markers": ("columns", "rows")}
-_PLAIN = {"camera": ("crop",)}
-_OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
-
-
 def sensor_names() -> list[str]:
     """Return the names of the built-in sensors."""
     folder = resources.files("sim.sensors")
@@ -141,9 +127,9 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
-    _refuse_unknown(data, origin)
-    numbers = _numbers(data, origin)
-    counts = _counts(data, origin)
+    refuse_unknown(data, origin)
+    numbers = read_numbers(data, origin)
+    counts = read_counts(data, origin)
 
     def value(key: str) -> float:
         return numbers[key].value
@@ -172,19 +158,19 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
 def _pad(section: dict[str, Any], numbers: dict[str, Measured], origin: str, folder: Path) -> Pad:
     if "surface" in section:
         return surface_of(section, origin=origin, folder=folder)
-    sizes = [name for name in _DIMENSIONS["pad"] if f"pad.{name}" in numbers]
+    sizes = [name for name in DIMENSIONS["pad"] if f"pad.{name}" in numbers]
     given = {f"{name}_m": numbers[f"pad.{name}"].value for name in sizes}
     return BoxPad(**given)
 
 
 def _material(numbers: dict[str, Measured], name: str) -> Material:
-    young, poisson = (numbers[f"{name}.{key}"].value for key in _MATERIAL)
+    young, poisson = (numbers[f"{name}.{key}"].value for key in MATERIAL)
     return Material(young_pa=young, poisson=poisson)
 
 
 def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> tuple[Layer, ...]:
     """Read the layers from the base upwards and note their numbers."""
-    wanted = {"share": Dimension.RATIO, **_MATERIAL}
+    wanted = {"share": Dimension.RATIO, **MATERIAL}
     layers = []
     for index, entry in enumerate(data.get("layers", []), start=1):
         name = f"layers.{index}"
@@ -194,7 +180,7 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> 
                 remedy=f"give {', '.join(wanted)}, no more and no less",
             )
         for key, dimension in wanted.items():
-            numbers[f"{name}.{key}"] = _number(entry[key], f"{origin}: {name}.{key}", dimension)
+            numbers[f"{name}.{key}"] = read_number(entry[key], f"{origin}: {name}.{key}", dimension)
         share = numbers[f"{name}.share"].value
         layers.append(Layer(share=share, material=_material(numbers, name)))
     try:
@@ -223,67 +209,3 @@ def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid
         pitch_m=(numbers["markers.pitch_x"].value, numbers["markers.pitch_y"].value),
         radius_m=numbers["markers.radius"].value,
     )
-
-
-def _refuse_unknown(data: dict[str, Any], origin: str) -> None:
-    known = {"name", "title", "lamps", "layers", "optics", "mesh", *_DIMENSIONS}
-    keys = [key for key in data if key not in known]
-    for section, dimensions in _DIMENSIONS.items():
-        allowed = {*dimensions, *_COUNTS.get(section, ()), *_PLAIN.get(section, ())}
-        if section == "pad" and "surface" in data.get("pad", {}):
-            allowed = set(SURFACE_KEYS)
-        keys += [f"{section}.{key}" for key in data.get(section, {}) if key not in allowed]
-    missing = [key for key in ("name", "title", "pad", "camera") if key not in data]
-    if keys:
-        raise ConfigError(
-            f"{origin}: unknown {', '.join(keys)}", remedy="remove it or correct its spelling"
-        )
-    if missing:
-        raise ConfigError(f"{origin}: no {', '.join(missing)}", remedy="add what is missing")
-    if ("material" in data) == ("layers" in data):
-        found = "both material and layers" if "material" in data else "neither material nor layers"
-        raise ConfigError(
-            f"{origin}: {found}",
-            remedy="give [material] for a gel of one material, else one [[layers]] a layer",
-        )
-
-
-def _numbers(data: dict[str, Any], origin: str) -> dict[str, Measured]:
-    found: dict[str, Measured] = {}
-    for section, dimensions in _DIMENSIONS.items():
-        if section not in data or "surface" in data[section]:
-            continue
-        for key, dimension in dimensions.items():
-            name = f"{section}.{key}"
-            if key in data[section]:
-                found[name] = _number(data[section][key], f"{origin}: {name}", dimension)
-            elif name not in _OPTIONAL:
-                raise ConfigError(f"{origin}: no {name}", remedy="add it")
-    return found
-
-
-def _number(entry: Any, name: str, dimension: Dimension) -> Measured:
-    if not isinstance(entry, dict) or set(entry) != {"value", "uncertainty", "source"}:
-        raise ConfigError(
-            f"{name} needs a value, an uncertainty and a source",
-            remedy='write { value = "4 mm", uncertainty = "0.1 mm", source = "measured" }',
-        )
-    value, uncertainty = (
-        parse_quantity(str(entry[part]), dimension=dimension, field=f"{name}.{part}").value
-        for part in ("value", "uncertainty")
-    )
-    return Measured(value=value, uncertainty=uncertainty, source=str(entry["source"]))
-
-
-def _counts(data: dict[str, Any], origin: str) -> dict[str, int]:
-    found: dict[str, int] = {}
-    for section, keys in _COUNTS.items():
-        for key in keys if section in data else ():
-            count = data[section].get(key)
-            if not isinstance(count, int) or count < 1:
-                raise ConfigError(
-                    f"{origin}: {section}.{key} = {count!r} is not a whole number above 0",
-                    remedy="give a count such as 320",
-                )
-            found[f"{section}.{key}"] = count
-    return found
