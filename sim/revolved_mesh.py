@@ -45,14 +45,7 @@ def revolved_mesh(
         ConfigError: The axis stands outside the pad.
     """
     centre = np.array(centre_m)
-    margin = float(pad.distance_to_outline(centre[None, :])[0])
-    round_m = min(grading.end_m * 1.6, 0.5 * (margin + grading.end_m))
-    if margin <= grading.end_m:
-        raise ConfigError(
-            f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
-            f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
-            remedy="move the indenter inwards",
-        )
+    round_m = _round_radius(pad, grading, centre)
     fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
     start, end = _turn(fold)
     angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
@@ -66,22 +59,44 @@ def revolved_mesh(
         angles, reaches = angles[:-1], reaches[:-1]
     levels = tuple(share * pad.height_m for share in interface_shares)
     section = triangulate_half_section(mean_reach, pad.height_m, grading, levels_m=levels)
-    points = section.points
-    rings = np.stack(
-        [
-            _plan(points[:, 0], a, r, round_m, mean_reach)
-            for a, r in zip(angles, reaches, strict=True)
-        ]
-    )
-    plan = rings + centre
-    heights = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
-    vertices = np.concatenate([plan, heights[..., None]], axis=2)
+    rings = [
+        _plan(section.points[:, 0], angle, reach, round_m, mean_reach)
+        for angle, reach in zip(angles, reaches, strict=True)
+    ]
+    vertices = _raised(pad, np.stack(rings) + centre, section.points[:, 1])
+    on_axis = section.points[:, 0] <= 1e-12
     sectors = len(angles) if fold.copies == 1 else len(angles) - 1
-    tets, source = _revolve(section.triangles, points[:, 0] <= 1e-12, sectors, len(angles))
+    tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
     layers = section.layers[source] if interface_shares else None
-    vertices = vertices.reshape(-1, 3)
     vertices[fold.on_plane(vertices, mean_reach)] = 0.0
     return oriented(vertices, tets, name=name, fold=fold, layers=layers)
+
+
+def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:
+    """Return up to where circles about the axis stay circles [m].
+
+    Raises:
+        ConfigError: The axis stands outside the pad, or the indenter's edge does.
+    """
+    margin = float(pad.distance_to_outline(centre[None, :])[0])
+    if margin <= grading.end_m:
+        raise ConfigError(
+            f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
+            f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
+            remedy="move the indenter inwards",
+        )
+    return min(grading.end_m * 1.6, 0.5 * (margin + grading.end_m))
+
+
+def _raised(pad: ParametricPad, plan: FloatArray, heights: FloatArray) -> FloatArray:
+    """Return the vertices above a plan, their heights scaled to the pad's top [m].
+
+    Args:
+        plan: x and y of every ring [m], shape [ring_count, point_count, 2].
+        heights: In a pad that is ``pad.height_m`` high all over [m], shape [point_count].
+    """
+    z = pad.height_at(plan[..., 0], plan[..., 1]) * heights / pad.height_m
+    return np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
 
 
 def _turn(fold: Fold) -> tuple[float, float]:
