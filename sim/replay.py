@@ -76,8 +76,20 @@ def replay_forces(
         contact=contact,
         drive=drive,
     )
-    started = time.perf_counter()
     say(0, f"meshing {sensor.title}, preset {scene.preset.value}")
+    return _replay(scene, forces_n, tolerance=tolerance, say=say, name=name)
+
+
+def _replay(
+    scene: Scene,
+    forces_n: Sequence[float],
+    *,
+    tolerance: Tolerance | None,
+    say: Progress,
+    name: str,
+) -> tuple[Replay, list[TrialFields]]:
+    """Press to each force, the smallest first, on one path."""
+    started = time.perf_counter()
     plan = plan_effects(scene)
     path = path_for(scene, plan)
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
