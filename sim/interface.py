@@ -30,6 +30,8 @@ class InterfaceTraction:
         nodes: Nodes of the interface, shape [node_count].
         recovered_pa: Recovered traction on the upper side of the lower layer, shape [node_count,
             3].
+        recovered_above_pa: The same from the nodal forces of the layers above; equilibrium of the
+            nodes makes the two equal, but for weight.
         normals: Deformed unit normals, out of the lower layer.
         areas_m2: Deformed area of each point.
         below_pa: t = sigma n, sigma of the element below.
@@ -46,6 +48,7 @@ class InterfaceTraction:
 
     nodes: IntArray
     recovered_pa: FloatArray
+    recovered_above_pa: FloatArray
     normals: FloatArray
     areas_m2: FloatArray
     below_pa: FloatArray
@@ -57,6 +60,13 @@ class InterfaceTraction:
     force_above_n: FloatArray
     force_smooth_below_n: FloatArray
     force_smooth_above_n: FloatArray
+
+    @property
+    def recovered_jump_relative(self) -> float:
+        """Norm over the nodes of the recovered tractions' difference over that of the lower one."""
+        size = float(np.linalg.norm(self.recovered_pa))
+        jump = float(np.linalg.norm(self.recovered_above_pa - self.recovered_pa))
+        return jump / size if size > 0.0 else 0.0
 
     @property
     def jump_relative(self) -> float:
@@ -107,10 +117,13 @@ def _traction(
     )
     fold = model.mesh.fold
     nodes = np.unique(faces)
-    forces = _nodal_forces(model, positions, below)[nodes]
+    forces, forces_above = (
+        _nodal_forces(model, positions, side)[nodes] for side in (below, ~below)
+    )
     return InterfaceTraction(
         nodes=nodes,
         recovered_pa=_recovered(model, faces, areas, nodes, forces),
+        recovered_above_pa=_recovered(model, faces, areas, nodes, -forces_above),
         normals=normals,
         areas_m2=areas,
         below_pa=lower,

@@ -16,6 +16,7 @@ from sim.model import Model
 from sim.pad import DiscPad
 from sim.revolved_mesh import revolved_mesh
 from sim.scene import Layer, Material
+from sim.verification.interface import interface_press, interface_scene
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 
@@ -60,9 +61,11 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
     (interface,) = interface_traction(model, positions)
     modulus = 1e5 * 0.7 / (1.3 * 0.4)
     expected = modulus * strain / (1.0 + strain)
-    for side in (interface.below_pa, interface.above_pa):
+    smooth = (interface.smooth_below_pa, interface.smooth_above_pa)
+    for side in (interface.below_pa, interface.above_pa, *smooth):
         assert side[..., 2] == pytest.approx(expected, rel=5e-3)
     assert interface.jump_relative < 1e-2
+    assert interface.smooth_jump_relative < 1e-2
     assert interface.areas_m2.sum() * model.mesh.fold.copies == pytest.approx(
         np.pi * PAD.radius_m**2, rel=0.1
     )
@@ -78,6 +81,7 @@ def test_what_goes_through_is_what_is_pressed(ratio: float) -> None:
     assert np.hypot(*interface.force_n[:2]) < 1e-9 * force
     assert len(interface.recovered_pa) == len(interface.nodes)
     assert np.allclose(model.nodes[interface.nodes, 2], 2e-3)
+    assert interface.recovered_jump_relative < 1e-6
 
 
 def test_jump_shrinks_with_refinement() -> None:
@@ -85,7 +89,22 @@ def test_jump_shrinks_with_refinement() -> None:
     coarse, force, _ = pressed(layered_model(10.0))
     fine, fine_force, _ = pressed(layered_model(10.0, size_m=0.5e-3, sectors=24))
     assert fine.jump_relative < 0.75 * coarse.jump_relative
+    assert fine.smooth_jump_relative < 0.6 * coarse.smooth_jump_relative
+    assert fine.smooth_jump_relative < fine.jump_relative
+    assert fine.force_smooth_below_n[2] == pytest.approx(fine_force, rel=0.03)
+    assert fine.force_smooth_above_n[2] == pytest.approx(fine_force, rel=0.03)
     assert abs(fine.force_below_n[2] / fine_force - 1.0) < abs(coarse.force_below_n[2] / force - 1)
+
+
+def test_9dtact_carries_the_press_through_its_interface() -> None:
+    """A ball on the sensor itself: one traction by nodal forces, and two that come together."""
+    coarse, fine = (interface_press(interface_scene(), refinement=factor) for factor in (1.0, 1.5))
+    for found in (coarse, fine):
+        assert found.interface.recovered_jump_relative < 1e-6
+        assert found.interface.force_n[2] == pytest.approx(found.force_n, rel=1e-6)
+    assert fine.interface.smooth_jump_relative < 0.8 * coarse.interface.smooth_jump_relative
+    assert fine.interface.jump_relative < 0.6 * coarse.interface.jump_relative
+    assert max(map(abs, fine.sums_relative)) < 0.5 * max(map(abs, coarse.sums_relative))
 
 
 def test_one_layer_has_no_interface() -> None:
