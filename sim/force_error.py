@@ -81,8 +81,8 @@ def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | 
         return None, outside or f"no {kind} was measured on preset {scene.preset.value}"
     worst = max(near, key=lambda row: row.error)
     return worst.error, (
-        f"{kind}: largest of {len(near)} presses' differences from the limit of finer meshes, plus "
-        f"that limit's own doubt; worst: {worst.indenter}, nu {worst.poisson:g}, at "
+        f"{kind}: largest of {len(near)} differences from the limit of finer meshes, plus that "
+        f"limit's own doubt; worst: {worst.indenter}, nu {worst.poisson:g}, at "
         f"{worst.depth_m * 1e3:g} mm in a GelSight Mini"
     )
 
@@ -131,25 +131,29 @@ def indenter_kind(indenter: Indenter) -> str:
 
 
 def _near(kind: str, preset: Preset, depth: _Depth) -> list[ForceErrorRow]:
-    """Return the row of every measured press that is nearest on the safe side.
+    """Return the rows of every measured press that a press lies between.
 
-    A ball's mesh is made for a depth and coarse for a press less deep. A cylinder's is not, and its
-    error grows with the depth in the pad.
+    A ball's mesh is made for a depth, so that its shares count. A cylinder's is not, and its error
+    grows with the depth in the pad: the next deeper row is on the safe side.
     """
     presses: dict[tuple[str, float], list[ForceErrorRow]] = {}
     for row in _rows():
         if row.preset == preset.value and row.kind == kind:
             presses.setdefault((row.indenter, row.poisson), []).append(row)
-    follows_depth = kind == "sphere"
-    return [_safe(rows, depth, follows_depth=follows_depth) for rows in presses.values()]
+    around = _around if kind == "sphere" else _deeper
+    return [row for rows in presses.values() for row in around(rows, depth)]
 
 
-def _safe(rows: list[ForceErrorRow], depth: _Depth, *, follows_depth: bool) -> ForceErrorRow:
-    if follows_depth:
-        below = [row for row in rows if row.depth_share <= depth.mesh_share + _SAME]
-        return max(below, key=lambda row: row.depth_share, default=rows[0])
-    above = [row for row in rows if row.pad_share >= depth.pad_share - _SAME]
-    return min(above, key=lambda row: row.pad_share, default=rows[-1])
+def _around(rows: list[ForceErrorRow], depth: _Depth) -> list[ForceErrorRow]:
+    shares = [row.depth_share for row in rows]
+    low = max((s for s in shares if s <= depth.mesh_share + _SAME), default=min(shares))
+    high = min((s for s in shares if s >= depth.mesh_share - _SAME), default=max(shares))
+    return [row for row in rows if low <= row.depth_share <= high]
+
+
+def _deeper(rows: list[ForceErrorRow], depth: _Depth) -> list[ForceErrorRow]:
+    deeper = [row for row in rows if row.pad_share >= depth.pad_share - _SAME]
+    return [min(deeper, key=lambda row: row.pad_share, default=rows[-1])]
 
 
 @cache

@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 from sim.effect_estimates import expected_depth, expected_force
 from sim.effects import EffectPlan, plan_effects
 from sim.force_error import force_error, time_ratio, typical_error
-from sim.scene import Preset, Scene
+from sim.scene import Effect, Preset, Scene
 from tacauchy_rig.errors import ConfigError
+
+# Preset paper's error was measured with its linear element.
+_MEASURED_WITH = {Effect.LOCKING_FREE_ELEMENT}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +39,11 @@ class Tolerance:
         return self.force_n / force_n if force_n > 0.0 else float("inf")
 
     def __str__(self) -> str:
-        return f"{self.relative:.3g} of F_z" if self.force_n is None else f"{self.force_n:g} N"
+        return (
+            f"{1e2 * (self.relative or 0.0):g}% of F_z"
+            if self.force_n is None
+            else f"{self.force_n:g} N"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,10 +79,14 @@ def presets_by_cost() -> tuple[Preset, ...]:
 def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[float | None, str]:
     """Return the believed relative error of F_z, of the mesh and of what is left out; and why."""
     error, basis = force_error(scene, depth_m=depth_m)
-    if error is None or not plan.estimated_error:
+    left_out = sum(
+        row.estimated_error or 0.0
+        for row in plan.effects
+        if not row.on and not (scene.preset is Preset.PAPER and row.effect in _MEASURED_WITH)
+    )
+    if error is None or not left_out:
         return error, basis
-    left_out = f"{basis}; {plan.estimated_error:.2%} for effects left out"
-    return error + plan.estimated_error, left_out
+    return error + left_out, f"{basis}; {left_out:.2%} for effects left out"
 
 
 def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
@@ -101,13 +112,14 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     if not known:
         raise ConfigError(
             f"no preset promises {tolerance} here: {reason}",
-            remedy="choose one with --preset; `press --estimate-error` says what it was worth",
+            remedy="choose a preset instead; `press --estimate-error` says what it was worth",
         )
     best = min(known, key=lambda preset: known[preset])
+    nearest = f"{known[best]:.2%} ({known[best] * expected_force(scene):.2g} N)"
     raise ConfigError(
         f"no preset promises {tolerance}, {allowed:.2%} of the force expected; preset {best} comes "
-        f"nearest with {known[best]:.2%}",
-        remedy=f"allow {known[best]:.2%}, or take --preset {best}",
+        f"nearest with {nearest}",
+        remedy=f"allow {nearest}, or choose preset {best} without a tolerance",
     )
 
 

@@ -205,7 +205,7 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
             "young_pa": 435e3,
             "poisson": 0.48,
             "preset": "balanced",
-            "tolerance": "0.02 of F_z",
+            "tolerance": "2% of F_z",
             "force_error_largest_relative": 0.0123,
             "wall_s": 20.0,
             "alternatives": [

@@ -58,7 +58,7 @@ def test_summary_has_the_agreed_keys(written: ReportPaths) -> None:
 def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
     """The replay's own settings and its neighbours stand in one table, the unknown as a dash."""
     page = written.html.read_text("utf-8")
-    table = page[page.index("What this accuracy cost, chosen to keep 0.02 of F_z") :]
+    table = page[page.index("What this accuracy cost, chosen to keep 2% of F_z") :]
     table = table[: table.index("</table>")]
     assert re.search(r"this replay</td>.*balanced</td><td>1\.23</td><td>1\.00</td>", table)
     assert re.search(r"next cheaper</td>.*fast</td><td>3\.21</td><td>0\.25</td>", table)

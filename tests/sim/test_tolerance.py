@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim.effects import plan_effects
 from sim.force_error import force_error, time_ratio
 from sim.indenter import Cylinder, Plane, Sphere
-from sim.scene import ContactMode, Preset, Scene, Target
+from sim.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor import load_sensor
 from sim.tolerance import (
     Tolerance,
@@ -66,7 +66,7 @@ def test_what_no_preset_keeps_is_refused_with_the_best() -> None:
     with pytest.raises(ConfigError) as refused:
         keeping(SCENE, Tolerance(relative=1e-5))
     assert f"preset {Preset.REFERENCE}" in refused.value.message
-    assert "--preset reference" in refused.value.remedy
+    assert f"preset {Preset.REFERENCE}" in refused.value.remedy
 
 
 @pytest.mark.parametrize(
@@ -107,6 +107,18 @@ def test_neighbours_are_cheaper_and_better(preset: Preset) -> None:
         assert each.time_ratio == time_ratio(Preset(each.preset), preset)
     ends = {presets_by_cost()[0]: {"better"}, Preset.REFERENCE: {"cheaper"}}
     assert set(found) == ends.get(preset, {"cheaper", "better"})
+
+
+def test_the_papers_element_is_not_counted_twice() -> None:
+    """Its locking is in what was measured; on another preset linear elements come on top."""
+    paper = replace(SCENE, preset=Preset.PAPER)
+    papers, _ = expected_error(paper, plan_effects(paper), depth_m=0.5e-3)
+    assert papers == pytest.approx(force_error(paper)[0], rel=1e-3)
+    linear = replace(SCENE, preset=Preset.FAST, effects=((Effect.LOCKING_FREE_ELEMENT, False),))
+    error, basis = expected_error(linear, plan_effects(linear), depth_m=0.5e-3)
+    measured, _ = force_error(linear)
+    assert (error or 0.0) > (measured or 0.0) + 0.1
+    assert "effects left out" in basis
 
 
 def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
