@@ -142,10 +142,11 @@ class FrameFactory:
         self._renewed_rows = (self._renewed_rows + 1) % (_VERSION_COUNT * self.mosaic.rows)
 
     def _finish(self, tiles: Tiles, number: int) -> bytes:
+        if not self._stamped:
+            return self.mosaic.splice(tiles)
         columns = -(-STAMP_WIDTH_PX // self.mosaic.tile_width)
         strip = self._noise.added(self._row_block(0)[:, : columns * self.mosaic.tile_width])
-        if self._stamped:
-            draw_number(strip, number)
+        draw_number(strip, number)
         tiles[0][:columns] = self.mosaic.tiles(strip)[0]
         return self.mosaic.splice(tiles)
 

@@ -14,6 +14,7 @@ import numpy as np
 from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress, Circle, images_in, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
+from sim.optics.blur import BLUR_PX, fit_blur
 from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.calibration_figures import draw_coverage, draw_presses
 from sim.optics.cross_validation import CheckScores, check_presses, cross_validate
@@ -136,6 +137,7 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         others = read_ball_presses(request.check, _circle_table(request, request.check))
         checked, _ = check_presses(others, calibration, scene)
     provenance = _provenance(request, presses, scores)
+    provenance[BLUR_PX] = fit_blur(presses, calibration)
     written = _write(request.out, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
         cross_validation=scores,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -79,6 +79,18 @@ class CameraGeometry:
                 [self.scale_x_m * cosine, -turn * self.scale_y_m * sine],
                 [self.scale_x_m * sine, turn * self.scale_y_m * cosine],
             ]
+        )
+
+    def refined(self, samples: int) -> CameraGeometry:
+        """Return the same view with every pixel divided into ``samples`` x ``samples``."""
+        return replace(
+            self,
+            width=self.width * samples,
+            height=self.height * samples,
+            scale_x_m=self.scale_x_m / samples,
+            scale_y_m=self.scale_y_m / samples,
+            centre_x_px=(self.centre_x_px + 0.5) * samples - 0.5,
+            centre_y_px=(self.centre_y_px + 0.5) * samples - 0.5,
         )
 
     def to_pad(self, pixels: FloatArray) -> FloatArray:

@@ -108,10 +108,24 @@ def load_photometric(path: Path) -> PhotometricModel:
         ) from error
 
 
-def normalised_positions(height: int, width: int) -> Float32Array:
-    """Return u, v in [-1, 1] over columns and rows, shape [2, height * width]."""
-    v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+def normalised_positions(height: int, width: int, *, samples: int = 1) -> Float32Array:
+    """Return u, v over columns and rows, -1 and 1 in the middle of the first and last pixel.
+
+    Args:
+        height: Rows of the image.
+        width: Columns of the image.
+        samples: Into how many samples each pixel is divided both ways.
+
+    Returns:
+        Shape [2, height * width * samples^2].
+    """
+    v, u = np.meshgrid(_places(height, samples), _places(width, samples), indexing="ij")
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)
+
+
+def _places(count: int, samples: int) -> FloatArray:
+    beyond = (0.5 - 0.5 / samples) * 2.0 / max(count - 1, 1)
+    return np.linspace(-1.0 - beyond, 1.0 + beyond, count * samples)
 
 
 def _bounded(tilt: RealArray, limit: float) -> RealArray:

@@ -47,7 +47,7 @@ def fit_photometric(
     samples: PhotometricSamples,
     *,
     exponents: IntArray = BALL_EXPONENTS,
-    ridge: float = 4e-5,
+    ridge: float = 1e-5,
     provenance: Mapping[str, object] | None = None,
 ) -> PhotometricModel:
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.

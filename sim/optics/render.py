@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +36,10 @@ class TactileRenderer:
         model: Colour of a tilt.
         geometry: Pixels.
         shadows: Lamps that the dent hides; None where the sensor shows no shadows.
+        samples: Into how many samples each pixel is divided both ways: a pixel gathers the light
+            of its whole area, which at a sharp rim no single point stands for. Height maps are
+            then of ``geometry.refined(samples)``.
+        blur_px: Standard deviation of the camera's blur [px].
 
     Raises:
         ConfigError: An image or map has not the geometry's size.
@@ -48,13 +53,19 @@ class TactileRenderer:
         geometry: CameraGeometry,
         *,
         shadows: ShadowCaster | None = None,
+        samples: int = 1,
+        blur_px: float = 0.0,
     ) -> None:
         self._geometry = geometry
+        self._fine = geometry.refined(samples)
+        self._samples, self._blur_px = samples, blur_px
         self._shadows = shadows
         self._model = model
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
-        self._position = normalised_positions(geometry.height, geometry.width)
-        _check_shape("unloaded height map", rest_height.shape, background.shape[:2])
+        self._position = normalised_positions(geometry.height, geometry.width, samples=samples)
+        _check_shape(
+            "unloaded height map", rest_height.shape, (self._fine.height, self._fine.width)
+        )
         self._rest_height = rest_height
         levels = background.astype(np.float32).reshape(-1, 3).T
         self._base = levels - self._colour(rest_height)
@@ -74,16 +85,27 @@ class TactileRenderer:
         return np.ascontiguousarray(levels.T.astype(np.uint8).reshape(shape))
 
     def _colour(self, height: NDArray[np.floating]) -> RealArray:
-        tilt = surface_tilt(height, self._geometry).reshape(2, -1)
+        tilt = surface_tilt(height, self._fine).reshape(2, -1)
         indentation = (self._rest_height - height).astype(np.float32).ravel()
         change = self._model.evaluate(tilt, self._position, indentation)
-        if self._shadows is None:
-            return change
-        shape = self._rest_height.shape
-        taken = self._shadows.darkening(
-            indentation.reshape(shape), tilt.reshape(2, *shape), self._geometry
-        )
-        return np.asarray(change + taken.reshape(3, -1))
+        if self._shadows is not None:
+            shape = self._rest_height.shape
+            taken = self._shadows.darkening(
+                indentation.reshape(shape), tilt.reshape(2, *shape), self._fine
+            )
+            change = np.asarray(change + taken.reshape(3, -1))
+        return self._gathered(change)
+
+    def _gathered(self, change: RealArray) -> RealArray:
+        """Average the samples of each pixel and blur, shape [3, pixel_count]."""
+        height, width = self._geometry.height, self._geometry.width
+        if self._samples > 1:
+            split = change.reshape(3, height, self._samples, width, self._samples)
+            change = split.mean(axis=(2, 4))
+        if self._blur_px > 0.0:
+            planes = change.reshape(3, height, width)
+            change = np.stack([cv2.GaussianBlur(p, (0, 0), self._blur_px) for p in planes])
+        return np.asarray(change.reshape(3, -1))
 
 
 def render_tactile_image(

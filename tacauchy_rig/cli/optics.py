@@ -18,6 +18,7 @@ from drivers.emulators.plant.ball_presses import (
 from drivers.emulators.plant.truth import read_truth
 from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
+from sim.optics.blur import BLUR_PX, fit_blur
 from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.calibration_run import exponents_for
 from sim.optics.geometry import CameraGeometry
@@ -36,11 +37,12 @@ from tacauchy_rig.store.run_store import RunStore
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticalCalibration:
-    """Colour of a surface, where each pixel looks, and the lamps that cast shadows."""
+    """Colour of a surface, where each pixel looks, what casts shadows, the camera's blur [px]."""
 
     model: PhotometricModel | GreyDepthModel
     geometry: CameraGeometry
     shadows: ShadowCaster | None = None
+    blur_px: float = 0.0
 
 
 def calibrate_folder(
@@ -80,13 +82,15 @@ def calibrate_folder(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {len(places)} presses"
         )
+    blur_px = fit_blur(presses, found)
     source = {
+        BLUR_PX: blur_px,
         "source": f"{len(presses)} ball presses in {folder.name}",
         "ball_diameter_m": ball_diameter_m,
         "scale_residual_px": residual_px,
     }
     model = replace(found.model, provenance={**found.model.provenance, **source})
-    return OpticalCalibration(model=model, geometry=scene.geometry)
+    return OpticalCalibration(model=model, geometry=scene.geometry, blur_px=blur_px)
 
 
 def _fit_scale(
@@ -115,7 +119,13 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     """
     given = store.config.sensor.optics_calibration
     if given:
-        return OpticalCalibration(model=load_photometric(Path(given)), geometry=nominal)
+        model = load_photometric(Path(given))
+        blur_px = model.provenance.get(BLUR_PX, 0.0)
+        return OpticalCalibration(
+            model=model,
+            geometry=nominal,
+            blur_px=blur_px if isinstance(blur_px, float) else 0.0,
+        )
     if store.paths.truth.exists():
         return calibrate_emulated(store, sensor, nominal)
     say("  optics not calibrated: rendering with the nominal optics of the sensor's file")

@@ -31,6 +31,7 @@ from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
 
 REPLAY_NAME = "force-matched"
+_SAMPLES = 2  # of a pixel, along rows and along columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,14 +237,21 @@ def _with_image(
 ) -> ReplayFields:
     geometry = optics.geometry
     maps = height_maps(fields.surface, geometry)
+    fine = height_maps(fields.surface, geometry.refined(_SAMPLES))
     background = _no_contact_image(store, record, sensor)
     renderer = TactileRenderer(
-        background, maps.rest, optics.model, geometry, shadows=optics.shadows
+        background,
+        fine.rest,
+        optics.model,
+        geometry,
+        shadows=optics.shadows,
+        samples=_SAMPLES,
+        blur_px=optics.blur_px,
     )
     return ReplayFields(
         fields=fields.arrays,
         height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
-        image=renderer.render(maps.loaded),
+        image=renderer.render(fine.loaded),
         surface_vtu=fields.surface_vtu,
     )
 

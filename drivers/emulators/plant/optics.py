@@ -30,6 +30,7 @@ from drivers.emulators.plant.view import View
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
 _LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle
 _LIGHT_HEIGHT = 0.85  # of the gel's thickness
+_SHADOW_LIGHT_HEIGHT = 1.9  # likewise, of a sensor that shows shadows
 _FALLOFF = 1.25
 _DIRECT = (0.70, 0.68, 0.77)
 _SCATTERED = (0.235, 0.240, 0.290)
@@ -214,7 +215,8 @@ class _Light:
     ) -> None:
         azimuth = float(_LIGHT_AZIMUTH[index])
         away_m = _LIGHT_DISTANCE * max(unit.pad_size_m)
-        height_m = _LIGHT_HEIGHT * unit.gel.thickness_m
+        share = _SHADOW_LIGHT_HEIGHT if unit.shadows else _LIGHT_HEIGHT
+        height_m = share * unit.gel.thickness_m
         to_x = np.float32(away_m * np.cos(azimuth)) - x
         to_y = np.float32(away_m * np.sin(azimuth)) - y
         distance = _length(to_x, to_y, np.full_like(to_x, height_m))

@@ -8,7 +8,7 @@ from drivers.emulators.plant.arrays import SingleArray
 from drivers.emulators.plant.relief import Relief, looked_up
 
 _SAMPLES_M = tuple(float(s) for s in np.geomspace(6e-5, 4.5e-3, 22))
-_PENUMBRA_M = 6e-5
+_LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as they grow longer
 
 
 def visible_share(
@@ -22,12 +22,12 @@ def visible_share(
         toward: Unit vectors to the light, third component away from the gel, each like ``x``.
     """
     own = looked_up(relief, relief.bulge, x, y)
-    clearance = np.full_like(x, np.float32(1.0))
+    share = np.ones_like(x)
     for sample in _SAMPLES_M:
         step = np.float32(sample)
         there = looked_up(relief, relief.bulge, x + step * toward[0], y + step * toward[1])
-        np.minimum(clearance, own + step * toward[2] - there, out=clearance)
-    share: SingleArray = np.clip(
-        np.float32(1.0) + clearance * np.float32(1.0 / _PENUMBRA_M), 0.0, 1.0
-    )
-    return share
+        clearance = own + step * toward[2] - there
+        softness = np.float32(_LIGHT_SPREAD * sample)
+        np.minimum(share, np.float32(0.5) + clearance / softness, out=share)
+    visible: SingleArray = np.clip(share, 0.0, 1.0)
+    return visible

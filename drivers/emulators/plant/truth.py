@@ -172,7 +172,9 @@ def _from_plain(content: dict[str, Any]) -> PlantTruth:
     values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
     }
-    return PlantTruth(**{**values, "unit": unit_from_plain(content["unit"])})
+    if "unit" in content:  # absent in worlds from before there was a choice
+        values["unit"] = unit_from_plain(content["unit"])
+    return PlantTruth(**values)
 
 
 def _normal(seed: int, name: str) -> float:

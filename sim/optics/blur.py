@@ -1,0 +1,54 @@
+"""The camera's blur, from what ball presses show around their rims."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.optics.ball_press import BallPress
+from sim.optics.calibrate import Calibration
+from sim.optics.exposure import exposed
+
+BLUR_PX = "blur_px"  # its name in a calibration's provenance
+_TRIED_PX = np.arange(0.0, 2.01, 0.25)
+_REACH = 1.4  # radii of the contact that are looked at
+
+
+def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
+    """Return the standard deviation of the blur that explains the presses best [px].
+
+    Lens, sensor and JPEG spread each point of the gel over its neighbours; a ball shows it where
+    its contact ends. The model, fitted to the same images, takes up a part of a blur, and blur a
+    part of the model's error: this is what makes renderings agree best, no measurement of a lens.
+
+    Args:
+        presses: Images that the calibration was fitted to.
+        found: The calibration.
+    """
+    misfit = np.zeros(len(_TRIED_PX))
+    for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
+        height, width = press.image.shape[:2]
+        rows, columns = np.mgrid[:height, :width]
+        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _REACH * circle.radius_px
+        told = near[..., None] & exposed(press.image)
+        seen = press.image - found.scene.background - found.scene.light_image(light)
+        sharp = found.scene.predicted_image(found.model, circle)
+        misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
+    return _lowest(misfit)
+
+
+def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px)) if sigma_px > 0.0 else image
+
+
+def _lowest(misfit: FloatArray) -> float:
+    """Return where a parabola through the lowest value and its neighbours is lowest [px]."""
+    best = int(np.argmin(misfit))
+    if best in (0, len(misfit) - 1):
+        return float(_TRIED_PX[best])
+    left, middle, right = misfit[best - 1 : best + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return float(_TRIED_PX[best] + shift * (_TRIED_PX[1] - _TRIED_PX[0]))

@@ -1,0 +1,63 @@
+"""The camera's blur from ball presses, and pixels that gather the light of their whole area."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from sim.optics.blur import fit_blur
+from sim.optics.calibrate import calibrate_optics
+from sim.optics.photometric import normalised_positions
+from sim.optics.render import TactileRenderer
+from sim.optics.tilt import surface_tilt
+from tests.sim.optics.analytic_surface import APEX_M, camera
+from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
+
+
+@pytest.mark.parametrize(("blur_px", "low", "high"), [(0.0, 0.0, 0.3), (1.2, 0.5, 1.5)])
+def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
+    """Sharp presses need no blur; of a blur the model itself takes up a part, no more."""
+    scene = press_scene()
+    found = [
+        replace(press, image=_seen_through(press.image, scene.background, blur_px))
+        for press in presses(8, noise=0.5)[0]
+    ]
+    calibration = calibrate_optics(found, scene, exponents=EXPONENTS)
+    assert low <= fit_blur(found, calibration) <= high
+
+
+def _seen_through(image: np.ndarray, background: np.ndarray, blur_px: float) -> np.ndarray:
+    if blur_px == 0.0:
+        return image
+    change = cv2.GaussianBlur(image - background, (0, 0), blur_px)
+    return np.clip(np.rint(background + change), 0, 255).astype(np.uint8)
+
+
+def test_samples_of_a_pixel_lie_inside_it() -> None:
+    """The mean of a pixel's samples is its own place, and the middle ones lie close to it."""
+    coarse = normalised_positions(6, 8).reshape(2, 6, 8)
+    fine = normalised_positions(6, 8, samples=3).reshape(2, 6, 3, 8, 3)
+    np.testing.assert_allclose(fine.mean(axis=(2, 4)), coarse, atol=1e-6)
+    np.testing.assert_allclose(fine[:, :, 1, :, 1], coarse, atol=1e-6)
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+def test_a_pixel_shows_the_mean_colour_of_its_area(samples: int) -> None:
+    """A ridge narrower than a pixel is half as strong where it covers half of the pixel."""
+    geometry = camera()
+    fine = geometry.refined(samples)
+    x, _ = fine.pad_grid()
+    rest = np.full(x.shape, APEX_M)
+    loaded = rest - 2e-5 * np.exp(-((x / geometry.scale_x_m) ** 2))
+    background = np.full((geometry.height, geometry.width, 3), 128, np.uint8)
+    renderer = TactileRenderer(background, rest, true_model(), geometry, samples=samples)
+    tilt = surface_tilt(loaded, fine).reshape(2, -1)
+    places = normalised_positions(geometry.height, geometry.width, samples=samples)
+    change = true_model().evaluate(tilt, places, (rest - loaded).astype(np.float32).ravel())
+    split = change.reshape(3, geometry.height, samples, geometry.width, samples)
+    expected = 128.0 + split.mean(axis=(2, 4)).transpose(1, 2, 0)
+    assert np.abs(renderer.render(loaded) - expected).max() < 0.6
+    np.testing.assert_array_equal(renderer.render(rest), background)
