@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.indenter import Indenter
-from sim.loading import LoadingPath, PathPoint
+from sim.loading import LoadingPath
 from sim.mesh_indenter import MeshIndenter
 from sim.model import Model
+from sim.path_point import PathPoint
 from tacauchy_rig.errors import ConfigError
 
 # The inverses are dense: 8 of this size take 2 GB.
