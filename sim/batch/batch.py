@@ -3,10 +3,10 @@
 Each environment has a material, a pose of the indenter and a course of depths or loads of its own.
 Newton's equations are solved by conjugate gradients, preconditioned with the dense inverses of the
 stiffness at a few depths of one pilot press, contact included. All environments share these, so
-that applying them is one product of two matrices. Environments go through Newton's and conjugate
-gradients' iterations each at its own pace; only at the ends of the stretches for which an inverse
-stands do they wait for each other. On a GPU a stretch is one CUDA graph: the host waits for its
-end and does nothing else. On the CPU the same kernels run.
+that applying them is one product of two matrices. Environments go through frames, Newton's and
+conjugate gradients' iterations each at its own pace; the next inverse takes over when the last of
+them has passed the depth up to which the old one is the nearest. On a GPU such a stretch is one
+CUDA graph: the host waits for its end and does nothing else. On the CPU the same kernels run.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch.contact_kernel import batch_contact, batch_surface
+from sim.batch.contact_kernel import batch_contact, batch_surface, touchable
 from sim.batch.control_kernels import (
     PRECONDITIONED,
     SUM_COUNT,
+    begin,
     change_vectors,
     commit,
+    decide,
     iteration_limits,
     new_progress,
-    resume,
     sum_up,
     turn,
 )
 from sim.batch.dense import DenseProduct, padded_columns
 from sim.batch.environment import BatchOptions, BatchResult, Environment
 from sim.batch.force_kernel import batch_gel, force_kernel
-from sim.batch.phases import FAILED, WAIT
+from sim.batch.phases import EVALUATE, FAILED
 from sim.batch.pilot import Pilot
 from sim.device import Device, on_host
 from sim.touch import touch_height
@@ -125,8 +126,8 @@ class Batch:
         which, end = self._stretches[stretch]
         self._product.which.fill_(which)
         self._stretch_end.fill_(end)
-        inputs = [self._progress, self.frame_count]
-        self._device.launch(resume, (self._columns,), inputs, [self._busy])
+        inputs = [self._progress, self._stretch_end]
+        self._device.launch(begin, (self._columns,), inputs, [self._busy])
         wp.capture_while(self._busy, while_body=self._ticks)
 
     def _ticks(self) -> None:
@@ -148,7 +149,7 @@ class Batch:
                 vectors["trials"],
                 vectors["directions"],
             ],
-            [vectors["forces"], self._push, self._gaps],
+            [self._touching, vectors["forces"], self._push, self._gaps],
         )
         launch(
             sum_up,
@@ -164,18 +165,11 @@ class Batch:
             ],
             [self._sums, self._busy],
         )
+        launch(decide, (self._columns,), [self._limits, self._sums, self._push], [progress])
         launch(
             change_vectors,
             rows,
-            [
-                progress,
-                self._limits,
-                self._shares,
-                self._tip_row,
-                self._sums,
-                self._push,
-                vectors["directions"],
-            ],
+            [progress, self._shares, self._tip_row, vectors["directions"]],
             [*(vectors[name] for name in _CHANGED), self._lifts],
         )
         self._product.apply(
@@ -242,11 +236,20 @@ class Batch:
         constants = np.array([model.law.parameters(e.young_pa, e.poisson) for e in filled])
         shares = 1 if self._columns >= _CROWDED else len(pad.reference.weights)
         self._force_kernel = force_kernel(model.law, pad.reference.node_count)
-        self._force_threads = model.contact_areas.size + len(pad.elements) * shares
+        centres = np.array([np.add(self.pilot.centre_m, e.offset_m) for e in filled])
+        kept = touchable(pad, self.pilot.indenter, np.unique(centres, axis=0))
+        contact_points = int(kept.sum()) * len(pad.reference.face_weights)
+        self._touching = device.zeros((contact_points, self._columns), wp.int32)
+        self._force_threads = contact_points + len(pad.elements) * shares
         self._force_inputs = [
             batch_gel(pad, device_rows, constants, shares=shares, device=device),
             batch_surface(
-                pad, device_rows, self.pilot.indenter, tip_row=self._tip_row, device=device
+                pad,
+                device_rows,
+                self.pilot.indenter,
+                kept=kept,
+                tip_row=self._tip_row,
+                device=device,
             ),
             batch_contact(model.contact_options, extension=self.options.extension),
             device.array([e.young_pa for e in filled], wp.float64),
@@ -320,7 +323,7 @@ class Batch:
         self._found_push.fill_(wp.vec3d(float("nan"), float("nan"), float("nan")))
         self._gaps.fill_(1.0)
         self._tips.assign(self._first_tips)
-        phases = np.full(self._columns, WAIT, dtype=np.int32)
+        phases = np.full(self._columns, EVALUATE, dtype=np.int32)
         phases[len(self.environments) :] = FAILED
         progress.phase.assign(phases)
 

@@ -12,14 +12,17 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
 from sim.batch.nodal import add_vector, node_vector, unknown
 from sim.batch.phases import EVALUATE
 from sim.contact import barrier_curvature, barrier_slope
 from sim.contact_body import Body, body_at, distance_curvature, signed_distance
 from sim.device import Device
 from sim.discretisation import Discretisation
-from sim.indenter import Indenter
+from sim.indenter import Indenter, Plane
+from sim.mesh_indenter import MeshIndenter
 from sim.state import ContactOptions
 
 
@@ -72,15 +75,21 @@ class BatchSurface:
 
 
 def batch_surface(
-    pad: Discretisation, rows: Any, indenter: Indenter, *, tip_row: int, device: Device
+    pad: Discretisation,
+    rows: Any,
+    indenter: Indenter,
+    *,
+    kept: NDArray[np.bool_],
+    tip_row: int,
+    device: Device,
 ) -> Any:
-    """Upload a pad's surface; ``rows`` is on the device already."""
+    """Upload those faces of a pad that may be touched; ``rows`` is on the device already."""
     surface = BatchSurface()
-    surface.faces = device.array(pad.faces, wp.int32)
+    surface.faces = device.array(pad.faces[kept], wp.int32)
     surface.rows = rows
     surface.rest = device.array(pad.nodes, wp.vec3d)
     surface.values = device.array(pad.reference.face_values, wp.float64)
-    areas = pad.face_areas[:, None] * pad.reference.face_weights
+    areas = pad.face_areas[kept, None] * pad.reference.face_weights
     surface.areas = device.array(areas, wp.float64)
     surface.body = body_at(indenter, np.zeros(3), np.eye(3), device=device.name)
     surface.tip_row = tip_row
@@ -100,11 +109,15 @@ def add_contact(
     rotations: wp.array(dtype=wp.mat33d),
     displacements: wp.array2d(dtype=wp.float64),
     directions: wp.array2d(dtype=wp.float32),
+    touching: wp.array2d(dtype=wp.int32),
     forces_out: wp.array2d(dtype=wp.float64),
     push_out: wp.array(dtype=wp.vec3d),
     gap_out: wp.array(dtype=wp.float64),
 ):
     """Add what one contact point of one environment contributes."""
+    point = f * surface.values.shape[0] + q
+    if phase != EVALUATE and touching[point, b] == 0:
+        return
     x = wp.vec3d()
     for k in range(surface.faces.shape[1]):
         node = surface.faces[f, k]
@@ -115,6 +128,8 @@ def add_contact(
     body.position = tips[b] + wp.vec3d(wp.float64(0.0), wp.float64(0.0), lift)
     body.rotation = rotations[b]
     gap, n = signed_distance(body, x)
+    if phase == EVALUATE:
+        touching[point, b] = wp.where(gap < settings.distance, 1, 0)
     if gap < settings.distance:
         s = gap / settings.distance
         scale = surface.areas[f, q] * settings.stiffness_factor * young[b]
@@ -136,3 +151,16 @@ def add_contact(
             add_vector(forces_out, surface.rows, surface.faces[f, k], b, v * surface.values[q, k])
         if surface.tip_row >= 0:
             wp.atomic_add(forces_out, surface.tip_row, b, -v[2])
+
+
+def touchable(pad: Discretisation, indenter: Indenter, centres_m: FloatArray) -> NDArray[np.bool_]:
+    """Return which faces an upright indenter may reach: half the pad's height beside it at most.
+
+    Args:
+        centres_m: Where it comes down, x and y [m], shape [environment_count, 2].
+    """
+    if isinstance(indenter, Plane | MeshIndenter):
+        return np.ones(len(pad.faces), dtype=np.bool_)
+    corners = pad.nodes[pad.faces[:, :3], :2]
+    away = np.linalg.norm(corners[:, :, None] - centres_m, axis=-1).min(axis=(1, 2))
+    return np.asarray(away <= indenter.radius_m + 0.5 * pad.nodes[:, 2].max())

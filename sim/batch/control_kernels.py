@@ -2,8 +2,8 @@
 
 One tick gives every environment one evaluation, of forces or of the stiffness along a direction,
 and one application of the preconditioner. ``sum_up`` gathers what an environment must know of its
-vectors, ``change_vectors`` does what ``decision`` says, ``commit`` notes it, and ``turn`` sets the
-next direction or trial.
+vectors, ``decide`` says what to do, ``change_vectors`` does it, ``commit`` notes it, and ``turn``
+sets the next direction or trial.
 """
 
 # Device code: Warp compiles it, and Python type checkers do not speak its dialect.
@@ -94,6 +94,8 @@ class Progress:
         slope: Of the energy along the step [J].
         scaled: r . z of the last direction, and of the first.
         first_scaled: The latter.
+        act: What an environment does after an evaluation.
+        length: Of the step along the direction, while conjugate gradients advance.
         turn: What ``turn`` does.
         ratio: Of the new direction, the old one's share.
         spent: Evaluations so far.
@@ -109,6 +111,8 @@ class Progress:
     slope: wp.array(dtype=wp.float64)
     scaled: wp.array(dtype=wp.float64)
     first_scaled: wp.array(dtype=wp.float64)
+    act: wp.array(dtype=wp.int32)
+    length: wp.array(dtype=wp.float64)
     turn: wp.array(dtype=wp.int32)
     ratio: wp.array(dtype=wp.float64)
     spent: wp.array(dtype=wp.int32)
@@ -117,28 +121,33 @@ class Progress:
 def new_progress(count: int, device: Device) -> Any:
     """Return the arrays for so many environments."""
     progress = Progress()
-    for name in ("phase", "frame", "newton", "searches", "halvings", "trying", "turn", "spent"):
+    names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act", "turn", "spent")
+    for name in names:
         setattr(progress, name, device.zeros(count, wp.int32))
-    for name in ("fraction", "slope", "scaled", "first_scaled", "ratio"):
+    for name in ("length", "fraction", "slope", "scaled", "first_scaled", "ratio"):
         setattr(progress, name, device.zeros(count, wp.float64))
     return progress
 
 
-@wp.func
-def decision(
-    b: wp.int32,
-    progress: Progress,
+@wp.kernel(enable_backward=False)
+def decide(
+    # Model:
     limits: Limits,
+    # Data in:
     sums: wp.array2d(dtype=wp.float64),
     push: wp.array(dtype=wp.vec3d),
-) -> wp.int32:
-    """Return what an environment does after an evaluation."""
+    # Data in and out:
+    progress: Progress,
+):
+    """Say what every environment does after its evaluation; launches over [environment_count]."""
+    b = wp.tid()
     phase = progress.phase[b]
-    result = wp.int32(NOTHING)
+    act = wp.int32(NOTHING)
     if phase == SEARCH:
-        result = wp.int32(ADVANCE_SEARCH)
-        if not (sums[CURVATURE, b] > wp.float64(0.0)):
-            result = wp.int32(END_SEARCH)
+        act = wp.int32(END_SEARCH)
+        if sums[CURVATURE, b] > wp.float64(0.0):
+            act = wp.int32(ADVANCE_SEARCH)
+            progress.length[b] = progress.scaled[b] / sums[CURVATURE, b]
     if phase == EVALUATE:
         residual = wp.sqrt(sums[RESIDUAL, b])
         finite = wp.isfinite(residual)
@@ -146,14 +155,14 @@ def decision(
             sums[SLOPE, b] <= wp.float64(0.9) * progress.slope[b]
         )
         enough = wp.max(limits.floor, limits.residual * wp.length(push[b]))
-        result = wp.int32(START)
+        act = wp.int32(START)
         if (uphill or not finite) and progress.halvings[b] < limits.halvings:
-            result = wp.int32(SHORTEN)
+            act = wp.int32(SHORTEN)
         elif residual <= enough:
-            result = wp.int32(NEXT_FRAME)
+            act = wp.int32(NEXT_FRAME)
         elif progress.newton[b] >= limits.newton or not finite:
-            result = wp.int32(GIVE_UP)
-    return result
+            act = wp.int32(GIVE_UP)
+    progress.act[b] = act
 
 
 @wp.kernel(enable_backward=False)
@@ -201,12 +210,9 @@ def sum_up(
 def change_vectors(
     # Model:
     progress: Progress,
-    limits: Limits,
     shares: wp.array3d(dtype=wp.float64),
     tip_row: wp.int32,
     # Data in:
-    sums: wp.array2d(dtype=wp.float64),
-    push: wp.array(dtype=wp.vec3d),
     directions: wp.array2d(dtype=wp.float32),
     # Data out:
     forces: wp.array2d(dtype=wp.float64),
@@ -220,15 +226,17 @@ def change_vectors(
 ):
     """Do what is decided; launches over [row_count, environment_count]."""
     row, b = wp.tid()
-    act = decision(b, progress, limits, sums, push)
-    y = forces[row, b]
-    forces[row, b] = wp.float64(0.0)
+    act = progress.act[b]
+    y = wp.float64(0.0)
+    if act != NOTHING:
+        y = forces[row, b]
+        forces[row, b] = wp.float64(0.0)
     if act == START:
         residuals[row, b] = wp.float32(-y)
         steps[row, b] = wp.float32(0.0)
         accepted[row, b] = trials[row, b]
     elif act == ADVANCE_SEARCH:
-        alpha = progress.scaled[b] / sums[CURVATURE, b]
+        alpha = progress.length[b]
         steps[row, b] = steps[row, b] + wp.float32(alpha) * directions[row, b]
         residuals[row, b] = residuals[row, b] - wp.float32(alpha * y)
     elif act == END_SEARCH:
@@ -275,7 +283,7 @@ def commit(
 ):
     """Note what was decided; launches over [environment_count]."""
     b = wp.tid()
-    act = decision(b, progress, limits, sums, push)
+    act = progress.act[b]
     scaled = sums[PRECONDITIONED, b]
     phase = progress.phase[b]
     progress.turn[b] = KEEP
@@ -292,8 +300,7 @@ def commit(
         progress.ratio[b] = wp.float64(0.0)
         progress.turn[b] = NEW_DIRECTION
     elif act == ADVANCE_SEARCH:
-        alpha = progress.scaled[b] / sums[CURVATURE, b]
-        progress.slope[b] = progress.slope[b] + alpha * progress.scaled[b]
+        progress.slope[b] = progress.slope[b] + progress.length[b] * progress.scaled[b]
         done = progress.searches[b] + 1
         progress.searches[b] = done
         goal = limits.forcing * limits.forcing * progress.first_scaled[b]
@@ -321,9 +328,9 @@ def commit(
         progress.frame[b] = frame + 1
         progress.newton[b] = 0
         progress.trying[b] = 0
-        if frame + 1 >= stretch_end[0]:
+        if frame + 1 >= depths.shape[0]:
             progress.phase[b] = WAIT
-        if frame + 1 < depths.shape[0]:
+        else:
             tips[b] = touch[b] - wp.vec3d(wp.float64(0.0), wp.float64(0.0), depths[frame + 1, b])
     elif act == GIVE_UP:
         progress.phase[b] = FAILED
@@ -335,7 +342,8 @@ def commit(
         sums[k, b] = wp.float64(0.0)
     push[b] = wp.vec3d()
     gaps[b] = wp.float64(1.0)
-    if progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH:
+    running = progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH
+    if running and progress.frame[b] < stretch_end[0]:
         busy[0] = 1
 
 
@@ -365,10 +373,11 @@ def turn(
 
 
 @wp.kernel(enable_backward=False)
-def resume(progress: Progress, frame_count: wp.int32, busy: wp.array(dtype=wp.int32)):
-    """Let the environments that wait go on; launches over [environment_count]."""
+def begin(
+    progress: Progress, stretch_end: wp.array(dtype=wp.int32), busy: wp.array(dtype=wp.int32)
+):
+    """Say whether a stretch is still before anybody; launches over [environment_count]."""
     b = wp.tid()
-    if progress.phase[b] == WAIT and progress.frame[b] < frame_count:
-        progress.phase[b] = EVALUATE
-    if progress.phase[b] == EVALUATE:
+    running = progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH
+    if running and progress.frame[b] < stretch_end[0]:
         busy[0] = 1

@@ -11,6 +11,8 @@ was laid out for them once. On the CPU NumPy's BLAS does it.
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -20,28 +22,26 @@ import warp as wp
 from sim.arrays import FloatArray
 from sim.device import Device
 
-_TILE_ROWS, _TILE_DEPTH, _TILE_COLUMNS = 16, 8, 8
-_WARPS = 8
-_THREADS = 32 * _WARPS
-_ROW_PADDING = 64
-_COLUMN_PADDING = 64
+_ROW_PADDING = 128
+_WIDE = 64
 
-# One block makes a block of the product, its warps share the sum's terms out among them. Fragments
-# as in the PTX manual, mma.m16n8k8 of .tf32; the matrix is packed so that a lane's part of one is
-# a float4.
+# One block makes a block of the product. Its warps share out rows and, in DEPTH_WARPS groups, the
+# terms of the sums, which are then added group by group in shared memory. Fragments are those of
+# the PTX manual's mma.m16n8k8 of .tf32. The matrix is packed so that a lane's part of a fragment is
+# a float4; of the vectors a lane takes VECTOR neighbouring columns at once, as columns of VECTOR
+# fragments: which column is which does not matter to a product as long as the result agrees.
 _PRODUCT = """
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
     const int group = lane >> 2, member = lane & 3;
+    const int part = warp / ROW_WARPS, rows_before = (warp % ROW_WARPS) * 16 * ROW_TILES;
     const int columns = right.shape[1], steps = right.shape[0] / 8;
-    const int row_tile = (block % row_blocks) * ROW_TILES;
-    const int first_column = (block / row_blocks) * (8 * COLUMN_TILES);
+    const int first_row = (block % row_blocks) * 16 * ROW_TILES * ROW_WARPS;
+    const int first_column = (block / row_blocks) * 8 * COLUMN_TILES;
+    const int first_tile = (first_row + rows_before) / 16;
     const float4* packed = (const float4*)matrices.data;
-    packed += (size_t)which.data[0] * (right.shape[0] / 16) * steps * 32;
-    __shared__ float total[128 * ROW_TILES * COLUMN_TILES];
+    packed += (size_t)which.data[0] * (right.shape[0] / 16) * steps * 32 + lane;
+    __shared__ float total[BUFFERS * TILE];
     __shared__ float dots[8 * COLUMN_TILES];
-    for (int k = threadIdx.x; k < 128 * ROW_TILES * COLUMN_TILES; k += blockDim.x) total[k] = 0.f;
-    for (int k = threadIdx.x; k < 8 * COLUMN_TILES; k += blockDim.x) dots[k] = 0.f;
-    __syncthreads();
     float sum[ROW_TILES][COLUMN_TILES][4];
     #pragma unroll
     for (int i = 0; i < ROW_TILES; ++i)
@@ -50,54 +50,116 @@ _PRODUCT = """
             #pragma unroll
             for (int k = 0; k < 4; ++k) sum[i][j][k] = 0.f;
     #pragma unroll 2
-    for (int s = warp; s < steps; s += WARPS) {
+    for (int s = part; s < steps; s += DEPTH_WARPS) {
         float4 a[ROW_TILES];
         #pragma unroll
         for (int i = 0; i < ROW_TILES; ++i)
-            a[i] = packed[((size_t)(row_tile + i) * steps + s) * 32 + lane];
-        const float* low = right.data + (size_t)(8 * s + member) * columns + first_column + group;
+            a[i] = packed[((size_t)(first_tile + i) * steps + s) * 32];
+        const float* low = right.data + (size_t)(8 * s + member) * columns;
+        low += first_column + group * VECTOR;
         const float* high = low + (size_t)4 * columns;
         #pragma unroll
-        for (int j = 0; j < COLUMN_TILES; ++j) {
-            unsigned b0, b1;
-            asm("cvt.rna.tf32.f32 %0, %1;" : "=r"(b0) : "f"(low[8 * j]));
-            asm("cvt.rna.tf32.f32 %0, %1;" : "=r"(b1) : "f"(high[8 * j]));
+        for (int j = 0; j < COLUMN_TILES; j += VECTOR) {
+            const LOADED b0 = *(const LOADED*)(low + 8 * j), b1 = *(const LOADED*)(high + 8 * j);
             #pragma unroll
-            for (int i = 0; i < ROW_TILES; ++i)
-                asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
-                    "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
-                    : "+f"(sum[i][j][0]), "+f"(sum[i][j][1]), "+f"(sum[i][j][2]),
-                      "+f"(sum[i][j][3])
-                    : "r"(__float_as_uint(a[i].x)), "r"(__float_as_uint(a[i].y)),
-                      "r"(__float_as_uint(a[i].z)), "r"(__float_as_uint(a[i].w)), "r"(b0),
-                      "r"(b1));
+            for (int v = 0; v < VECTOR; ++v)
+                #pragma unroll
+                for (int i = 0; i < ROW_TILES; ++i) {
+                    float* c = sum[i][j + v];
+                    asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
+                        "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
+                        : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
+                        : "r"(__float_as_uint(a[i].x)), "r"(__float_as_uint(a[i].y)),
+                          "r"(__float_as_uint(a[i].z)), "r"(__float_as_uint(a[i].w)),
+                          "r"(__float_as_uint(((const float*)&b0)[v])),
+                          "r"(__float_as_uint(((const float*)&b1)[v])));
+                }
         }
     }
-    #pragma unroll
-    for (int i = 0; i < ROW_TILES; ++i)
-        #pragma unroll
-        for (int j = 0; j < COLUMN_TILES; ++j) {
-            const int at = (16 * i + group) * (8 * COLUMN_TILES) + 8 * j + 2 * member;
-            const int below = at + 8 * (8 * COLUMN_TILES);
-            ::atomicAdd(total + at, sum[i][j][0]);
-            ::atomicAdd(total + at + 1, sum[i][j][1]);
-            ::atomicAdd(total + below, sum[i][j][2]);
-            ::atomicAdd(total + below + 1, sum[i][j][3]);
+    if (threadIdx.x < 8 * COLUMN_TILES) dots[threadIdx.x] = 0.f;
+    for (int round = 0; round < DEPTH_WARPS / BUFFERS; ++round) {
+        if (part / BUFFERS == round) {
+            float* mine = total + (part % BUFFERS) * TILE;
+            #pragma unroll
+            for (int i = 0; i < ROW_TILES; ++i)
+                #pragma unroll
+                for (int j = 0; j < COLUMN_TILES; ++j)
+                    #pragma unroll
+                    for (int k = 0; k < 4; ++k) {
+                        const int row = rows_before + 16 * i + group + 8 * (k / 2);
+                        const int column = 8 * (j / VECTOR) * VECTOR + j % VECTOR
+                            + (2 * member + k % 2) * VECTOR;
+                        float* at = mine + row * (8 * COLUMN_TILES) + column;
+                        *at = round == 0 ? sum[i][j][k] : *at + sum[i][j][k];
+                    }
         }
-    __syncthreads();
+        __syncthreads();
+    }
     const int column = threadIdx.x % (8 * COLUMN_TILES);
     float dot = 0.f;
-    for (int k = threadIdx.x; k < 128 * ROW_TILES * COLUMN_TILES; k += blockDim.x) {
-        const int row = 16 * row_tile + k / (8 * COLUMN_TILES);
-        const size_t at = (size_t)row * columns + first_column + column;
-        out.data[at] = total[k];
-        dot += total[k] * right.data[at];
+    for (int k = threadIdx.x; k < TILE; k += blockDim.x) {
+        float z = total[k];
+        #pragma unroll
+        for (int buffer = 1; buffer < BUFFERS; ++buffer) z += total[buffer * TILE + k];
+        const size_t at = (size_t)(first_row + k / (8 * COLUMN_TILES)) * columns + first_column;
+        out.data[at + column] = z;
+        dot += z * right.data[at + column];
     }
     ::atomicAdd(dots + column, dot);
     __syncthreads();
     if (threadIdx.x < 8 * COLUMN_TILES)
         ::atomicAdd(dots_out.data + first_column + threadIdx.x, (double)dots[threadIdx.x]);
 """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tiling:
+    """How a block of the product is shared out among warps.
+
+    Attributes:
+        row_tiles: Tiles of 16 rows that a warp makes.
+        column_tiles: Tiles of 8 columns that a block and each of its warps make.
+        row_warps: Warps beside each other.
+        depth_warps: Warps that share the terms of a sum.
+        buffers: Partial sums in shared memory.
+    """
+
+    row_tiles: int
+    column_tiles: int
+    row_warps: int
+    depth_warps: int
+    buffers: int
+
+    @property
+    def rows(self) -> int:
+        """Rows of a block."""
+        return 16 * self.row_tiles * self.row_warps
+
+    @property
+    def columns(self) -> int:
+        """Columns of a block."""
+        return 8 * self.column_tiles
+
+    @property
+    def threads(self) -> int:
+        """Threads of a block."""
+        return 32 * self.row_warps * self.depth_warps
+
+
+# Few columns need many blocks that read the matrix, many need blocks that use what they read often.
+_TILINGS = {
+    8: Tiling(row_tiles=1, column_tiles=1, row_warps=1, depth_warps=8, buffers=8),
+    32: Tiling(row_tiles=1, column_tiles=4, row_warps=1, depth_warps=8, buffers=4),
+    64: Tiling(row_tiles=2, column_tiles=8, row_warps=1, depth_warps=16, buffers=4),
+    256: Tiling(row_tiles=4, column_tiles=8, row_warps=1, depth_warps=8, buffers=2),
+}
+_LARGEST = Tiling(row_tiles=4, column_tiles=8, row_warps=2, depth_warps=4, buffers=1)
+
+
+def tiling(columns: int) -> Tiling:
+    """Return how a product with so many columns is done."""
+    fitting = [limit for limit in _TILINGS if columns <= limit]
+    return _TILINGS[fitting[0]] if fitting else _LARGEST
 
 
 def padded_rows(row_count: int) -> int:
@@ -107,8 +169,8 @@ def padded_rows(row_count: int) -> int:
 
 def padded_columns(environment_count: int) -> int:
     """Return an environment count that the blocks divide."""
-    wide = _COLUMN_PADDING if environment_count > _COLUMN_PADDING else _TILE_COLUMNS
-    return -(-environment_count // wide) * wide
+    width = tiling(environment_count).columns
+    return -(-environment_count // width) * width
 
 
 class DenseProduct:
@@ -148,34 +210,36 @@ class DenseProduct:
             dots = dots_out.numpy()
             dots += np.einsum("rb,rb->b", right.numpy(), product, dtype=np.float64)
             return
-        columns = right.shape[1]
-        wide = min(columns, _COLUMN_PADDING) // _TILE_COLUMNS
-        tall = 1 if columns <= _COLUMN_PADDING else (2 if columns <= 4 * _COLUMN_PADDING else 4)
-        row_blocks = self.row_count // (_TILE_ROWS * tall)
-        blocks = row_blocks * (columns // (_TILE_COLUMNS * wide))
+        chosen = tiling(right.shape[1])
+        row_blocks = self.row_count // chosen.rows
+        blocks = row_blocks * (right.shape[1] // chosen.columns)
         wp.launch(
-            product_kernel(tall, wide),
-            dim=blocks * _THREADS,
+            product_kernel(chosen),
+            dim=blocks * chosen.threads,
             inputs=[self._matrices, self.which, right, row_blocks],
             outputs=[out, dots_out],
-            block_dim=_THREADS,
+            block_dim=chosen.threads,
             device=self._device.name,
         )
 
 
 @cache
-def product_kernel(row_tiles: int, column_tiles: int) -> Any:
-    """Build the kernel whose blocks make so many tiles of 16 rows and of 8 columns.
-
-    It launches over 256 threads a block.
-    """
+def product_kernel(chosen: Tiling) -> Any:
+    """Build the kernel of a tiling; it launches over the threads of all its blocks."""
+    vector = 4 if chosen.column_tiles % 4 == 0 else 1
     snippet = _PRODUCT
     for name, value in (
-        ("ROW_TILES", row_tiles),
-        ("COLUMN_TILES", column_tiles),
-        ("WARPS", _WARPS),
+        ("ROW_TILES", chosen.row_tiles),
+        ("COLUMN_TILES", chosen.column_tiles),
+        ("ROW_WARPS", chosen.row_warps),
+        ("DEPTH_WARPS", chosen.depth_warps),
+        ("BUFFERS", chosen.buffers),
+        ("TILE", chosen.rows * chosen.columns),
+        ("VECTOR", vector),
+        ("LOADED", "float4" if vector == 4 else "float"),
     ):
-        snippet = snippet.replace(name, str(value))
+        snippet = re.sub(rf"\b{name}\b", str(value), snippet)
+    threads = chosen.threads
 
     @wp.func_native(snippet)
     def block_product(
@@ -197,7 +261,7 @@ def product_kernel(row_tiles: int, column_tiles: int) -> Any:
         product_out: wp.array2d(dtype=wp.float32),
         dots_out: wp.array(dtype=wp.float64),
     ):
-        block = wp.tid() // wp.static(_THREADS)
+        block = wp.tid() // wp.static(threads)
         block_product(matrices, which, right, row_blocks, block, product_out, dots_out)
 
     return product

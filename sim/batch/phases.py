@@ -9,7 +9,7 @@ import warp as wp
 
 EVALUATE = wp.constant(0)  # its forces at a trial state are wanted
 SEARCH = wp.constant(1)  # conjugate gradients look for its Newton step
-WAIT = wp.constant(2)  # it has reached the end of the stretch
+WAIT = wp.constant(2)  # it has reached its last frame
 FAILED = wp.constant(3)  # Newton gave up
 
 # What is done with its vectors after an evaluation:

@@ -67,14 +67,15 @@ def _single_presses() -> list[Pressed]:
                 continue
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(in_single_precision(path.read_text(encoding="utf-8")), encoding="utf-8")
-        spine = Path(tacauchy_rig.__path__[0]).parent
+        spine = str(Path(tacauchy_rig.__path__[0]).parent)
+        known = [path for path in (folder, spine, os.environ.get("PYTHONPATH", "")) if path]
         told = subprocess.run(
             [sys.executable, "-m", "sim.hard_cases.precision_presses"],
             check=True,
             capture_output=True,
             text=True,
             cwd=folder,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join([folder, str(spine)])},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(known)},
         )
     return [Pressed(**numbers) for numbers in json.loads(told.stdout)]
 
