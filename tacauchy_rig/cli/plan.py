@@ -2,85 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from sim.effects import plan_effects
-from sim.laws.catalogue import LawName
 from sim.mesh_choice import mesh_choice
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.scene_options import (
-    AtOption,
-    ContactOption,
-    DepthOption,
-    DurationOption,
-    EffectOption,
-    ForceOption,
-    IndenterOption,
-    LawOption,
-    LayerOption,
-    MeshOption,
-    OutputOption,
-    PadOption,
-    PoissonOption,
-    PresetOption,
-    SceneTerms,
-    SensorOption,
-    ShiftOption,
-    TiltOption,
-    ToleranceOption,
-    TwistOption,
-    YoungOption,
-    scene_of,
-)
+from tacauchy_rig.cli.scene_command import states_a_scene
+from tacauchy_rig.cli.scene_options import OutputOption, SceneTerms, scene_of
 
 
-def plan(
-    indenter: IndenterOption,
-    sensor: SensorOption = None,
-    pad: PadOption = None,
-    depth: DepthOption = None,
-    force: ForceOption = None,
-    at: AtOption = None,
-    shift: ShiftOption = None,
-    twist: TwistOption = None,
-    tilt: TiltOption = None,
-    young: YoungOption = None,
-    poisson: PoissonOption = None,
-    layer: LayerOption = None,
-    law: LawOption = LawName.STABLE_NEO_HOOKEAN,
-    contact: ContactOption = "frictionless",
-    duration: DurationOption = None,
-    preset: PresetOption = None,
-    mesh: MeshOption = None,
-    tolerance: ToleranceOption = None,
-    effect: EffectOption = None,
-    output: OutputOption = None,
-    json_file: JsonFile = None,
-) -> None:
+@states_a_scene
+def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
     """Say what a press would be simulated with, and why; nothing is pressed."""
-    scene = scene_of(
-        SceneTerms(
-            indenter=indenter,
-            sensor=sensor,
-            pad=pad,
-            depth=depth,
-            force=force,
-            at=at,
-            shift=shift,
-            twist=twist,
-            tilt=tilt,
-            young=young,
-            poisson=poisson,
-            layers=layer or [],
-            law=law,
-            contact=contact,
-            duration=duration,
-            preset=preset,
-            mesh=mesh,
-            tolerance=tolerance,
-            effects=effect or [],
-            outputs=output or [],
-        )
-    )
+    scene = scene_of(replace(terms, outputs=tuple(output or ())))
     planned = plan_effects(scene)
     choice = mesh_choice(scene)
     for row in planned.effects:

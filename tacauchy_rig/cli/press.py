@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -17,31 +18,8 @@ from sim.scene import Drive, Material, Scene
 from sim.warp_start import warp_device
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
-from tacauchy_rig.cli.scene_options import (
-    AtOption,
-    ContactOption,
-    DepthOption,
-    DeviceOption,
-    DriveOption,
-    DurationOption,
-    EffectOption,
-    ForceOption,
-    IndenterOption,
-    LawOption,
-    LayerOption,
-    MeshOption,
-    PadOption,
-    PoissonOption,
-    PresetOption,
-    SceneTerms,
-    SensorOption,
-    ShiftOption,
-    TiltOption,
-    ToleranceOption,
-    TwistOption,
-    YoungOption,
-    scene_of,
-)
+from tacauchy_rig.cli.scene_command import states_a_scene
+from tacauchy_rig.cli.scene_options import DeviceOption, DriveOption, SceneTerms, scene_of
 
 EstimateErrorOption = Annotated[
     bool | None,
@@ -53,57 +31,17 @@ EstimateErrorOption = Annotated[
 ]
 
 
+@states_a_scene
 def press(
-    indenter: IndenterOption,
-    sensor: SensorOption = None,
-    pad: PadOption = None,
-    depth: DepthOption = None,
-    force: ForceOption = None,
-    at: AtOption = None,
-    shift: ShiftOption = None,
-    twist: TwistOption = None,
-    tilt: TiltOption = None,
-    young: YoungOption = None,
-    poisson: PoissonOption = None,
-    layer: LayerOption = None,
-    law: LawOption = LawName.STABLE_NEO_HOOKEAN,
-    contact: ContactOption = "frictionless",
-    duration: DurationOption = None,
-    preset: PresetOption = None,
-    mesh: MeshOption = None,
-    tolerance: ToleranceOption = None,
-    effect: EffectOption = None,
+    terms: SceneTerms,
     drive: DriveOption = Drive.LOAD,
     device: DeviceOption = "cpu",
     estimate_error: EstimateErrorOption = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
-    scene = scene_of(
-        SceneTerms(
-            indenter=indenter,
-            sensor=sensor,
-            pad=pad,
-            depth=depth,
-            force=force,
-            at=at,
-            shift=shift,
-            twist=twist,
-            tilt=tilt,
-            young=young,
-            poisson=poisson,
-            layers=layer or [],
-            law=law,
-            contact=contact,
-            duration=duration,
-            preset=preset,
-            mesh=mesh,
-            tolerance=tolerance,
-            effects=effect or [],
-            drive=drive,
-        )
-    )
-    if law is LawName.PAPER_EQ4:
+    scene = scene_of(replace(terms, drive=drive))
+    if terms.law is LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
     result = simulate_press(scene, device=warp_device(device))
     unknown = result.estimated_force_error_relative is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import typer
@@ -103,29 +103,32 @@ DriveOption = Annotated[Drive, typer.Option("--drive", help="How a force is reac
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneTerms:
-    """A scene as texts of the command line."""
+    """A scene as texts of the command line; ``states_a_scene`` gives a command these options.
 
-    indenter: str
-    sensor: str | None = None
-    pad: str | None = None
-    depth: str | None = None
-    force: str | None = None
-    at: str | None = None
-    shift: str | None = None
-    twist: str | None = None
-    tilt: str | None = None
-    young: str | None = None
-    poisson: float | None = None
-    layers: list[str] = field(default_factory=list)
-    law: LawName = LawName.STABLE_NEO_HOOKEAN
-    contact: str = "frictionless"
-    duration: str | None = None
-    preset: Preset | None = None
-    tolerance: str | None = None
-    effects: list[str] = field(default_factory=list)
-    outputs: list[Output] = field(default_factory=list)
+    ``outputs`` and ``drive`` are no option of every command.
+    """
+
+    indenter: IndenterOption
+    sensor: SensorOption = None
+    pad: PadOption = None
+    depth: DepthOption = None
+    force: ForceOption = None
+    at: AtOption = None
+    shift: ShiftOption = None
+    twist: TwistOption = None
+    tilt: TiltOption = None
+    young: YoungOption = None
+    poisson: PoissonOption = None
+    layers: LayerOption = None
+    law: LawOption = LawName.STABLE_NEO_HOOKEAN
+    contact: ContactOption = "frictionless"
+    duration: DurationOption = None
+    preset: PresetOption = None
+    mesh: MeshOption = None
+    tolerance: ToleranceOption = None
+    effects: EffectOption = None
+    outputs: tuple[Output, ...] = ()
     drive: Drive = Drive.LOAD
-    mesh: str | None = None
 
 
 def scene_of(terms: SceneTerms) -> Scene:
@@ -160,7 +163,7 @@ def scene_of(terms: SceneTerms) -> Scene:
         ),
         duration_s=1.0 if duration is None else duration,
         outputs=frozenset(terms.outputs),
-        effects=tuple(parse_switch(text) for text in terms.effects),
+        effects=tuple(parse_switch(text) for text in terms.effects or ()),
         drive=terms.drive,
         preset=terms.preset or Preset.BALANCED,
         filling=_filling(known, terms),
