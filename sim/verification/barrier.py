@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sim.indenter import Cylinder, Indenter, Sphere, describe
+from sim.indenter import describe
 from sim.pad import BoxPad
 from sim.press import press
 from sim.scene import ContactMode, Material, Preset, Scene, Target
+from sim.verification.indenters import INDENTERS
 from sim.verification.section import Section
 
 ALLOWED = 0.003
-_INDENTERS: tuple[Indenter, ...] = (
-    Cylinder(diameter_m=5e-3),
-    Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
-    Sphere(diameter_m=8e-3),
-)
 _SCENE = Scene(
     pad=BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3),
     material=Material(young_pa=4e5, poisson=0.48),
-    indenter=_INDENTERS[0],
+    indenter=INDENTERS[0],
     target=Target(depth_m=0.2e-3),
     preset=Preset.FAST,
 )
@@ -66,7 +62,7 @@ def barrier_limit(scene: Scene) -> BarrierLimit:
 
 def measure() -> Section:
     """Extrapolate F_z to d_hat = 0 for a few presses."""
-    scenes = [replace(_SCENE, indenter=indenter) for indenter in _INDENTERS]
+    scenes = [replace(_SCENE, indenter=indenter) for indenter in INDENTERS]
     scenes.append(replace(_SCENE, contact=ContactMode.BONDED))
     found = [barrier_limit(scene) for scene in scenes]
     return Section(

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sim.indenter import Cylinder, Indenter, Sphere, describe
+from sim.indenter import Indenter, describe
 from sim.loading import LoadingPath
 from sim.pad import BoxPad
 from sim.presets import build_model, finest_edge_m
 from sim.scene import Material, Preset, Scene, Target
+from sim.verification.indenters import INDENTERS
 from sim.verification.section import Section
 
 ALLOWED = {Preset.BALANCED: 0.03, Preset.ACCURATE: 0.01}
-INDENTERS: tuple[Indenter, ...] = (
-    Cylinder(diameter_m=5e-3),
-    Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
-    Sphere(diameter_m=8e-3),
-)
 _SCENE = Scene(
     pad=BoxPad(size_x_m=16e-3, size_y_m=16e-3, height_m=4e-3),
     material=Material(young_pa=4e5, poisson=0.48),
