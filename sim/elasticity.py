@@ -40,18 +40,19 @@ class ElasticKernels:
 
 
 @wp.func
-def reference_gradient(
+def deformation_gradient(
     nodes: wp.array2d(dtype=wp.int32),
     reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
     positions: wp.array(dtype=wp.vec3d),
     element: wp.int32,
     point: wp.int32,
 ) -> wp.mat33d:
-    """Return dx/dxi of an element at one of its points [m]."""
+    """Return F = dx/dX of an element at one of its points."""
     D = wp.mat33d()
     for node in range(nodes.shape[1]):
         D += wp.outer(positions[nodes[element, node]], reference_gradients[point, node])
-    return D
+    return D * inverse_jacobians[element]
 
 
 @cache
@@ -74,8 +75,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         volume_ratio_out: wp.array2d(dtype=wp.float64),
     ):
         e, q = wp.tid()
-        D = reference_gradient(nodes, reference_gradients, positions, e, q)
-        F = D * inverse_jacobians[e]
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
         energy_out[e, q] = weights[e, q] * law_energy(F, parameters[e])
         volume_ratio_out[e, q] = wp.determinant(F)
 
@@ -93,9 +93,9 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         gradient_out: wp.array(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        D = reference_gradient(nodes, reference_gradients, positions, e, q)
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
         inverse = inverse_jacobians[e]
-        P = law_stress(D * inverse, parameters[e])
+        P = law_stress(F, parameters[e])
         K = (P * wp.transpose(inverse)) * weights[e, q]
         for node in range(nodes.shape[1]):
             wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
@@ -118,9 +118,9 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         cofactor_out: wp.array3d(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        D = reference_gradient(nodes, reference_gradients, positions, e, q)
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
         inverse = inverse_jacobians[e]
-        t = law_tangent(D * inverse, parameters[e])
+        t = law_tangent(F, parameters[e])
         if projected:
             t = semidefinite(t)
         w = weights[e, q]
@@ -149,8 +149,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         stress_out: wp.array2d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
-        D = reference_gradient(nodes, reference_gradients, positions, e, q)
-        F = D * inverse_jacobians[e]
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
         P = law_stress(F, parameters[e])
         stress_out[e, q] = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.elasticity import reference_gradient
+from sim.elasticity import deformation_gradient
 from sim.laws.tangent import Law
 
 
@@ -41,8 +41,7 @@ def advance_kernel(law: Law) -> Any:
         branches_out: wp.array3d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
-        inverse = inverse_jacobians[e]
-        F = reference_gradient(nodes, reference_gradients, positions, e, q) * inverse
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
         S = law_stress(F, parameters[e])
         if wp.static(objective):
             S = wp.inverse(F) * S
@@ -90,8 +89,7 @@ def add_energy(
 ):
     """Add the history's energy [J]."""
     e, q = wp.tid()
-    inverse = inverse_jacobians[e]
-    F = reference_gradient(nodes, reference_gradients, positions, e, q) * inverse
+    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
     strain = F - wp.identity(n=3, dtype=wp.float64)
     if objective:
         # Green's strain from F - 1, so that small strains keep their digits.
@@ -119,7 +117,8 @@ def add_gradient(
     inverse = inverse_jacobians[e]
     P = history[e, q]
     if objective:
-        P = reference_gradient(nodes, reference_gradients, positions, e, q) * inverse * P
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        P = F * P
     K = (P * wp.transpose(inverse)) * weights[e, q]
     for node in range(nodes.shape[1]):
         wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
@@ -169,8 +168,7 @@ def add_stress(
 ):
     """Turn the slow Cauchy stress into that of the step [Pa]."""
     e, q = wp.tid()
-    inverse = inverse_jacobians[e]
-    F = reference_gradient(nodes, reference_gradients, positions, e, q) * inverse
+    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
     P = history[e, q]
     if objective:
         P = F * P
