@@ -117,18 +117,26 @@ def inertia_error(scene: Scene) -> float:
 
 
 def relaxation_error(scene: Scene) -> float:
-    """Return the excess of the force at the end of a ramp over the slow modulus's.
+    """Return the excess of the force at the end of a press over the slow modulus's.
 
-    sum_i g_i tau_i / t (1 - exp(-t / tau_i)) / g_inf, the largest over the materials.
+    Where the slow force grows as t^p, p = 1 or 2, a term of time tau = x t keeps of its stress
+    x (1 - exp(-1/x)) or 2 x (1 - x (1 - exp(-1/x))). Under a round end the force grows by no more
+    than the square of the depth; under a flat one evenly, but for what finite strain and its fillet
+    add. The largest over the materials of sum_i g_i kept_i / g_inf.
     """
-    time = scene.duration_s
+    quadratic = 1.0
+    if isinstance(scene.indenter, Cylinder):
+        rounded = scene.indenter.fillet_m / scene.indenter.radius_m
+        quadratic = min(1.0, linear_error(scene) + rounded)
     errors = [0.0]
     for material in materials(scene):
         slow = 1.0 - sum(term.share for term in material.relaxation)
-        excess = sum(
-            term.share * term.time_s / time * -math.expm1(-time / term.time_s)
-            for term in material.relaxation
-        )
+        excess = 0.0
+        for term in material.relaxation:
+            x = term.time_s / scene.duration_s
+            even = -x * math.expm1(-1.0 / x)
+            growing = 2.0 * x * (1.0 - even)
+            excess += term.share * ((1.0 - quadratic) * even + quadratic * growing)
         errors.append(excess / slow)
     return max(errors)
 

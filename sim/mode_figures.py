@@ -27,7 +27,7 @@ _PAGE_IN = 7.16
 # For a page on a screen.
 _SCREEN_DPI = 120
 _MM, _KPA = 1e3, 1e-3
-_SECTION_MIN_MM = 3.0
+_SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
 _ARROW_MIN_SHARE = 5e-3
 _INK, _STEEL = "#222222", "#C9CED6"
 _STYLE: Any = {
@@ -69,7 +69,7 @@ def draw_modes(
         for (part, row), run in zip(rows, runs, strict=True):
             force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
             part.suptitle(f"{_TITLES[run.name]}, {run.travel}, {force}", x=0.01, ha="left")
-            maps, section = surface_maps(run.path, run.point), cut(run.path.model, _positions(run))
+            maps, section = surface_maps(run.path, run.point), _section(run)
             _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
             _draw_pressure(row[1], run, maps)
             _draw_traction(row[2], run, maps)
@@ -96,7 +96,7 @@ def draw_sensors(
             count = len(run.path.model.elements)
             title = f"{run.sensor.title}, {run.travel}, {force}, {count} tetrahedra"
             part.suptitle(title, x=0.01, ha="left")
-            maps, section = surface_maps(run.path, run.point), cut(run.path.model, _positions(run))
+            maps, section = surface_maps(run.path, run.point), _section(run)
             _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
             _draw_mesh(row[1], maps)
             _draw_pressure(row[2], run, maps)
@@ -113,8 +113,10 @@ def _rows(
     return figure, [(part, part.subplots(1, len(widths), width_ratios=widths)) for part in parts]
 
 
-def _positions(run: ModeRun) -> FloatArray:
-    return run.point.state.positions
+def _section(run: ModeRun) -> Section:
+    model = run.path.model
+    section = cut(model, run.point.state.positions)
+    return section.without_slivers(_THIN_SHARE * model.height_m)
 
 
 def _reach(run: ModeRun) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,9 +10,8 @@ from sim.arrays import FloatArray, IntArray
 from sim.model import Model
 from sim.stress import element_stress
 
-# Just beside the plane, so that no node lies on it; tetrahedra that meet the plane in an edge then
-# leave slivers about as thin, which are nothing but hairlines in a picture.
-_BESIDE_SHARE, _THIN_SHARE = 1e-5, 1e-3
+# Just beside the plane, so that no node lies on it.
+_BESIDE_SHARE = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +29,17 @@ class Section:
     triangles: IntArray
     stress_pa: FloatArray
     layers: IntArray
+
+    def without_slivers(self, thickness_m: float) -> Section:
+        """Leave out what is thinner than that [m]: hairlines in a picture.
+
+        Tetrahedra that meet the plane in no more than an edge give such triangles.
+        """
+        corners = self.points_m[self.triangles]
+        sides = corners - np.roll(corners, 1, axis=1)
+        doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        kept = doubled > thickness_m * np.linalg.norm(sides, axis=2).max(axis=1)
+        return replace(self, triangles=self.triangles[kept], layers=self.layers[kept])
 
 
 def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> Section:
@@ -58,21 +68,12 @@ def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> Section:
     grouped = [_grouped(points, k) for k in range(len(counts))]
     at = np.concatenate(grouped).reshape(-1, 3)
     found = np.concatenate([_grouped(stress, k) for k in range(len(counts))]).reshape(-1, 3, 3)
-    triangles = np.arange(len(at), dtype=np.int32).reshape(-1, 3)
-    kept = _thickness(at[triangles]) > _THIN_SHARE * model.height_m
     return Section(
         points_m=at[:, [0, 2]],
-        triangles=triangles[kept],
+        triangles=np.arange(len(at), dtype=np.int32).reshape(-1, 3),
         stress_pa=found,
-        layers=np.concatenate(layers)[kept],
+        layers=np.concatenate(layers),
     )
-
-
-def _thickness(corners: FloatArray) -> FloatArray:
-    """Return the smallest height of triangles [m], shape [triangle_count]."""
-    sides = corners - np.roll(corners, 1, axis=1)
-    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return np.asarray(doubled / np.linalg.norm(sides, axis=2).max(axis=1))
 
 
 def _grouped(pieces: list[FloatArray], index: int) -> FloatArray:

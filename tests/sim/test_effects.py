@@ -163,3 +163,16 @@ def test_a_quick_press_is_stepped_in_time() -> None:
     assert quick.force_n[2] != pytest.approx(slow.force_n[2], rel=1e-3)
     with pytest.raises(ConfigError, match="calls for inertia"):
         press(replace(scene(), duration_s=3e-4, target=Target(force_n=0.1)))
+
+
+@pytest.mark.parametrize("indenter", [BALL, PUNCH], ids=["ball", "punch"])
+def test_what_relaxation_costs_is_bounded(indenter: Indenter) -> None:
+    """Leaving a Prony series out costs no more than expected, and not much less."""
+    lossy = replace(GEL, relaxation=(RelaxationTerm(share=0.3, time_s=0.2),))
+    full = replace(scene(indenter, material=lossy), duration_s=0.5, tolerance=0.0)
+    row = next(row for row in plan_effects(full).effects if row.effect is Effect.VISCOELASTICITY)
+    slow = press(replace(full, effects=((Effect.VISCOELASTICITY, False), (Effect.INERTIA, False))))
+    whole = press(replace(full, effects=((Effect.INERTIA, False),)))
+    excess = whole.force_n[2] / slow.force_n[2] - 1.0
+    assert row.estimated_error is not None
+    assert excess <= row.estimated_error <= 1.3 * excess
