@@ -208,14 +208,20 @@ def slide_mode(pressed: Pressed) -> ModeRun:
         pressed,
         point,
         f"{travel * 1e3:.1f} mm along x",
-        _slide_criteria(before, signature, growth),
+        slide_criteria(before, signature, growth),
         time.process_time() - began,
     )
 
 
-def _slide_criteria(
+def slide_criteria(
     before: ContactSignature, signature: ContactSignature, growth: float
 ) -> tuple[ModeCriterion, ...]:
+    """Judge a slide's end.
+
+    Args:
+        before: Where it began.
+        growth: Relative growth of the tangential resultant over F_n in the last step.
+    """
     on_indenter = -np.array(signature.tangential_n)
     cosine = float(on_indenter[0] / np.linalg.norm(on_indenter))
     mobilised = signature.mobilised_friction / FRICTION

@@ -11,7 +11,15 @@ from sim.effects import plan_effects
 from sim.indenter import Sphere
 from sim.mode_figures import draw_modes, draw_sensors
 from sim.mode_maps import surface_maps, traction_arrows
-from sim.mode_runs import FRICTION, ModeRun, Pressed, press_mode, slide_mode, twist_mode
+from sim.mode_runs import (
+    FRICTION,
+    ModeRun,
+    Pressed,
+    press_mode,
+    slide_criteria,
+    slide_mode,
+    twist_mode,
+)
 from sim.pad import DiscPad
 from sim.press import path_for
 from sim.scene import ContactMode, Material, Motion, Preset, Scene, Target
@@ -62,6 +70,14 @@ def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(
     assert slide.signature.sliding_friction == pytest.approx(FRICTION, rel=1.5e-3)
     assert slide.signature.centre_m[0] > 1e-5
     assert slide.point.force_n[2] == pytest.approx(runs["press"].point.force_n[2], rel=1e-6)
+
+
+def test_a_slide_that_still_grips_is_not_judged(runs: dict[str, ModeRun]) -> None:
+    """While the drag grows, mu F_n is neither met nor missed, and the run has not passed."""
+    before, after = runs["press"].signature, runs["slide"].signature
+    judged = [criterion.judged for criterion in slide_criteria(before, after, 0.1)]
+    assert judged == [True, True, False, True]
+    assert [c.passed for c in slide_criteria(before, after, 0.1)] == [True, False, False, True]
 
 
 def test_torsion_pulls_around_the_axis(runs: dict[str, ModeRun]) -> None:
