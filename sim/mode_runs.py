@@ -7,51 +7,33 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sim.contact_modes import ContactSignature, contact_signature
 from sim.effects import plan_effects
 from sim.indenter import Cylinder, Sphere, describe
 from sim.loading import Hold, LoadingPath
+from sim.mode_criteria import (
+    FRICTION,
+    GROWTH_MAX,
+    SLIDE_STEP_M,
+    ModeCriterion,
+    press_criteria,
+    slide_criteria,
+    twist_criteria,
+)
 from sim.path_point import PathPoint
 from sim.press import path_for
 from sim.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor import Sensor
 
-FRICTION = 0.5
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)
 BALL = Sphere(diameter_m=8e-3)
 # A ball's whole contact is smooth: its edge wants finer faces than a force does.
 BALL_REFINEMENT = 1.5
 DEPTH_M = 0.4e-3
-_SLIDE_STEP_M, _SLIDE_MAX_M = 0.2e-3, 2e-3
+_SLIDE_MAX_M = 2e-3
 _TWIST_STEP_RAD, _TWIST_MAX_RAD = 0.1, 0.6
 # Every point slides where the tangential sizes' sum comes this close to mu times the normal one.
 _SLIDING_SHARE = 0.999
-# A slide is on its own where its resultant grows by less than this in a step.
-_GROWTH_MAX = 5e-3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModeCriterion:
-    """One number of a signature against its limit.
-
-    Attributes:
-        judged: False where the run did not come to what the number is about; it has then failed.
-    """
-
-    name: str
-    measured: float
-    limit: str
-    passed: bool
-    judged: bool = True
-
-    @property
-    def verdict(self) -> str:
-        """The outcome in a word or two."""
-        if not self.judged:
-            return "not judged"
-        return "ok" if self.passed else "MISSED"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,19 +156,9 @@ def press_in(
 
 def press_mode(pressed: Pressed) -> ModeRun:
     """Hold a straight press against its signature."""
-    signature = contact_signature(pressed.path.model, pressed.point)
-    resultant = float(np.linalg.norm(signature.tangential_n[:2])) / signature.normal_size_n
-    return _run(
-        "press",
-        pressed,
-        pressed.point,
-        f"{pressed.point.depth_m * 1e3:g} mm deep",
-        (
-            _at_least("tangential traction is radial: mean cosine", signature.radial_share, 0.95),
-            _below("tangential resultant in the plane over F_n", resultant, 1e-3),
-        ),
-        pressed.processor_s,
-    )
+    criteria = press_criteria(contact_signature(pressed.path.model, pressed.point))
+    travel = f"{pressed.point.depth_m * 1e3:g} mm deep"
+    return _run("press", pressed, pressed.point, travel, criteria, pressed.processor_s)
 
 
 def slide_mode(pressed: Pressed) -> ModeRun:
@@ -198,9 +170,9 @@ def slide_mode(pressed: Pressed) -> ModeRun:
     began, path = time.process_time(), pressed.again()
     before = signature = contact_signature(path.model, pressed.point)
     travel, growth = 0.0, math.inf
-    while abs(growth) > _GROWTH_MAX and travel < _SLIDE_MAX_M:
-        travel += _SLIDE_STEP_M
-        point = path.carry(shift_m=(_SLIDE_STEP_M, 0.0), hold=Hold.FORCE)
+    while abs(growth) > GROWTH_MAX and travel < _SLIDE_MAX_M:
+        travel += SLIDE_STEP_M
+        point = path.carry(shift_m=(SLIDE_STEP_M, 0.0), hold=Hold.FORCE)
         earlier, signature = signature, contact_signature(path.model, point)
         growth = signature.mobilised_friction / max(earlier.mobilised_friction, 1e-300) - 1.0
     return _run(
@@ -210,45 +182,6 @@ def slide_mode(pressed: Pressed) -> ModeRun:
         f"{travel * 1e3:.1f} mm along x",
         slide_criteria(before, signature, growth),
         time.process_time() - began,
-    )
-
-
-def slide_criteria(
-    before: ContactSignature, signature: ContactSignature, growth: float
-) -> tuple[ModeCriterion, ...]:
-    """Judge a slide's end.
-
-    Args:
-        before: Where it began.
-        growth: Relative growth of the tangential resultant over F_n in the last step.
-    """
-    on_indenter = -np.array(signature.tangential_n)
-    cosine = float(on_indenter[0] / np.linalg.norm(on_indenter))
-    mobilised = signature.mobilised_friction / FRICTION
-    settled = abs(growth) <= _GROWTH_MAX
-    advance = signature.centre_m[0] - before.centre_m[0]
-    step = f"{_SLIDE_STEP_M * 1e3:g} mm"
-    return (
-        _below("cosine of summed traction on the indenter and motion", cosine, -0.98),
-        ModeCriterion(
-            name=f"growth of the tangential resultant in the last {step}",
-            measured=growth,
-            limit=f"within {_GROWTH_MAX:g}",
-            passed=settled,
-        ),
-        ModeCriterion(
-            name="tangential resultant over mu F_n where all slides",
-            measured=mobilised,
-            limit="1 within 0.02",
-            passed=settled and abs(mobilised - 1.0) <= 0.02,
-            judged=settled,
-        ),
-        ModeCriterion(
-            name="centre of pressure moved towards the leading edge [mm]",
-            measured=advance * 1e3,
-            limit="> 0",
-            passed=advance > 0.0,
-        ),
     )
 
 
@@ -265,13 +198,12 @@ def twist_mode(pressed: Pressed) -> ModeRun:
         signature = contact_signature(path.model, point)
         if signature.sliding_friction >= _SLIDING_SHARE * FRICTION:
             break
-    share = signature.circumferential_share
     return _run(
         "twist",
         pressed,
         point,
         f"{math.degrees(turned):.1f}\N{DEGREE SIGN} about z",
-        (_at_least("tangential traction is circumferential: mean cosine", share, 0.95),),
+        twist_criteria(signature),
         time.process_time() - began,
     )
 
@@ -294,16 +226,4 @@ def _run(
         signature=contact_signature(pressed.path.model, point),
         criteria=criteria,
         processor_s=processor_s,
-    )
-
-
-def _at_least(name: str, measured: float, limit: float) -> ModeCriterion:
-    return ModeCriterion(
-        name=name, measured=measured, limit=f">= {limit:g}", passed=measured >= limit
-    )
-
-
-def _below(name: str, measured: float, limit: float) -> ModeCriterion:
-    return ModeCriterion(
-        name=name, measured=measured, limit=f"< {limit:g}", passed=measured < limit
     )

@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from sim.indenter import Cylinder, Sphere, describe
+from sim.mode_criteria import FRICTION
 from sim.mode_figures import draw_modes, draw_sensors
 from sim.mode_runs import (
     BALL,
     BALL_REFINEMENT,
-    FRICTION,
     PUNCH,
     ModeRun,
     press_in,

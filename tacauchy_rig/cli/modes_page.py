@@ -6,7 +6,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from sim.indenter import describe
-from sim.mode_runs import BALL_REFINEMENT, FRICTION, ModeRun
+from sim.mode_criteria import FRICTION
+from sim.mode_runs import BALL_REFINEMENT, ModeRun
 from sim.scene import Preset
 
 _WIDTH = 100

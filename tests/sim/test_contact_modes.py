@@ -9,17 +9,10 @@ import pytest
 
 from sim.effects import plan_effects
 from sim.indenter import Sphere
+from sim.mode_criteria import FRICTION, slide_criteria
 from sim.mode_figures import draw_modes, draw_sensors
 from sim.mode_maps import surface_maps, traction_arrows
-from sim.mode_runs import (
-    FRICTION,
-    ModeRun,
-    Pressed,
-    press_mode,
-    slide_criteria,
-    slide_mode,
-    twist_mode,
-)
+from sim.mode_runs import ModeRun, Pressed, press_mode, slide_mode, twist_mode
 from sim.pad import DiscPad
 from sim.press import path_for
 from sim.scene import ContactMode, Material, Motion, Preset, Scene, Target

@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from sim.contact_modes import ContactSignature
-from sim.mode_runs import BALL, PUNCH, ModeCriterion, ModeRun
+from sim.mode_criteria import ModeCriterion
+from sim.mode_runs import BALL, PUNCH, ModeRun
 from sim.scene import Preset
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.modes_page import markdown
