@@ -1,8 +1,9 @@
-"""What is believed about the error of F_z on a preset's mesh, from presses that were measured.
+"""What is believed about the error of F_z on a mesh, from presses that were measured.
 
-``sim.accuracy.preset_errors`` presses a few scenes on every preset and on finer meshes, and writes
-what it finds to a file that ships with the program; ``force_error`` reads it. A scene outside what
-was measured gets no number here: ``sim.richardson`` presses it again on coarser meshes.
+``sim.accuracy.preset_errors`` presses a few scenes with every setting and on finer meshes, and
+writes what it finds to a file that ships with the program; ``force_error`` reads it. A scene
+outside what was measured gets no number here: ``sim.richardson`` presses it again on coarser
+meshes.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import statistics
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from typing import Any
 
 from sim.indenter import Cylinder, Indenter, describe
 from sim.laws.catalogue import LawName
 from sim.mesh_choice import MeshKind, mesh_choice, mesh_depth
 from sim.scene import ContactMode, Preset, Scene
+from sim.settings import Setting, setting_of
 
 FILE = "force_errors.json"
 _DEPTH_SHARE_MAX = 0.25
@@ -27,13 +30,14 @@ _SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceErrorRow:
-    """One press on one preset.
+    """One press with one setting.
 
     Attributes:
         kind: Of the indenter, as ``indenter_kind`` has it.
         depth_share: Depth over the depth that the mesh was made for.
         pad_share: Depth over the pad's height.
-        force_n: F_z of the preset [N].
+        refinement: Every edge this many times shorter than the preset's.
+        force_n: F_z that was found [N].
         limit_n: F_z that finer and finer meshes tend to [N].
         doubt: Relative error that the limit itself may have.
         cpu_s: Processor time of the whole path to the deepest of its depths, mesh included [s].
@@ -42,7 +46,8 @@ class ForceErrorRow:
     kind: str
     indenter: str
     poisson: float
-    preset: str
+    preset: Preset
+    refinement: float
     depth_m: float
     depth_share: float
     pad_share: float
@@ -50,6 +55,11 @@ class ForceErrorRow:
     limit_n: float
     doubt: float
     cpu_s: float
+
+    @property
+    def setting(self) -> Setting:
+        """What it was pressed with."""
+        return Setting(self.preset, self.refinement)
 
     @property
     def error(self) -> float:
@@ -75,10 +85,10 @@ def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | 
     depth = mesh_depth(scene) if depth_m is None else depth_m
     kind = indenter_kind(scene.indenter)
     shares = _Depth(mesh_share=depth / mesh_depth(scene), pad_share=depth / scene.pad.height_m)
-    near = _near(kind, scene.preset, shares)
+    near = _near(kind, setting_of(scene), shares)
     outside = _outside(scene, depth)
     if not near or outside:
-        return None, outside or f"no {kind} was measured on preset {scene.preset.value}"
+        return None, outside or f"no {kind} was measured on preset {setting_of(scene)}"
     worst = max(near, key=lambda row: row.error)
     return worst.error, (
         f"{kind}: largest of {len(near)} differences from the limit of finer meshes, plus that "
@@ -87,17 +97,22 @@ def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | 
     )
 
 
-def time_ratio(preset: Preset, to: Preset) -> float:
-    """Return how many times as long a press takes on one preset as on another.
+def is_measured(setting: Setting) -> bool:
+    """Return whether any press was measured with a setting."""
+    return any(row.setting == setting for row in _rows())
+
+
+def time_ratio(setting: Setting, to: Setting) -> float:
+    """Return how many times as long a press takes with one setting as with another.
 
     It is the median over the presses that were measured on both, of processor time, so that a
     busy machine changes it little.
     """
-    spent = {(r.indenter, r.poisson, r.preset): r.cpu_s for r in _rows()}
+    spent = {(r.indenter, r.poisson, r.setting): r.cpu_s for r in _rows()}
     ratios = [
-        seconds / spent[indenter, poisson, to.value]
-        for (indenter, poisson, name), seconds in spent.items()
-        if name == preset.value and (indenter, poisson, to.value) in spent
+        seconds / spent[indenter, poisson, to]
+        for (indenter, poisson, own), seconds in spent.items()
+        if own == setting and (indenter, poisson, to) in spent
     ]
     return statistics.median(ratios)
 
@@ -107,19 +122,19 @@ def measured_kinds() -> tuple[str, ...]:
     return tuple(dict.fromkeys(row.kind for row in _rows()))
 
 
-def believed(kind: str, preset: Preset, *, pad_share: float) -> float | None:
-    """Return the believed relative error of a kind on a preset at its mesh's depth, or None.
+def believed(kind: str, setting: Setting, *, pad_share: float) -> float | None:
+    """Return the believed relative error of a kind with a setting at its mesh's depth, or None.
 
     Args:
         pad_share: Depth over the pad's height.
     """
-    near = _near(kind, preset, _Depth(mesh_share=1.0, pad_share=pad_share))
+    near = _near(kind, setting, _Depth(mesh_share=1.0, pad_share=pad_share))
     return max((row.error for row in near), default=None)
 
 
-def typical_error(preset: Preset) -> float:
-    """Return the median error of a preset over all presses that were measured."""
-    return statistics.median(row.error for row in _rows() if row.preset == preset.value)
+def typical_error(setting: Setting) -> float:
+    """Return the median error of a setting over all presses that were measured with it."""
+    return statistics.median(row.error for row in _rows() if row.setting == setting)
 
 
 def indenter_kind(indenter: Indenter) -> str:
@@ -130,7 +145,7 @@ def indenter_kind(indenter: Indenter) -> str:
     return "cylinder with a rounded rim" if rounded else "cylinder with a sharp rim"
 
 
-def _near(kind: str, preset: Preset, depth: _Depth) -> list[ForceErrorRow]:
+def _near(kind: str, setting: Setting, depth: _Depth) -> list[ForceErrorRow]:
     """Return the rows of every measured press that a press lies between.
 
     A ball's mesh is made for a depth, so that its shares count. A cylinder's is not, and its error
@@ -138,7 +153,7 @@ def _near(kind: str, preset: Preset, depth: _Depth) -> list[ForceErrorRow]:
     """
     presses: dict[tuple[str, float], list[ForceErrorRow]] = {}
     for row in _rows():
-        if row.preset == preset.value and row.kind == kind:
+        if row.setting == setting and row.kind == kind:
             presses.setdefault((row.indenter, row.poisson), []).append(row)
     around = _around if kind == "sphere" else _deeper
     return [row for rows in presses.values() for row in around(rows, depth)]
@@ -159,7 +174,8 @@ def _deeper(rows: list[ForceErrorRow], depth: _Depth) -> list[ForceErrorRow]:
 @cache
 def _rows() -> tuple[ForceErrorRow, ...]:
     text = resources.files("sim").joinpath(FILE).read_text("utf-8")
-    return tuple(ForceErrorRow(**row) for row in json.loads(text))
+    rows: list[dict[str, Any]] = json.loads(text)
+    return tuple(ForceErrorRow(**{**row, "preset": Preset(row["preset"])}) for row in rows)
 
 
 def _outside(scene: Scene, depth_m: float) -> str:

@@ -104,7 +104,7 @@ def build_model(
 
     Args:
         plan: Effects to include; None plans them.
-        refinement: Make every edge this many times shorter than the preset does.
+        refinement: Make every edge this many times shorter than the scene does.
         mesh: Take this mesh instead of the preset's.
 
     Raises:
@@ -157,6 +157,7 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene, shares)
+    refinement *= scene.refinement
     if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
         return footprint_mesh(scene, shares=shares, refinement=refinement)
     resolution = refined(_resolution(scene), refinement)

@@ -115,7 +115,7 @@ def path_for(
     Args:
         model: Reuse this model instead of meshing and assembling anew.
         device: Warp device of a new model.
-        refinement: Make every edge this many times shorter than the preset does.
+        refinement: Make every edge this many times shorter than the scene does.
 
     Raises:
         ConfigError: The scene cannot be built.

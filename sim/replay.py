@@ -18,6 +18,7 @@ from sim.match import ForceMatch, find_force, push_to_force
 from sim.press import PressResult, measure, path_for
 from sim.scene import ContactMode, Drive, Preset, Scene, Target
 from sim.sensor import Sensor
+from sim.settings import setting_of
 from sim.tolerance import Tolerance, alternatives, keeping
 from tacauchy_rig.run import Replay, ReplayTrial
 
@@ -76,7 +77,7 @@ def replay_forces(
         contact=contact,
         drive=drive,
     )
-    say(0, f"meshing {sensor.title}, preset {scene.preset.value}")
+    say(0, f"meshing {sensor.title}, preset {setting_of(scene)}")
     return _replay(scene, forces_n, tolerance=tolerance, say=say, name=name)
 
 
@@ -198,7 +199,7 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
             }
             for layer in scene.layers
         ],
-        "preset": scene.preset.value,
+        "preset": str(setting_of(scene)),
         "element": model.reference.order.value,
         "element_is_linear": model.reference.order is ElementOrder.P1,
         "tet_count": len(model.elements),

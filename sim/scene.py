@@ -180,6 +180,7 @@ class Scene:
         outputs: What is asked for besides the force.
         tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
         effects: Effects switched on or off by the user, against the plan.
+        refinement: Every edge this many times shorter than the preset's.
         drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
@@ -203,6 +204,7 @@ class Scene:
     effects: tuple[tuple[Effect, bool], ...] = ()
     drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED
+    refinement: float = 1.0
     force_tolerance_n: float = 1e-3
     barrier_m: float = 5e-6
     filling: Filling = field(default_factory=Filling)

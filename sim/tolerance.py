@@ -1,4 +1,4 @@
-"""The cheapest preset that keeps a tolerance, and what its neighbours would have cost."""
+"""The cheapest settings that keep a tolerance, and what their neighbours would have cost."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 from sim.effect_estimates import expected_depth, expected_force
 from sim.effects import EffectPlan, plan_effects
-from sim.force_error import force_error, time_ratio, typical_error
+from sim.force_error import force_error, is_measured, time_ratio, typical_error
 from sim.scene import Effect, Preset, Scene
+from sim.settings import FAST, SETTINGS, Setting, setting_of
 from tacauchy_rig.errors import ConfigError
 
 # Preset paper's error was measured with its linear element.
@@ -48,17 +49,18 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alternative:
-    """A preset beside the one that was used.
+    """Settings beside those that were used.
 
     Attributes:
         role: ``cheaper`` or ``better``.
+        setting: A preset, or a mesh between two.
         error_relative: Believed relative error of F_z; None where nothing is known.
-        time_ratio: Its time over that of the preset used.
+        time_ratio: Its time over that of the settings used.
         wall_s: The time it would have taken here [s].
     """
 
     role: str
-    preset: str
+    setting: str
     error_relative: float | None
     time_ratio: float
     wall_s: float
@@ -66,14 +68,15 @@ class Alternative:
     def __str__(self) -> str:
         error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
         return (
-            f"preset {self.preset}: about {self.time_ratio:.2g} times the time ({self.wall_s:.2g} "
+            f"preset {self.setting}: about {self.time_ratio:.2g} times the time ({self.wall_s:.2g} "
             f"s), force error {error}"
         )
 
 
-def presets_by_cost() -> tuple[Preset, ...]:
-    """Return the presets, the cheapest first."""
-    return tuple(sorted(Preset, key=lambda preset: time_ratio(preset, Preset.FAST)))
+def settings_by_cost() -> tuple[Setting, ...]:
+    """Return the settings that were measured, the cheapest first."""
+    measured = [setting for setting in SETTINGS if is_measured(setting)]
+    return tuple(sorted(measured, key=lambda setting: time_ratio(setting, FAST)))
 
 
 def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[float | None, str]:
@@ -90,61 +93,64 @@ def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[f
 
 
 def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
-    """Return a scene with the cheapest preset whose believed error keeps a tolerance.
+    """Return a scene with the cheapest settings whose believed error keeps a tolerance.
 
     Effects are left out within what the mesh leaves of it.
 
     Raises:
-        ConfigError: No preset keeps it, or nothing is known about such a scene.
+        ConfigError: No settings keep it, or nothing is known about such a scene.
     """
     allowed = tolerance.of(expected_force(scene))
     depth = expected_depth(scene)
-    known: dict[Preset, float] = {}
+    known: dict[Setting, float] = {}
     reason = ""
-    for preset in presets_by_cost():
-        tried = replace(scene, preset=preset)
+    for setting in settings_by_cost():
+        tried = setting.applied(scene)
         error, reason = force_error(tried, depth_m=depth)
         if error is None:
             continue
-        if error <= allowed:
-            return replace(tried, tolerance=allowed - error)
-        known[preset] = error
+        spared = replace(tried, tolerance=max(0.0, allowed - error))
+        known[setting] = _error(spared, depth) or error
+        if known[setting] <= allowed:
+            return spared
     if not known:
         raise ConfigError(
             f"no preset promises {tolerance} here: {reason}",
             remedy="choose a preset instead; `press --estimate-error` says what it was worth",
         )
-    best = min(known, key=lambda preset: known[preset])
+    best = min(known, key=lambda setting: known[setting])
     nearest = f"{known[best]:.2%} ({known[best] * expected_force(scene):.2g} N)"
     raise ConfigError(
         f"no preset promises {tolerance}, {allowed:.2%} of the force expected; preset {best} comes "
         f"nearest with {nearest}",
-        remedy=f"allow {nearest}, or choose preset {best} without a tolerance",
+        remedy=f"allow {nearest}, or choose preset {best.preset} without a tolerance",
     )
 
 
 def alternatives(scene: Scene, *, depth_m: float, wall_s: float) -> tuple[Alternative, ...]:
-    """Return the next cheaper preset, and the cheapest of those that are better.
+    """Return the next cheaper settings, and the cheapest of those that are better.
 
     Args:
         depth_m: Where the press ended [m].
         wall_s: What it took [s].
     """
-    order = presets_by_cost()
-    errors = {p: _error(replace(scene, preset=p), depth_m) for p in order}
-    ranks = {p: typical_error(p) if errors[p] is None else errors[p] or 0.0 for p in order}
-    cheaper = order[: order.index(scene.preset)][-1:]
-    better = tuple(p for p in order if ranks[p] < ranks[scene.preset])[:1]
+    own, order = setting_of(scene), settings_by_cost()
+    if own not in order:
+        return ()
+    errors = {each: _error(each.applied(scene), depth_m) for each in order}
+    ranks = {each: typical_error(each) if errors[each] is None else errors[each] for each in order}
+    cheaper = order[: order.index(own)][-1:]
+    better = tuple(each for each in order if (ranks[each] or 0.0) < (ranks[own] or 0.0))[:1]
     return tuple(
         Alternative(
             role=role,
-            preset=preset.value,
-            error_relative=errors[preset],
-            time_ratio=time_ratio(preset, scene.preset),
-            wall_s=time_ratio(preset, scene.preset) * wall_s,
+            setting=str(each),
+            error_relative=errors[each],
+            time_ratio=time_ratio(each, own),
+            wall_s=time_ratio(each, own) * wall_s,
         )
-        for role, presets in (("cheaper", cheaper), ("better", better))
-        for preset in presets
+        for role, found in (("cheaper", cheaper), ("better", better))
+        for each in found
     )
 
 

@@ -57,7 +57,7 @@ def force_limits(
     Raises:
         RigError: A mesh cannot be made or solved.
     """
-    fine = replace(scene, preset=finest)
+    fine = replace(scene, preset=finest, refinement=1.0)
     found = pressed_path(fine, depths_m)
     coarser = pressed_path(fine, depths_m, refinement=1.0 / COARSENING)
     share = 1.0 / (COARSENING ** error_order(scene) - 1.0)

@@ -12,6 +12,7 @@ from sim.force_error import ForceErrorRow, indenter_kind
 from sim.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene import Preset, Scene, Target
 from sim.sensor import load_sensor
+from sim.settings import SETTINGS, Setting
 
 DEPTH_SHARES = (0.3, 0.65, 1.0)
 _TOLERANCE = 2e-4
@@ -64,7 +65,7 @@ def measure_preset_errors(
     *,
     on_progress: Callable[[str], None] = lambda _text: None,
 ) -> list[ForceErrorRow]:
-    """Press every scene on every preset and write the rows to a JSON file; a quarter of an hour.
+    """Press every scene with every setting and write the rows to a JSON file; a quarter of an hour.
 
     Raises:
         RigError: A scene cannot be pressed.
@@ -83,17 +84,18 @@ def _rows(press: Training) -> list[ForceErrorRow]:
     depths = [share * deepest for share in DEPTH_SHARES]
     limits, finest = force_limits(scene, depths, finest=press.finest)
     rows = []
-    for preset in Preset:
-        if preset is Preset.REFERENCE and press.finest is not Preset.REFERENCE:
+    for setting in SETTINGS:
+        if setting.preset is Preset.REFERENCE and press.finest is not Preset.REFERENCE:
             continue
-        is_finest = preset is press.finest
-        found = finest if is_finest else pressed_path(replace(scene, preset=preset), depths)
+        is_finest = setting == Setting(press.finest)
+        found = finest if is_finest else pressed_path(setting.applied(scene), depths)
         rows += [
             ForceErrorRow(
                 kind=indenter_kind(scene.indenter),
                 indenter=describe(scene.indenter),
                 poisson=scene.material.poisson,
-                preset=preset.value,
+                preset=setting.preset,
+                refinement=setting.refinement,
                 depth_m=depth,
                 depth_share=share,
                 pad_share=depth / scene.pad.height_m,

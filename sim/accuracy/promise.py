@@ -11,7 +11,8 @@ from sim.accuracy.promise_scenes import HELD_OUT, Promise
 from sim.effects import plan_effects
 from sim.press import path_for, solve
 from sim.scene import Preset, Scene, Target
-from sim.tolerance import expected_error, keeping, presets_by_cost
+from sim.settings import Setting, setting_of
+from sim.tolerance import expected_error, keeping, settings_by_cost
 from sim.verification.section import Section
 from tacauchy_rig.errors import ConfigError
 
@@ -26,31 +27,31 @@ class Settled:
 
     Attributes:
         allowed: The tolerance relative to the force that was found.
-        preset: The one that was chosen; None where none was promised, and then there are no
+        setting: The one that was chosen; None where none was promised, and then there are no
             numbers.
         believed: Relative error that was stated.
         true_error: Relative to the limit of finer meshes, with its sign.
         doubt: Relative error that the limit may have.
-        cheapest: The cheapest preset whose true error is within the tolerance; None if none is.
-        cost_ratio: Processor time of the chosen preset over that of the cheapest.
+        cheapest: The cheapest setting whose true error is within the tolerance; None if none is.
+        cost_ratio: Processor time of the chosen setting over that of the cheapest.
     """
 
     promise: Promise
     refusal: str = ""
     allowed: float = 0.0
-    preset: Preset | None = None
+    setting: Setting | None = None
     force_n: float = 0.0
     depth_m: float = 0.0
     believed: float = 0.0
     true_error: float = 0.0
     doubt: float = 0.0
-    cheapest: Preset | None = None
+    cheapest: Setting | None = None
     cost_ratio: float | None = None
 
     @property
     def is_kept(self) -> bool:
         """The true error is within the tolerance."""
-        return self.preset is not None and abs(self.true_error) <= self.allowed
+        return self.setting is not None and abs(self.true_error) <= self.allowed
 
     @property
     def is_thrifty(self) -> bool:
@@ -73,7 +74,7 @@ def settle(promise: Promise) -> Settled:
     point = solve(scene, plan, path_for(scene, plan))
     spent = time.process_time() - started
     force, depth = float(point.force_n[2]), point.depth_m
-    there = replace(scene, target=Target(depth_m=depth), tolerance=_EVERYTHING_ON)
+    there = replace(scene, target=Target(depth_m=depth), tolerance=_EVERYTHING_ON, refinement=1.0)
     finest = Preset.REFERENCE if scene.preset is Preset.REFERENCE else Preset.ACCURATE
     (limit,), _ = force_limits(there, [depth], finest=finest)
     allowed = promise.tolerance.of(force)
@@ -82,7 +83,7 @@ def settle(promise: Promise) -> Settled:
     return Settled(
         promise=promise,
         allowed=allowed,
-        preset=scene.preset,
+        setting=setting_of(scene),
         force_n=force,
         depth_m=depth,
         believed=believed or 0.0,
@@ -95,20 +96,20 @@ def settle(promise: Promise) -> Settled:
 
 def _cheapest(
     scene: Scene, depth_m: float, limit: ForceLimit, allowed: float, *, known: tuple[float, float]
-) -> tuple[Preset | None, float]:
-    """Return the cheapest preset within a tolerance, and its processor time [s].
+) -> tuple[Setting | None, float]:
+    """Return the cheapest setting within a tolerance, and its processor time [s].
 
     Args:
         known: Error and processor time of the preset that was chosen.
     """
-    for preset in presets_by_cost():
+    for setting in settings_by_cost():
         error, spent = known
-        if preset is not scene.preset:
-            other = replace(scene, preset=preset, tolerance=_EVERYTHING_ON)
+        if setting != setting_of(scene):
+            other = replace(setting.applied(scene), tolerance=_EVERYTHING_ON)
             found = pressed_path(other, [depth_m])
             error, spent = limit.error(found.forces_n[0]), found.cpu_s
         if abs(error) <= allowed:
-            return preset, spent
+            return setting, spent
     return None, 0.0
 
 
@@ -142,7 +143,7 @@ def section(found: Sequence[Settled], *, command: str) -> Section:
             "tolerance",
             "F_z [N]",
             "allowed [%]",
-            "preset chosen",
+            "settings chosen",
             "error believed [%]",
             "true error [%]",
             "doubt of it [%]",
@@ -152,7 +153,7 @@ def section(found: Sequence[Settled], *, command: str) -> Section:
         ),
         rows=tuple(_cells(each) for each in found),
         criterion=f"the error is within the tolerance on nine scenes of ten, at no more than "
-        f"{COST_WANTED:g} times the processor time of the cheapest preset that would have kept it",
+        f"{COST_WANTED:g} times the processor time of the cheapest settings that would have",
         passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
         note=f"Kept on {kept} of {len(found)}, at no more than {COST_WANTED:g} times the time on "
         f"{thrifty}. The true error is against the limit that preset accurate (reference, where "
@@ -164,17 +165,17 @@ def section(found: Sequence[Settled], *, command: str) -> Section:
 
 def _cells(each: Settled) -> tuple[str | float | None, ...]:
     head = (each.promise.name, str(each.promise.tolerance))
-    if each.preset is None:
+    if each.setting is None:
         return (*head, None, None, "refused", None, None, None, "no", None, None)
     return (
         *head,
         each.force_n,
         1e2 * each.allowed,
-        each.preset.value,
+        str(each.setting),
         1e2 * each.believed,
         1e2 * each.true_error,
         1e2 * each.doubt,
         "yes" if each.is_kept else "no",
-        None if each.cheapest is None else each.cheapest.value,
+        None if each.cheapest is None else str(each.cheapest),
         each.cost_ratio,
     )

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from sim.accuracy.study import MESH_CHANCE, QUANTITIES, Row, Study, error_bar
 from sim.force_error import believed, measured_kinds, time_ratio
 from sim.scene import Preset
-from sim.tolerance import presets_by_cost
+from sim.settings import FAST
+from sim.tolerance import settings_by_cost
 from sim.verification.section import Section
 
 _PAD_SHARE = 0.1
@@ -124,14 +125,14 @@ def presets_section(*, command: str) -> Section:
     kinds = measured_kinds()
     return Section(
         title="What the presets are worth",
-        columns=("preset", "time over fast's", *(f"error, {kind} [%]" for kind in kinds)),
+        columns=("settings", "time over fast's", *(f"error, {kind} [%]" for kind in kinds)),
         rows=tuple(
             (
-                preset.value,
-                time_ratio(preset, Preset.FAST),
-                *(_percent(believed(kind, preset, pad_share=_PAD_SHARE)) for kind in kinds),
+                str(setting),
+                time_ratio(setting, FAST),
+                *(_percent(believed(kind, setting, pad_share=_PAD_SHARE)) for kind in kinds),
             )
-            for preset in presets_by_cost()
+            for setting in settings_by_cost()
         ),
         criterion="none: this is what a tolerance chooses by",
         passed=True,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from sim.effects import plan_effects
 from sim.mesh_choice import mesh_choice
+from sim.settings import setting_of
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.scene_command import states_a_scene
@@ -21,13 +22,13 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     for row in planned.effects:
         error = "" if row.estimated_error is None else f"{row.estimated_error:.2e}"
         say(f"{row.effect.value:21} {'on' if row.on else 'off':4} {error:9} {row.reason}")
-    say(f"preset: {scene.preset}")
+    say(f"preset: {setting_of(scene)}")
     say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
     write_json(
         json_file,
         {
-            "preset": scene.preset.value,
+            "preset": str(setting_of(scene)),
             "effects": planned.as_json(),
             "mesh": {"kind": choice.kind.value, "reason": choice.reason},
             "tolerance": planned.tolerance,

@@ -211,14 +211,14 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
             "alternatives": [
                 {
                     "role": "cheaper",
-                    "preset": "fast",
+                    "setting": "fast",
                     "error_relative": 0.0321,
                     "time_ratio": 0.25,
                     "wall_s": 5.0,
                 },
                 {
                     "role": "better",
-                    "preset": "accurate",
+                    "setting": "accurate",
                     "error_relative": None,
                     "time_ratio": 2.5,
                     "wall_s": 50.0,

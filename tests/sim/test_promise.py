@@ -14,18 +14,19 @@ from sim.accuracy.promise import Settled, section, settle
 from sim.accuracy.promise_scenes import HELD_OUT, Promise
 from sim.indenter import describe
 from sim.scene import Preset
+from sim.settings import FAST, Setting
 from sim.tolerance import Tolerance, keeping
 
 _KEPT = Settled(
     promise=HELD_OUT[0],
     allowed=0.02,
-    preset=Preset.BALANCED,
+    setting=Setting(Preset.BALANCED),
     force_n=1.0,
     depth_m=1e-4,
     believed=0.018,
     true_error=0.01,
     doubt=0.001,
-    cheapest=Preset.BALANCED,
+    cheapest=Setting(Preset.BALANCED),
     cost_ratio=1.0,
 )
 
@@ -63,7 +64,7 @@ def test_a_refusal_is_a_row_that_was_not_kept() -> None:
 def test_nine_of_ten_kept_and_all_thrifty_is_a_pass() -> None:
     """An error above the tolerance may happen once; a price above twice the cheapest may not."""
     broken = Settled(**{**_as_dict(_KEPT), "true_error": -0.021})
-    dear = Settled(**{**_as_dict(_KEPT), "cheapest": Preset.FAST, "cost_ratio": 2.5})
+    dear = Settled(**{**_as_dict(_KEPT), "cheapest": FAST, "cost_ratio": 2.5})
     assert section([_KEPT] * 9 + [broken], command="c").passed
     assert not section([_KEPT] * 8 + [broken] * 2, command="c").passed
     assert not section([_KEPT] * 9 + [dear], command="c").passed

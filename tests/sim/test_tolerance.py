@@ -13,12 +13,13 @@ from sim.force_error import force_error, time_ratio
 from sim.indenter import Cylinder, Plane, Sphere
 from sim.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor import load_sensor
+from sim.settings import Setting, setting_of
 from sim.tolerance import (
     Tolerance,
     alternatives,
     expected_error,
     keeping,
-    presets_by_cost,
+    settings_by_cost,
 )
 from tacauchy_rig.errors import ConfigError
 
@@ -46,9 +47,9 @@ def test_the_choice_is_the_cheapest_that_is_believed_to_keep_it(
     error, _ = expected_error(chosen, plan_effects(chosen), depth_m=depth_m)
     assert error is not None
     assert error <= allowed * (1.0 + 1e-12)
-    order = presets_by_cost()
-    for cheaper in order[: order.index(chosen.preset)]:
-        other, _ = force_error(replace(scene, preset=cheaper))
+    order = settings_by_cost()
+    for cheaper in order[: order.index(setting_of(chosen))]:
+        other, _ = force_error(cheaper.applied(scene))
         assert other is None or other > allowed
 
 
@@ -56,8 +57,8 @@ def test_newtons_are_taken_relative_to_the_force() -> None:
     """0.05 N is another preset's business at 0.5 N than at 4 N."""
     weak = replace(SCENE, target=Target(force_n=0.5))
     strong = replace(SCENE, target=Target(force_n=4.0))
-    order = presets_by_cost()
-    cheap, dear = (keeping(s, Tolerance(force_n=0.08)).preset for s in (weak, strong))
+    order = settings_by_cost()
+    cheap, dear = (setting_of(keeping(s, Tolerance(force_n=0.08))) for s in (weak, strong))
     assert order.index(cheap) < order.index(dear)
 
 
@@ -91,12 +92,13 @@ def test_a_tolerance_is_one_number_above_zero(
         Tolerance(relative=relative, force_n=force_n)
 
 
-@pytest.mark.parametrize("preset", list(Preset))
-def test_neighbours_are_cheaper_and_better(preset: Preset) -> None:
+@pytest.mark.parametrize("setting", settings_by_cost(), ids=str)
+def test_neighbours_are_cheaper_and_better(setting: Setting) -> None:
     """The cheaper one costs less, the better one errs less; times follow the ratios."""
-    scene = replace(SCENE, preset=preset)
+    scene, order = setting.applied(SCENE), settings_by_cost()
     own, _ = force_error(scene)
     found = {each.role: each for each in alternatives(scene, depth_m=0.5e-3, wall_s=10.0)}
+    ratios = {str(each): time_ratio(each, setting) for each in order}
     assert own is not None
     if "cheaper" in found:
         assert found["cheaper"].time_ratio < 1.0
@@ -104,9 +106,16 @@ def test_neighbours_are_cheaper_and_better(preset: Preset) -> None:
         assert (found["better"].error_relative or 0.0) < own
     for each in found.values():
         assert each.wall_s == pytest.approx(10.0 * each.time_ratio)
-        assert each.time_ratio == time_ratio(Preset(each.preset), preset)
-    ends = {presets_by_cost()[0]: {"better"}, Preset.REFERENCE: {"cheaper"}}
-    assert set(found) == ends.get(preset, {"cheaper", "better"})
+        assert each.time_ratio == ratios[each.setting]
+    ends = {order[0]: {"better"}, order[-1]: {"cheaper"}}
+    assert set(found) == ends.get(setting, {"cheaper", "better"})
+
+
+def test_meshes_nobody_measured_have_no_neighbours() -> None:
+    """Nor is an error stated for them."""
+    odd = replace(SCENE, refinement=0.777)
+    assert force_error(odd)[0] is None
+    assert alternatives(odd, depth_m=0.5e-3, wall_s=1.0) == ()
 
 
 def test_the_papers_element_is_not_counted_twice() -> None:
@@ -122,9 +131,9 @@ def test_the_papers_element_is_not_counted_twice() -> None:
 
 
 def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
-    """A bonded press on preset balanced: accurate is next, with an unknown error."""
+    """A bonded press on preset balanced: what comes next has an unknown error."""
     bonded = replace(SCENE, contact=ContactMode.BONDED)
     found = {each.role: each for each in alternatives(bonded, depth_m=0.5e-3, wall_s=1.0)}
-    assert found["better"].preset == Preset.ACCURATE
+    assert found["better"].setting.startswith(Preset.ACCURATE)
     assert found["better"].error_relative is None
     assert "force error unknown" in str(found["better"])

@@ -52,7 +52,7 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
     assert done.exit_code == 0
     assert "preset fast" in done.stdout
-    assert "better     preset balanced: about" in done.stdout
+    assert "better     preset balanced, edges 1.13 times as long: about" in done.stdout
     found = json.loads(file.read_text("utf-8"))
     assert found["estimated_force_error_relative"] <= 0.2
     assert found["alternatives"][-1]["time_ratio"] > 1.0
