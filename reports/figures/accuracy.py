@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from reports.figures.style import BLUE, GREY, INK, ORANGE, PAGE_IN, PNG_DPI, STYLE
 
 _FLOOR = 1e-5
+# Labels of points nearer than this, in decades, would overlap.
+_NEAR = (0.5, 0.15)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +28,7 @@ class CostPoint:
         label: Written beside the point where it is not empty.
     """
 
-    wall_s: float
+    time_s: float
     errors: Mapping[str, float]
     on_front: bool
     is_linear_element: bool
@@ -79,7 +81,8 @@ def draw_accuracy(
 def _draw_panel(
     axes: Axes, points: Sequence[CostPoint], bar: float, panel: Panel, *, large: bool
 ) -> None:
-    known = [p for p in points if np.isfinite(p.errors.get(panel.quantity, np.nan))]
+    # The reference has no error against itself, and no place on a log axis.
+    known = [p for p in points if abs(p.errors.get(panel.quantity, 0.0)) > 0.0]
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_title(panel.title, loc="left")
@@ -92,7 +95,7 @@ def _draw_panel(
         if not chosen:
             continue
         axes.errorbar(
-            [known[k].wall_s for k in chosen],
+            [known[k].time_s for k in chosen],
             [sizes[k] for k in chosen],
             yerr=_both(sizes, [known[k].bars.get(panel.quantity, 0.0) for k in chosen], chosen),
             fmt=marker,
@@ -128,18 +131,23 @@ def _both(
 
 
 def _draw_front(axes: Axes, points: Sequence[CostPoint], quantity: str) -> None:
-    front = sorted((p.wall_s, max(abs(p.errors[quantity]), _FLOOR)) for p in points if p.on_front)
+    front = sorted((p.time_s, max(abs(p.errors[quantity]), _FLOOR)) for p in points if p.on_front)
     axes.plot(*zip(*front, strict=True), color=INK, linewidth=0.8, label="Pareto front", zorder=1)
 
 
 def _write_labels(axes: Axes, points: Sequence[CostPoint], sizes: Sequence[float]) -> None:
-    for point, size in zip(points, sizes, strict=True):
-        if point.label:
-            axes.annotate(
-                point.label,
-                (point.wall_s, size),
-                xytext=(4, 4),
-                textcoords="offset points",
-                fontsize=6.5,
-                color=INK if point.on_front else GREY,
-            )
+    placed: list[tuple[float, float]] = []
+    for point, size in sorted(zip(points, sizes, strict=True), key=lambda pair: pair[0].time_s):
+        if not point.label:
+            continue
+        at = (np.log10(point.time_s), np.log10(size))
+        crowd = sum(abs(at[0] - x) < _NEAR[0] and abs(at[1] - y) < _NEAR[1] for x, y in placed)
+        placed.append(at)
+        axes.annotate(
+            point.label,
+            (point.time_s, size),
+            xytext=(4, 4 + 8 * crowd),
+            textcoords="offset points",
+            fontsize=6.5,
+            color=INK if point.on_front else GREY,
+        )

@@ -12,7 +12,13 @@ import typer
 from reports.figures.accuracy import CostPoint, Panel, draw_accuracy
 from reports.metrics import structural_similarity_index, zero_mean_correlation
 from sim.accuracy import promise as promises
-from sim.accuracy.configurations import FULL, REFERENCE, SHORT, SHORT_REFERENCE, reseeded
+from sim.accuracy.configurations import (
+    FULL,
+    FULL_REFERENCE,
+    SHORT,
+    SHORT_REFERENCE,
+    reseeded,
+)
 from sim.accuracy.preset_errors import measure_preset_errors, training
 from sim.accuracy.study import Row, Study, error_bar, study
 from sim.accuracy.tables import study_section
@@ -30,6 +36,7 @@ from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
 
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
+_SEEN = 0.9
 _PANELS = (
     Panel(quantity="force", title="$F_z$ at equal depth"),
     Panel(quantity="depth", title="Depth at equal $F_z$"),
@@ -86,7 +93,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         camera_geometry(gel),
         render=NominalRenderer(gel),
         similarity=_similarity,
-        reference=reseeded(REFERENCE if full else SHORT_REFERENCE, seed),
+        reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
         on_progress=lambda text: complain(f"  {text}"),
     )
     text = f"{terms.indenter} into {terms.sensor} at {terms.force}"
@@ -130,19 +137,33 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
 
 
 def _draw(found: Study, folder: Path, name: str) -> list[Path]:
+    labels = _labels(found)
     points = [
         CostPoint(
-            wall_s=row.wall_s,
+            time_s=row.time_s,
             errors=row.errors,
             on_front=row.on_front,
             is_linear_element=row.configuration.element is ElementOrder.P1,
             bars={name: error_bar(found.bars[name], error) for name, error in row.errors.items()},
-            label=row.configuration.name if row.configuration.is_preset or row.on_front else "",
+            label=labels.get(row.configuration.name, ""),
         )
         for row in found.rows
         if not row.failure
     ]
     return draw_accuracy(points, found.bars, _PANELS, folder=folder, name=name)
+
+
+def _labels(found: Study) -> dict[str, str]:
+    """Name the presets, and what gains on the front something that can be seen."""
+    labels = {}
+    least = np.inf
+    for row in sorted(found.rows, key=lambda row: row.time_s):
+        gains = row.on_front and abs(row.errors["force"]) < _SEEN * least
+        if gains or row.configuration.is_preset:
+            labels[row.configuration.name] = row.configuration.name
+        if row.on_front:
+            least = min(least, abs(row.errors["force"]))
+    return labels
 
 
 def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:
@@ -157,4 +178,4 @@ def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:
 
 
 def _row_facts(row: Row) -> dict[str, Any]:
-    return {**asdict(row), "wall_s": row.wall_s}
+    return {**asdict(row), "wall_s": row.wall_s, "time_s": row.time_s}

@@ -16,7 +16,7 @@ _PANELS = (
 )
 _POINTS = [
     CostPoint(
-        wall_s=1.0,
+        time_s=1.0,
         errors={"force": -0.1, "depth": 0.2, "image": 0.0},
         on_front=True,
         is_linear_element=False,
@@ -24,7 +24,7 @@ _POINTS = [
         label="fast",
     ),
     CostPoint(
-        wall_s=2.0,
+        time_s=2.0,
         errors={"force": 0.5, "depth": 0.1},
         on_front=False,
         is_linear_element=True,
