@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from reports.figures.style import BLUE, GREY, INK, ORANGE, PAGE_IN, PNG_DPI, STYLE
 
 _FLOOR = 1e-5
-# Labels of points nearer than this, in decades, would overlap.
-_NEAR = (0.5, 0.15)
+_LABEL_MARGIN = 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +33,7 @@ class CostPoint:
     is_linear_element: bool
     bars: Mapping[str, float]
     label: str = ""
+    is_preset: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,6 +107,8 @@ def _draw_panel(
     if large:
         _draw_front(axes, known, panel.quantity)
         _write_labels(axes, known, sizes)
+        left, right = axes.get_xlim()
+        axes.set_xlim(left / _LABEL_MARGIN, right * _LABEL_MARGIN)
         axes.set_xlabel("Set-up and solve (s)")
         axes.set_ylabel("Relative error")
     if bar > 0.0:
@@ -115,7 +117,7 @@ def _draw_panel(
         axes.axhline(bar, color=GREY, linewidth=0.5, linestyle=":", label=label)
     axes.set_ylim(bottom=0.5 * min([bar or np.inf, *sizes]))
     if large:
-        axes.legend(loc="lower left")
+        axes.legend(loc="upper right")
 
 
 def bar_ends(size: float, bar: float) -> tuple[float, float]:
@@ -136,18 +138,16 @@ def _draw_front(axes: Axes, points: Sequence[CostPoint], quantity: str) -> None:
 
 
 def _write_labels(axes: Axes, points: Sequence[CostPoint], sizes: Sequence[float]) -> None:
-    placed: list[tuple[float, float]] = []
-    for point, size in sorted(zip(points, sizes, strict=True), key=lambda pair: pair[0].time_s):
-        if not point.label:
-            continue
-        at = (np.log10(point.time_s), np.log10(size))
-        crowd = sum(abs(at[0] - x) < _NEAR[0] and abs(at[1] - y) < _NEAR[1] for x, y in placed)
-        placed.append(at)
+    """Name presets above their points, in bold, and others below."""
+    for point, size in zip(points, sizes, strict=True):
         axes.annotate(
             point.label,
             (point.time_s, size),
-            xytext=(4, 4 + 8 * crowd),
+            xytext=(4, 4) if point.is_preset else (-5, -4),
+            ha="left" if point.is_preset else "right",
+            va="bottom" if point.is_preset else "top",
             textcoords="offset points",
             fontsize=6.5,
+            fontweight="bold" if point.is_preset else "normal",
             color=INK if point.on_front else GREY,
         )

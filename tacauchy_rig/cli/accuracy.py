@@ -145,7 +145,8 @@ def _draw(found: Study, folder: Path, name: str) -> list[Path]:
             on_front=row.on_front,
             is_linear_element=row.configuration.element is ElementOrder.P1,
             bars={name: error_bar(found.bars[name], error) for name, error in row.errors.items()},
-            label=labels.get(row.configuration.name, ""),
+            label=labels.get(row.configuration.name, "").replace("d_hat", r"$\hat{d}$"),
+            is_preset=row.configuration.is_preset,
         )
         for row in found.rows
         if not row.failure
