@@ -47,10 +47,11 @@ class PressKey:
 
 @dataclass(slots=True)
 class _Contact:
-    """A contact's place on the tile grid and its encoded versions."""
+    """A contact's place on the tile grid, its uppermost tiles before noise, its versions."""
 
     row: int
     column: int
+    first_row: ImageArray
     versions: list[Tiles]
     byte_count: int
 
@@ -126,9 +127,13 @@ class FrameFactory:
         with self._lock:
             contact = self._contacts.get(key)
             version = self._random.choice(contact.versions) if contact is not None else []
+        if contact is None:
+            return self._finish(tiles, number)
         for i, row in enumerate(version):
-            if contact is not None:
-                tiles[contact.row + i][contact.column : contact.column + len(row)] = row
+            tiles[contact.row + i][contact.column : contact.column + len(row)] = row
+        if not self._stamped:  # the contact's first row has noise of its own in every frame
+            fresh = self._encode(contact.first_row)[0]
+            tiles[contact.row][contact.column : contact.column + len(fresh)] = fresh
         return self._finish(tiles, number)
 
     def compose_overexposed(self, number: int) -> bytes:
@@ -159,10 +164,12 @@ class FrameFactory:
         wanted = self._on_tiles(changed)
         source = self._rendered_part(wanted)
         image = self._camera.render(profile, region=source, light=_gain(key))
-        tiles = self._encode(self._raw(image, source, wanted))
+        raw = self._raw(image, source, wanted)
+        tiles = self._encode(raw)
         return _Contact(
             row=wanted.top // MCU_PX,
             column=wanted.left // self.mosaic.tile_width,
+            first_row=raw[:MCU_PX].copy(),
             versions=[tiles],
             byte_count=sum(len(tile) for row in tiles for tile in row),
         )

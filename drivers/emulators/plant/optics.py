@@ -155,7 +155,7 @@ class GelCamera:
     ) -> SingleArray:
         rows, columns = region.bottom - region.top, region.right - region.left
         linear = np.empty((rows, columns, 3), np.float32)
-        seen = self._grey if self._unit.light is GelLight.TRANSLUCENT else self._coloured
+        shown = self._shown(relief, region)
         for band in _bands(rows, columns):
             part = Region(
                 left=region.left,
@@ -163,25 +163,41 @@ class GelCamera:
                 right=region.right,
                 bottom=region.top + band.stop,
             )
-            linear[band] = seen(relief, part, self._shade[part.slices] * gain[band])
+            shade = self._shade[part.slices] * gain[band]
+            if self._unit.light is GelLight.TRANSLUCENT:
+                linear[band] = self._grey(relief, part, shade)
+            else:
+                shares = [None if share is None else share[band] for share in shown]
+                linear[band] = self._coloured(relief, part, shade, shares)
         return linear
+
+    def _shown(self, relief: Relief | None, region: Region) -> list[SingleArray | None]:
+        """Return the share of each light that dents leave, None where they leave all of it."""
+        if relief is None or not self._unit.shadows:
+            return [None] * len(self._lights)
+        x, y = self._x[region.slices], self._y[region.slices]
+        return [visible_share(relief, x, y, light.toward(region)) for light in self._lights]
 
     def _grey(self, relief: Relief | None, part: Region, shade: SingleArray) -> SingleArray:
         light = scattered_light(relief, self._x[part.slices], self._y[part.slices]) * shade
         return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
 
-    def _coloured(self, relief: Relief | None, part: Region, shade: SingleArray) -> SingleArray:
+    def _coloured(
+        self,
+        relief: Relief | None,
+        part: Region,
+        shade: SingleArray,
+        shares: list[SingleArray | None],
+    ) -> SingleArray:
         x, y = self._x[part.slices], self._y[part.slices]
         slope_x, slope_y, crease = self._slopes(relief, x, y)
         steepness = slope_x * slope_x + slope_y * slope_y
         inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
         normal = (-slope_x * inverse, -slope_y * inverse, inverse)
-        colours = []
-        for light in self._lights:
-            seen = None
-            if self._unit.shadows and relief is not None:
-                seen = visible_share(relief, x, y, light.toward(part))
-            colours.append(light.shaded(part, normal, crease, seen) * shade)
+        colours = [
+            light.shaded(part, normal, crease, share) * shade
+            for light, share in zip(self._lights, shares, strict=True)
+        ]
         return np.asarray(cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING), np.float32)
 
     def _slopes(
@@ -242,7 +258,7 @@ class _Light:
         region: Region,
         normal: tuple[SingleArray, ...],
         crease: SingleArray,
-        seen: SingleArray | None,
+        share: SingleArray | None,
     ) -> SingleArray:
         """Return the light that reaches the camera from each pixel of ``region``.
 
@@ -250,7 +266,7 @@ class _Light:
             region: Which pixels.
             normal: Of the gel, by component.
             crease: Share of extra scattered light.
-            seen: Share of the light that is not hidden; None is all of it.
+            share: Of the light that is not hidden; None is all of it.
         """
         cosine = _dot(self._toward, normal, region)
         lit = 0.5 * (cosine + np.sqrt(cosine * cosine + np.float32(_TERMINATOR**2)))
@@ -259,8 +275,8 @@ class _Light:
             shine = shine * shine
         window = region.slices
         direct: SingleArray = self._direct[window] * lit + self._shine[window] * shine
-        if seen is not None:
-            direct = direct * seen
+        if share is not None:
+            direct = direct * share
         light: SingleArray = direct + self._scattered[window] * (1.0 + crease)
         return light
 

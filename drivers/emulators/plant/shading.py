@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from drivers.emulators.plant.arrays import SingleArray
 from drivers.emulators.plant.relief import Relief, looked_up
 
-_SAMPLES_M = tuple(float(s) for s in np.geomspace(6e-5, 4.5e-3, 22))
+_SAMPLES_M = tuple(float(s) for s in np.geomspace(1e-4, 4.5e-3, 20))
+_STRIDE = 2  # of pixels: shadows are soft
 _LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as they grow longer
 
 
@@ -18,9 +20,12 @@ def visible_share(
 
     Args:
         relief: The press.
-        x, y: Points of the gel [m].
+        x, y: Points of the gel, one a pixel [m], shape [height, width].
         toward: Unit vectors to the light, third component away from the gel, each like ``x``.
     """
+    size = x.shape[::-1]
+    x, y = x[::_STRIDE, ::_STRIDE], y[::_STRIDE, ::_STRIDE]
+    toward = tuple(part[::_STRIDE, ::_STRIDE] for part in toward)
     own = looked_up(relief, relief.bulge, x, y)
     share = np.ones_like(x)
     for sample in _SAMPLES_M:
@@ -29,5 +34,5 @@ def visible_share(
         clearance = own + step * toward[2] - there
         softness = np.float32(_LIGHT_SPREAD * sample)
         np.minimum(share, np.float32(0.5) + clearance / softness, out=share)
-    visible: SingleArray = np.clip(share, 0.0, 1.0)
-    return visible
+    visible = cv2.resize(np.clip(share, 0.0, 1.0), size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(visible, np.float32)
