@@ -33,6 +33,8 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
         height, width = press.image.shape[:2]
         rows, columns = np.mgrid[:height, :width]
         near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _REACH * circle.radius_px
+        if found.scene.masked is not None:
+            near &= ~found.scene.masked
         told = near[..., None] & exposed(press.image)
         seen = press.image - found.scene.background - found.scene.light_image(light)
         sharp = found.scene.predicted_image(found.model, circle)

@@ -25,6 +25,7 @@ from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.press_checks import check_after, check_before, check_coverage
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
+from sim.optics.printed_markers import marker_mask
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
 from sim.scene import Preset
 from sim.sensor import Sensor
@@ -115,8 +116,10 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         raise ConfigError(f"{request.out} is no .npz file", remedy="give --out calibration.npz")
     background = read_rgb(_found(request.background, request.folder))
     radius_m = 0.5 * request.ball_diameter_m
+    geometry = _geometry(request.scale_px_m, background.shape[1], background.shape[0])
     scene = PressScene(
-        geometry=_geometry(request.scale_px_m, background.shape[1], background.shape[0]),
+        geometry=geometry,
+        masked=marker_mask(background, request.sensor.markers, geometry),
         background=background.astype(np.float64),
         profile=ball_profiles(
             request.sensor, ball_diameter_m=request.ball_diameter_m, preset=request.preset

@@ -44,6 +44,8 @@ def averaged_no_contact(
         reach = BEYOND_RIM * circle.radius_px
         outside = np.hypot(columns - circle.x_px, rows - circle.y_px)[..., None] > reach
         told = outside & exposed(press.image)
+        if scene.masked is not None:
+            told &= ~scene.masked[..., None]
         total += np.where(told, level, 0.0)
         count += told
     return np.asarray(total / count)

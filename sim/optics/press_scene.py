@@ -36,12 +36,14 @@ class PressScene:
         geometry: Scale of the pixels.
         background: No-contact frame, RGB levels as float, shape [height, width, 3].
         profile: The gel around the ball.
+        masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
         stride: Every how many pixels along rows and columns are used for fitting.
     """
 
     geometry: CameraGeometry
     background: FloatArray
     profile: GelProfile
+    masked: NDArray[np.bool_] | None = None
     stride: int = 3
 
     def surface(
@@ -85,7 +87,13 @@ class PressScene:
         """Return rows and columns of the fitting lattice in contact and skirt."""
         rows, columns = self._lattice(self.stride)
         near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _SKIRT_RADII * circle.radius_px
+        near &= self._bare(rows, columns)
         return rows[near], columns[near]
+
+    def _bare(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.bool_]:
+        if self.masked is None:
+            return np.ones(rows.shape, dtype=np.bool_)
+        return ~self.masked[rows, columns]
 
     def _lattice(self, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         height, width = self.background.shape[:2]
@@ -146,6 +154,7 @@ class PressScene:
         distance = np.hypot(columns - circle.x_px, rows - circle.y_px)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
+        outside &= self._bare(rows, columns)
         rows, columns = rows[outside], columns[outside]
         seen = self._seen(press, rows, columns, no_light())
         x, y = columns.astype(np.float64), rows.astype(np.float64)

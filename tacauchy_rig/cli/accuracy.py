@@ -30,10 +30,10 @@ from tacauchy_rig.cli.accuracy_page import PROMISES, study_name, write_page
 from tacauchy_rig.cli.nominal_renderer import GREY_LEVEL, NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
-from tacauchy_rig.cli.pipeline import camera_geometry
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
+from tacauchy_rig.cli.views import camera_geometry
 
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 _SEEN = 0.9

@@ -48,7 +48,7 @@ def start(
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    unit = emulated_unit(load_sensor(config.sensor.name))
+    unit = emulated_unit(load_sensor(config.sensor.name), markers=config.emulation.markers)
     with Emulation(
         config, folder=place, devices=chosen, follow_host=follow, unit=unit
     ) as emulation:

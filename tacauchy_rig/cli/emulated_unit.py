@@ -6,19 +6,34 @@ import math
 
 import numpy as np
 
+from drivers.emulators.plant.markers import MarkerGrid
 from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from sim.pad import BoxPad
+from sim.sensor import MarkerGrid as PrintedGrid
 from sim.sensor import Sensor
 from sim.sensor_optics import OpticsKind
+from tacauchy_rig.errors import ConfigError
 
 
-def emulated_unit(sensor: Sensor) -> EmulatedUnit:
+def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     """Return a unit of the sensor's sizes, with a disc of gel of the pad's area in its place.
 
     Only what a lab could read off the sensor goes across: what the emulated gel and its optics are
     really like is drawn from the seed, and what they look like is the emulator's own.
+
+    Args:
+        sensor: As its file says.
+        markers: Whether this unit has the markers that the file names.
+
+    Raises:
+        ConfigError: Markers are wanted of a sensor whose file names none.
     """
+    if markers and sensor.markers is None:
+        raise ConfigError(
+            f"emulation.markers is true, but the file of {sensor.title} has no [markers]",
+            remedy="leave emulation.markers out, or add [markers] to the sensor's file",
+        )
     camera, optics = sensor.camera, sensor.optics
     half_x, half_y = sensor.pad.half_extents()
     touched = sensor.material.young_pa
@@ -40,6 +55,13 @@ def emulated_unit(sensor: Sensor) -> EmulatedUnit:
         crop=camera.crop,
         light=(GelLight.TRANSLUCENT if optics.kind is OpticsKind.GREY_DEPTH else GelLight.COLOURED),
         shadows=optics.shadow_softness_m is not None,
+        markers=_dots(sensor.markers) if markers and sensor.markers is not None else None,
+    )
+
+
+def _dots(grid: PrintedGrid) -> MarkerGrid:
+    return MarkerGrid(
+        columns=grid.columns, rows=grid.rows, pitch_m=grid.pitch_m, radius_m=grid.radius_m
     )
 
 

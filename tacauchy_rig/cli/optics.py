@@ -26,6 +26,7 @@ from sim.optics.grey_depth import GreyDepthModel, nominal_grey
 from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
+from sim.optics.printed_markers import marker_mask
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
 from sim.optics.shadow import ShadowCaster
 from sim.sensor import Sensor
@@ -65,9 +66,11 @@ def calibrate_folder(
     """
     presses = read_ball_presses(folder, folder / CIRCLES)
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
+    unloaded = read_rgb(folder / NO_CONTACT)
     scene = PressScene(
         geometry=nominal,
-        background=read_rgb(folder / NO_CONTACT).astype(np.float64),
+        background=unloaded.astype(np.float64),
+        masked=marker_mask(unloaded, sensor.markers, nominal),
         profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
     )
     terms = exponents_for(sensor)

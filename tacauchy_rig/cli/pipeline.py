@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from reports.comparison import compare
-from reports.evidence import ImageGeometry
-from reports.extraction import median_image, scored_frames
 from reports.loading import load_evidence
 from reports.writing import write_report
-from sim.fields import TrialFields
 from sim.indenter import Cylinder, Indenter, Sphere
-from sim.optics.geometry import CameraGeometry, ImageArray
-from sim.optics.height_map import height_maps
-from sim.optics.render import TactileRenderer
 from sim.replay import replay_forces, replay_scene
 from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
@@ -23,15 +18,14 @@ from sim.tolerance import Tolerance
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.cli.press_terms import parse_tolerance
+from tacauchy_rig.cli.rendering import render_trial
+from tacauchy_rig.cli.views import camera_geometry, scored_geometry
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.run import Replay, TrialRecord
-from tacauchy_rig.store.reading import Recording
-from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
 
 REPLAY_NAME = "force-matched"
-_SAMPLES = 2  # of a pixel, along rows and along columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,14 +83,27 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
         for trial, record in zip(replay.trials, records, strict=True)
     )
     optics = optics_of(store, sensor, camera_geometry(sensor))
-    facts = {**replay.model, **_stated_facts(sensor, optics)}
-    replay = replace(replay, trials=trials, model=facts)
-    kept = {
-        record.index: _with_image(store, sensor, record, trial_fields, optics)
+    rendered = {
+        record.index: render_trial(store, sensor, record, trial_fields, optics)
         for record, trial_fields in zip(records, fields, strict=True)
     }
-    store.save_replay(replay, kept)
+    markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
+    _say_markers(markers)
+    facts = {**replay.model, **_stated_facts(sensor, optics), "markers": markers}
+    replay = replace(replay, trials=trials, model=facts)
+    store.save_replay(replay, {index: trial.kept for index, trial in rendered.items()})
     return replay
+
+
+def _say_markers(markers: Sequence[Mapping[str, Any]]) -> None:
+    for found in markers:
+        if found.get("tracked"):
+            say(
+                f"  markers of trial {found['trial']}: {found['tracked']} tracked, moved "
+                f"{found['recorded_largest_m'] * 1e3:.3f} mm at most, the simulated ones "
+                f"{found['simulated_largest_m'] * 1e3:.3f} mm; "
+                f"{found['apart_rms_m'] * 1e3:.3f} mm apart rms"
+            )
 
 
 def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
@@ -190,32 +197,6 @@ def indenter_of(config: RigConfig) -> Indenter:
     return Cylinder(diameter_m=given.diameter, fillet_m=given.fillet)
 
 
-def scored_geometry(sensor: Sensor) -> ImageGeometry:
-    """Return how frames of a sensor become the images that are scored."""
-    view = sensor.camera
-    return ImageGeometry(
-        crop_fraction=view.crop,
-        width_px=view.width,
-        height_px=view.height,
-        scale_x_m_px=view.pixel_m[0],
-        scale_y_m_px=view.pixel_m[1],
-    )
-
-
-def camera_geometry(sensor: Sensor) -> CameraGeometry:
-    """Return the renderer's pixels for a sensor."""
-    view = sensor.camera
-    return CameraGeometry(
-        width=view.width,
-        height=view.height,
-        scale_x_m=view.pixel_m[0],
-        scale_y_m=view.pixel_m[1],
-        centre_x_px=0.5 * (view.width - 1) - view.centre_m[0] / view.pixel_m[0],
-        centre_y_px=0.5 * (view.height - 1) - view.centre_m[1] / view.pixel_m[1],
-        crop_fraction=view.crop,
-    )
-
-
 def _measured_trials(store: RunStore) -> list[TrialRecord]:
     count = len(store.config.protocol.force_targets)
     records = [store.accepted(index) or store.latest(index) for index in range(1, count + 1)]
@@ -226,43 +207,3 @@ def _measured_trials(store: RunStore) -> list[TrialRecord]:
             remedy=f"`tacauchy-rig resume {store.paths.root}` records them",
         )
     return measured
-
-
-def _with_image(
-    store: RunStore,
-    sensor: Sensor,
-    record: TrialRecord,
-    fields: TrialFields,
-    optics: OpticalCalibration,
-) -> ReplayFields:
-    geometry = optics.geometry
-    maps = height_maps(fields.surface, geometry)
-    fine = height_maps(fields.surface, geometry.refined(_SAMPLES))
-    background = _no_contact_image(store, record, sensor)
-    renderer = TactileRenderer(
-        background,
-        fine.rest,
-        optics.model,
-        geometry,
-        shadows=optics.shadows,
-        samples=_SAMPLES,
-        blur_px=optics.blur_px,
-    )
-    return ReplayFields(
-        fields=fields.arrays,
-        height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
-        image=renderer.render(fine.loaded),
-        surface_vtu=fields.surface_vtu,
-    )
-
-
-def _no_contact_image(store: RunStore, record: TrialRecord, sensor: Sensor) -> ImageArray:
-    recording = Recording.open(store.paths.recording(record.index, record.attempt))
-    frames = recording.frames(record.reference_start_ns, record.reference_end_ns)
-    images = scored_frames(frames, scored_geometry(sensor))
-    if not images:
-        raise RecordError(
-            f"{recording.path}: trial {record.index} has no readable no-contact frame",
-            remedy=f"`tacauchy-rig recover {store.paths.root}`, or repeat the trial",
-        )
-    return median_image(images)

@@ -149,7 +149,7 @@ def press(store: RunStore) -> SessionResult:
                 folder=store.paths.emulation,
                 devices=chosen,
                 follow_host=follow,
-                unit=emulated_unit(sensor_of(config)),
+                unit=emulated_unit(sensor_of(config), markers=config.emulation.markers),
             )
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")

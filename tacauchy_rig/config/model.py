@@ -265,6 +265,7 @@ class EmulationSection(Section):
 
     seed: int = Field(ge=0)
     robot_host: str
+    markers: bool = False
     faults: tuple[str, ...] = ()
 
 

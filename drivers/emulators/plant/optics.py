@@ -18,7 +18,8 @@ import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.markers import MarkerGrid, marker_reflectance
+from drivers.emulators.plant.marker_ink import marker_reflectance
+from drivers.emulators.plant.markers import MarkerGrid
 from drivers.emulators.plant.relief import STEP_M, Relief, relief_of
 from drivers.emulators.plant.shading import visible_share
 from drivers.emulators.plant.texture import gel_texture
@@ -74,7 +75,7 @@ class GelCamera:
         markers: MarkerGrid | None = None,
     ) -> None:
         self.view = view
-        self._markers = markers
+        self._markers = markers or truth.unit.markers
         self._unit = unit = truth.unit
         self._dome_radius_m = unit.gel.dome_radius_m
         self._x, self._y = view.gel_points()

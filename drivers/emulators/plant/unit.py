@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from drivers.emulators.plant.markers import MarkerGrid
 from drivers.emulators.plant.quad_mesh import GelDisc
 
 
@@ -36,6 +37,7 @@ class EmulatedUnit:
         crop: Part of the raw frame's width and height that is cut off at each border.
         light: How the gel is seen.
         shadows: Whether dents hide the lights from the gel behind them.
+        markers: Dots printed on the gel; None where it has none.
     """
 
     name: str = "gelsight-mini"
@@ -48,6 +50,7 @@ class EmulatedUnit:
     crop: float = 0.15
     light: GelLight = GelLight.COLOURED
     shadows: bool = False
+    markers: MarkerGrid | None = None
 
 
 def unit_from_plain(content: Mapping[str, Any]) -> EmulatedUnit:
@@ -62,4 +65,7 @@ def unit_from_plain(content: Mapping[str, Any]) -> EmulatedUnit:
     gel = dict(content["gel"])
     gel["layers"] = tuple((float(share), float(ratio)) for share, ratio in gel["layers"])
     values["gel"], values["light"] = GelDisc(**gel), GelLight(content["light"])
+    dots = content["markers"]
+    if dots is not None:
+        values["markers"] = MarkerGrid(**{**dots, "pitch_m": tuple(dots["pitch_m"])})
     return EmulatedUnit(**values)
