@@ -13,7 +13,7 @@ from sim.optics.calibrate import Calibration
 from sim.optics.exposure import exposed
 
 BLUR_PX = "blur_px"  # its name in a calibration's provenance
-_TRIED_PX = np.arange(0.0, 2.01, 0.25)
+_TRIED_PX = np.arange(0.0, 2.26, 0.25)
 _REACH = 1.4  # radii of the contact that are looked at
 
 
@@ -47,10 +47,13 @@ def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:
 
 
 def _lowest(misfit: FloatArray) -> float:
-    """Return where a parabola through the lowest value and its neighbours is lowest [px]."""
+    """Return where a parabola through the lowest value and its neighbours is lowest [px].
+
+    It is 0 where the blur would be larger than cameras have: something else is wrong then.
+    """
     best = int(np.argmin(misfit))
     if best in (0, len(misfit) - 1):
-        return float(_TRIED_PX[best])
+        return 0.0
     left, middle, right = misfit[best - 1 : best + 2]
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
     return float(_TRIED_PX[best] + shift * (_TRIED_PX[1] - _TRIED_PX[0]))

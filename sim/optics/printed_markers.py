@@ -67,8 +67,8 @@ class PrintedMarkers:
             part = patch[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
-            np.minimum(cover[rows, columns], part, out=cover[rows, columns])
-        return np.asarray(np.rint(image * cover), dtype=np.uint8)
+            cover[rows, columns] *= part
+        return np.asarray(np.clip(np.rint(image * cover), 0.0, 255.0), dtype=np.uint8)
 
 
 def printed_markers(
@@ -105,17 +105,31 @@ def printed_markers(
             remedy="correct columns, rows and pitch in the sensor's [markers], or its pixel size",
         )
     reach_px = _REACH * radius_px
+    kept = np.concatenate([kept, _cut_off(expected, kept, reach_px, size)])
     mask = _discs(kept, reach_px, frame.shape[:2])
     bare = cv2.inpaint(frame, mask.astype(np.uint8), 3.0, cv2.INPAINT_TELEA)
     share = frame.astype(np.float32) / np.maximum(bare.astype(np.float32), 1.0)
     return PrintedMarkers(
         bare=np.asarray(bare, dtype=np.uint8),
-        ink=np.minimum(share, 1.0),
+        ink=share,
         mask=mask,
         centres_px=kept,
         places_m=geometry.to_pad(kept),
         reach_px=reach_px,
     )
+
+
+def _cut_off(
+    expected: FloatArray, found: FloatArray, reach_px: float, size: FloatArray
+) -> FloatArray:
+    """Return where the markers lie that the image's border cuts, from all the others [px]."""
+    grid = expected[cKDTree(expected).query(found)[1]]
+    terms = np.column_stack([grid, np.ones(len(grid))])
+    map_to_image = np.linalg.lstsq(terms, found, rcond=None)[0]
+    predicted = np.column_stack([expected, np.ones(len(expected))]) @ map_to_image
+    missing = cKDTree(found).query(predicted)[0] > reach_px
+    shown = np.all((predicted > -reach_px) & (predicted < size + reach_px), axis=1)
+    return np.asarray(predicted[missing & shown])
 
 
 def marker_mask(

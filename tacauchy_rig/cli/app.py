@@ -17,6 +17,7 @@ from tacauchy_rig.cli.effects_check import effects_check
 from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
 from tacauchy_rig.cli.modes import modes
+from tacauchy_rig.cli.objects import objects
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
@@ -45,6 +46,7 @@ app.command("torture")(torture)
 app.command("verify")(verify)
 app.command("effects-check")(effects_check)
 app.command("modes")(modes)
+app.command("objects")(objects)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
 app.add_typer(calibrate.app, name="calibrate")

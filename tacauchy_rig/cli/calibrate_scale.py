@@ -101,6 +101,20 @@ def _show(fit: ScaleFit, points: str) -> None:
         f"centre     column {geometry.centre_x_px:.2f}, row {geometry.centre_y_px:.2f} "
         f"(+- {fit.centre_error_px:.2f} px), {off_x:.2f}, {off_y:.2f} px from the image's middle"
     )
+    say("for the sensor's file:")
+    for axis, scale, error, off in (
+        ("x", geometry.scale_x_m, fit.scale_error_m[0], off_x),
+        ("y", geometry.scale_y_m, fit.scale_error_m[1], off_y),
+    ):
+        say(_line(f"pixel_{axis}", scale, error))
+        say(_line(f"centre_{axis}", -off * scale, fit.centre_error_px * scale))
+
+
+def _line(key: str, value_m: float, error_m: float) -> str:
+    return (
+        f'{key} = {{ value = "{value_m * 1e3:.5f} mm", '
+        f'uncertainty = "{max(error_m * 1e3, 1e-5):.5f} mm", source = "calibrate scale" }}'
+    )
 
 
 def _as_json(fit: ScaleFit) -> dict[str, object]:

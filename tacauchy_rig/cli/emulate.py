@@ -12,16 +12,18 @@ import typer
 
 from drivers.emulators.faults import Device, parse_fault, post_fault
 from drivers.emulators.launch import Emulation
+from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_presses
+from drivers.emulators.plant.truth import draw_truth
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
-from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.output import say, writable_folder, write_json
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Start emulated devices and print their addresses; Ctrl-C ends them.",
+    help="Start emulated devices, and write what an emulated sensor shows.",
 )
 
 
@@ -75,6 +77,23 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
                 say(f"emulated {name} ended with status {process.process.returncode}")
         if len(gone) == len(emulation.processes):
             raise DeviceError("every emulated device has ended", remedy="start them again")
+
+
+@app.command("presses")
+def presses(
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the images go.")],
+    sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
+    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 24,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
+) -> None:
+    """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
+    writable_folder(out)
+    known = load_sensor(sensor)
+    write_ball_presses(draw_truth(seed, unit=emulated_unit(known)), out, count=count)
+    x, y = known.camera.pixel_m
+    say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
+    say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
+    say(f"folder {out}")
 
 
 @app.command("fault")

@@ -60,6 +60,19 @@ def test_moved_markers_are_where_they_were_moved_to() -> None:
     assert np.linalg.norm(error_px, axis=1).max() < 0.1
 
 
+def test_markers_at_the_border_move_too() -> None:
+    """A row that the image cuts in half is found by the others and moved like them."""
+    cut = replace(FINE, centre_y_px=2.0 + 1.5 * 2.2e-3 / FINE.scale_y_m)
+    image = draw_markers(_gel(), marker_places(GRID), GRID.radius_m, cut)
+    printed = printed_markers(image, GRID, cut)
+    assert printed is not None
+    assert printed.centres_px[:, 1].min() < 4.0
+    moved = np.tile([6e-5, 0.0], (len(printed.places_m), 1))
+    wanted = draw_markers(_gel(), marker_places(GRID) + moved[0], GRID.radius_m, cut)
+    drawn = printed.over(printed.bare, moved, cut)
+    assert np.abs(drawn[:12].astype(int) - wanted[:12]).mean() < 1.0
+
+
 def test_a_frame_without_markers_has_none() -> None:
     """Units are sold without markers: nothing is drawn, nothing is masked."""
     assert printed_markers(_gel(), GRID, FINE) is None

@@ -1,0 +1,94 @@
+"""Five objects pressed into a sensor, and what its camera would see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.effects import plan_effects
+from sim.fields import surface_state
+from sim.mesh_indenter import MeshIndenter
+from sim.object_shapes import OBJECTS
+from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.height_map import HeightMaps, height_maps
+from sim.optics.render import ColourModel, TactileRenderer
+from sim.optics.shadow import ShadowCaster
+from sim.press import follow, path_for
+from sim.scene import Preset, Scene, Target
+from sim.sensor import Sensor
+
+DEPTH_M = 0.4e-3
+_GREY = 118
+_SAMPLES = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectPress:
+    """One object in one sensor.
+
+    Attributes:
+        name: Of the object.
+        sensor: Title of the sensor.
+        force_n: F_z [N].
+        maps: Heights of the gel by pixel.
+        underside: Height of the object above its tip by pixel [m], inf beside it.
+        image: What the camera sees, by the sensor's nominal optics over an even frame, RGB.
+        geometry: Pixels.
+        highest_over_m: Largest height of a pixel above the object [m]; not positive.
+    """
+
+    name: str
+    sensor: str
+    force_n: float
+    maps: HeightMaps
+    underside: FloatArray
+    image: ImageArray
+    geometry: CameraGeometry
+    highest_over_m: float
+
+
+def press_object(
+    name: str,
+    sensor: Sensor,
+    geometry: CameraGeometry,
+    model: ColourModel,
+    *,
+    shadows: ShadowCaster | None,
+    preset: Preset,
+) -> ObjectPress:
+    """Press an object 0.4 mm deep and render it.
+
+    Raises:
+        ConvergenceError: The press finds no equilibrium.
+    """
+    body: MeshIndenter = OBJECTS[name]()
+    scene = Scene(
+        pad=sensor.pad,
+        material=sensor.material,
+        layers=sensor.layers,
+        filling=sensor.filling,
+        indenter=body,
+        target=Target(depth_m=DEPTH_M),
+        preset=preset,
+        sensor=sensor.name,
+    )
+    path = path_for(scene, plan_effects(scene))
+    point = follow(scene, path)
+    surface = surface_state(path, point)
+    maps = height_maps(surface, geometry)
+    fine = height_maps(surface, geometry.refined(_SAMPLES))
+    even = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
+    renderer = TactileRenderer(even, fine.rest, model, geometry, shadows=shadows, samples=_SAMPLES)
+    underside = body.lower_surface(*geometry.pad_grid())
+    return ObjectPress(
+        name=name,
+        sensor=sensor.title,
+        force_n=float(point.force_n[2]),
+        maps=maps,
+        underside=underside,
+        image=renderer.render(fine.loaded),
+        geometry=geometry,
+        highest_over_m=float((maps.loaded - surface.indenter_position[2] - underside).max()),
+    )

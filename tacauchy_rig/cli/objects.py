@@ -1,0 +1,55 @@
+"""``tacauchy-rig objects``: five objects in two sensors, drawn as their cameras see them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.object_figures import draw_objects
+from sim.object_runs import DEPTH_M, ObjectPress, press_object
+from sim.object_shapes import OBJECTS
+from sim.scene import Preset
+from sim.sensor import load_sensor
+from tacauchy_rig.cli.optics import nominal_model, shadows_of
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import say, writable_folder, write_json
+from tacauchy_rig.cli.views import camera_geometry
+
+
+def objects(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figure goes.")],
+    sensors: Annotated[
+        str, typer.Option("--sensors", help="Names or files, with commas between.")
+    ] = "gelsight-mini,digit",
+    preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    json_file: JsonFile = None,
+) -> None:
+    """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images."""
+    writable_folder(out)
+    say(f"{DEPTH_M * 1e3:g} mm deep, preset {preset.value}, nominal optics")
+    runs = [_on_sensor(name.strip(), preset) for name in sensors.split(",") if name.strip()]
+    for path in draw_objects(runs, out):
+        say(f"figure {path}")
+    rows = [
+        {
+            "sensor": run.sensor,
+            "object": run.name,
+            "force_n": run.force_n,
+            "highest_over_object_m": run.highest_over_m,
+        }
+        for sensor in runs
+        for run in sensor
+    ]
+    write_json(json_file, {"preset": preset, "depth_m": DEPTH_M, "presses": rows})
+
+
+def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
+    sensor = load_sensor(name)
+    geometry, model, shadows = camera_geometry(sensor), nominal_model(sensor), shadows_of(sensor)
+    found = []
+    for label in OBJECTS:
+        found.append(press_object(label, sensor, geometry, model, shadows=shadows, preset=preset))
+        say(f"  {sensor.title}, {label}: {found[-1].force_n:.3f} N")
+    return found
