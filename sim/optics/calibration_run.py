@@ -15,7 +15,7 @@ from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress, Circle, images_in, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
 from sim.optics.blur import BLUR_PX, fit_blur
-from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.calibrate import Calibration
 from sim.optics.calibration_figures import draw_coverage, draw_presses
 from sim.optics.cross_validation import CheckScores, check_presses, cross_validate
 from sim.optics.find_circle import find_circle
@@ -26,6 +26,8 @@ from sim.optics.press_checks import check_after, check_before, check_coverage
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
 from sim.optics.printed_markers import marker_mask
+from sim.optics.shadow import SHADOWS
+from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
 from sim.scene import Preset
 from sim.sensor import Sensor
@@ -132,7 +134,7 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     folds = min(request.folds, len(presses))
     scores, held_out = cross_validate(presses, scene, folds=folds, exponents=terms)
     warnings += check_after(scores, held_out, scene)
-    calibration = calibrate_optics(presses, scene, exponents=terms)
+    calibration, shadows = calibrate_presses(presses, scene, request.sensor, exponents=terms)
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_coverage(coverage)
     checked = None
@@ -140,7 +142,8 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         others = read_ball_presses(request.check, _circle_table(request, request.check))
         checked, _ = check_presses(others, calibration, scene)
     provenance = _provenance(request, presses, scores)
-    provenance[BLUR_PX] = fit_blur(presses, calibration)
+    provenance[BLUR_PX] = fit_blur(without_shadows(presses, calibration, shadows), calibration)
+    provenance[SHADOWS] = None if shadows is None else shadows.as_json()
     written = _write(request.out, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
         cross_validation=scores,

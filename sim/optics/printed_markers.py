@@ -111,7 +111,7 @@ def printed_markers(
     share = frame.astype(np.float32) / np.maximum(bare.astype(np.float32), 1.0)
     return PrintedMarkers(
         bare=np.asarray(bare, dtype=np.uint8),
-        ink=share,
+        ink=np.asarray(share, dtype=np.float32),
         mask=mask,
         centres_px=kept,
         places_m=geometry.to_pad(kept),

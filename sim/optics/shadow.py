@@ -7,8 +7,9 @@ behind it. Each pixel looks along the lamp's direction for the highest thing abo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from sim.optics.geometry import CameraGeometry
 from sim.optics.nominal import Lamp
 from sim.optics.tilt import Float32Array
 
+SHADOWS = "shadows"  # its name in a calibration's provenance
 _STEPS_AT_MOST = 96
 
 
@@ -32,6 +34,10 @@ class ShadowCaster:
 
     lamps: Sequence[Lamp]
     softness_m: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values, units in the keys, for a calibration's provenance."""
+        return {"lamps": [asdict(lamp) for lamp in self.lamps], "softness_m": self.softness_m}
 
     def darkening(
         self,
@@ -49,34 +55,64 @@ class ShadowCaster:
         bulge = np.asarray(indentation_m, dtype=np.float32)
         taken = np.zeros((3, *bulge.shape), dtype=np.float32)
         for lamp in self.lamps:
-            hidden = self._hidden(bulge, lamp, geometry)
-            facing = (
-                math.cos(lamp.elevation_rad)
-                * (math.cos(lamp.azimuth_rad) * tilt[0] + math.sin(lamp.azimuth_rad) * tilt[1])
-            ) + math.sin(lamp.elevation_rad) * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)
-            lost = hidden * np.maximum(facing, 0.0)
+            lost = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
             for channel, level in enumerate(lamp.colour):
                 taken[channel] -= np.float32(level) * lost
         return taken
 
-    def _hidden(self, bulge: Float32Array, lamp: Lamp, geometry: CameraGeometry) -> Float32Array:
-        """Return how much of the lamp is hidden, 0 to 1, shape [height, width]."""
-        rise = math.tan(lamp.elevation_rad) * geometry.mean_scale_m
-        highest = float(bulge.max())
-        reach = min(math.ceil(highest / max(rise, 1e-12)), max(bulge.shape))
-        step = max(1, math.ceil(reach / _STEPS_AT_MOST))
-        above = np.zeros_like(bulge)
-        size = bulge.shape[::-1]
-        for distance in range(step, reach + 1, step):
-            shift = np.array(
-                [
-                    [1.0, 0.0, distance * math.cos(lamp.azimuth_rad)],
-                    [0.0, 1.0, distance * math.sin(lamp.azimuth_rad)],
-                ],
-                dtype=np.float32,
-            )
-            towards = cv2.warpAffine(
-                bulge, shift, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            )
-            np.maximum(above, towards - bulge - np.float32(distance * rise), out=above)
-        return np.asarray(np.clip(above / np.float32(self.softness_m), 0.0, 1.0), dtype=np.float32)
+
+def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
+    """Return the lamps that a calibration's provenance names; None where it names none."""
+    plain = provenance.get(SHADOWS)
+    if not isinstance(plain, Mapping):
+        return None
+    lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
+    return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))
+
+
+def lost_share(
+    bulge: Float32Array,
+    tilt: Float32Array,
+    lamp: Lamp,
+    geometry: CameraGeometry,
+    *,
+    softness_m: float,
+) -> Float32Array:
+    """Return the share of a lamp's colour that a dent takes away, shape [height, width].
+
+    Args:
+        bulge: Unloaded minus loaded height [m], shape [height, width].
+        tilt: Of the loaded gel, shape [2, height, width].
+        lamp: Its colour does not count.
+        geometry: Pixels.
+        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
+    """
+    facing = (
+        math.cos(lamp.elevation_rad)
+        * (math.cos(lamp.azimuth_rad) * tilt[0] + math.sin(lamp.azimuth_rad) * tilt[1])
+    ) + math.sin(lamp.elevation_rad) * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)
+    hidden = _hidden(bulge, lamp, geometry, softness_m)
+    return np.asarray(hidden * np.maximum(facing, 0.0), dtype=np.float32)
+
+
+def _hidden(
+    bulge: Float32Array, lamp: Lamp, geometry: CameraGeometry, softness_m: float
+) -> Float32Array:
+    """Return how much of the lamp is hidden, 0 to 1, shape [height, width]."""
+    rise = math.tan(lamp.elevation_rad) * geometry.mean_scale_m
+    highest = float(bulge.max())
+    reach = min(math.ceil(highest / max(rise, 1e-12)), max(bulge.shape))
+    step = max(1, math.ceil(reach / _STEPS_AT_MOST))
+    above = np.zeros_like(bulge)
+    size = bulge.shape[::-1]
+    for distance in range(step, reach + 1, step):
+        shift = np.array(
+            [
+                [1.0, 0.0, distance * math.cos(lamp.azimuth_rad)],
+                [0.0, 1.0, distance * math.sin(lamp.azimuth_rad)],
+            ],
+            dtype=np.float32,
+        )
+        towards = cv2.warpAffine(bulge, shift, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        np.maximum(above, towards - bulge - np.float32(distance * rise), out=above)
+    return np.asarray(np.clip(above / np.float32(softness_m), 0.0, 1.0), dtype=np.float32)

@@ -19,16 +19,18 @@ from drivers.emulators.plant.truth import read_truth
 from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
 from sim.optics.blur import BLUR_PX, fit_blur
-from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.calibrate import Calibration
 from sim.optics.calibration_run import exponents_for
 from sim.optics.geometry import CameraGeometry
 from sim.optics.grey_depth import GreyDepthModel, nominal_grey
-from sim.optics.nominal import Lamp, nominal_photometric
+from sim.optics.nominal import nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
 from sim.optics.printed_markers import marker_mask
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
-from sim.optics.shadow import ShadowCaster
+from sim.optics.sensor_lamps import lamps_of, shadows_of
+from sim.optics.shadow import SHADOWS, ShadowCaster, read_shadows
+from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.sensor import Sensor
 from sim.sensor_optics import OpticsKind
 from tacauchy_rig.cli.output import say
@@ -74,26 +76,29 @@ def calibrate_folder(
         profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
     )
     terms = exponents_for(sensor)
-    found = calibrate_optics(presses, scene, exponents=terms)
+    found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
     residual_px = None
     if places:
         fit = _fit_scale(presses, found, places, nominal)
         scene = replace(scene, geometry=replace(fit.geometry, crop_fraction=nominal.crop_fraction))
-        found = calibrate_optics(presses, scene, exponents=terms)
+        found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
         residual_px = fit.residual_px
         say(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {len(places)} presses"
         )
-    blur_px = fit_blur(presses, found)
+    blur_px = fit_blur(without_shadows(presses, found, shadows), found)
     source = {
         BLUR_PX: blur_px,
+        SHADOWS: None if shadows is None else shadows.as_json(),
         "source": f"{len(presses)} ball presses in {folder.name}",
         "ball_diameter_m": ball_diameter_m,
         "scale_residual_px": residual_px,
     }
     model = replace(found.model, provenance={**found.model.provenance, **source})
-    return OpticalCalibration(model=model, geometry=scene.geometry, blur_px=blur_px)
+    return OpticalCalibration(
+        model=model, geometry=scene.geometry, shadows=shadows, blur_px=blur_px
+    )
 
 
 def _fit_scale(
@@ -127,6 +132,7 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
         return OpticalCalibration(
             model=model,
             geometry=nominal,
+            shadows=read_shadows(model.provenance),
             blur_px=blur_px if isinstance(blur_px, float) else 0.0,
         )
     if store.paths.truth.exists():
@@ -151,20 +157,7 @@ def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
             f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
             remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
         )
-    return nominal_photometric(_lamps(sensor))
-
-
-def shadows_of(sensor: Sensor) -> ShadowCaster | None:
-    """Return the lamps that cast shadows; None unless the sensor's file asks for shadows."""
-    softness = sensor.optics.shadow_softness_m
-    return None if softness is None else ShadowCaster(lamps=_lamps(sensor), softness_m=softness)
-
-
-def _lamps(sensor: Sensor) -> list[Lamp]:
-    return [
-        Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
-        for lamp in sensor.optics.lamps
-    ]
+    return nominal_photometric(lamps_of(sensor))
 
 
 def calibrate_emulated(

@@ -1,0 +1,214 @@
+"""Lamps that cast shadows, fitted to ball presses together with the colours.
+
+Colours and shadows are told apart by turns: what the smooth model of slopes leaves over is searched
+for shadows of the lamps that the sensor's file names, and the model is fitted again to the presses
+without those.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.ball_press import BallPress, Circle
+from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.geometry import CameraGeometry
+from sim.optics.nominal import Lamp
+from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.press_scene import PressScene
+from sim.optics.sensor_lamps import shadows_of
+from sim.optics.shadow import ShadowCaster, lost_share
+from sim.optics.tilt import Float32Array
+from sim.sensor import Sensor
+
+_ROUNDS = 2
+_LOOKED_AT = 10  # deepest presses; their shadows are the longest
+_COARSE = 2  # pixels along rows and columns that are taken together
+_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation and softness
+_LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
+
+
+_Move = Callable[[ShadowCaster, float], ShadowCaster]
+
+
+@dataclass(frozen=True, slots=True)
+class _Dent:
+    """One press at coarse pixels: bulge [m], tilt, and what the colours leave over, [n, 3]."""
+
+    bulge: Float32Array
+    tilt: Float32Array
+    left_over: Float32Array
+
+
+def calibrate_presses(
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    sensor: Sensor,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+) -> tuple[Calibration, ShadowCaster | None]:
+    """Fit colours, and shadows where the sensor's file says that there are any.
+
+    Raises:
+        ConfigError: As ``calibrate_optics``.
+    """
+    nominal = shadows_of(sensor)
+    if nominal is None:
+        return calibrate_optics(presses, scene, exponents=exponents), None
+    return calibrate_with_shadows(presses, scene, nominal, exponents=exponents)
+
+
+def calibrate_with_shadows(
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    nominal: ShadowCaster,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+) -> tuple[Calibration, ShadowCaster]:
+    """Fit colours, and direction, elevation, colour and softness of the lamps' shadows.
+
+    Args:
+        presses: Images with labelled circles.
+        scene: Camera, no-contact frame and gel.
+        nominal: The lamps of the sensor's file, where the search starts.
+        exponents: Terms of the model.
+
+    Raises:
+        ConfigError: As ``calibrate_optics``.
+    """
+    found, shadows = calibrate_optics(presses, scene, exponents=exponents), nominal
+    for _ in range(_ROUNDS):
+        shadows = _fitted(presses, found, shadows)
+        lit = without_shadows(presses, found, shadows)
+        found = calibrate_optics(lit, scene, exponents=exponents)
+    return found, shadows
+
+
+def without_shadows(
+    presses: Sequence[BallPress], found: Calibration, shadows: ShadowCaster | None
+) -> list[BallPress]:
+    """Return the presses with the light that their dents took away."""
+    if shadows is None:
+        return list(presses)
+    lit = []
+    for press, circle in zip(presses, found.circles, strict=True):
+        bulge, tilt = _surface(found.scene, circle)
+        taken = shadows.darkening(bulge, tilt, found.scene.geometry)
+        image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
+        lit.append(replace(press, image=image.astype(np.uint8)))
+    return lit
+
+
+def _surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
+    height, width = scene.geometry.height, scene.geometry.width
+    rows, columns = np.mgrid[:height, :width].astype(np.float64)
+    tilt, indentation = scene.surface(circle, columns.ravel(), rows.ravel())
+    shape = (height, width)
+    return (
+        indentation.reshape(shape).astype(np.float32),
+        tilt.reshape(2, *shape).astype(np.float32),
+    )
+
+
+def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
+    """Search direction, elevation and softness one after the other; colours follow linearly."""
+    chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
+    dents = [_dent(presses[i], found, i) for i in chosen.tolist()]
+    geometry = _coarse(found.scene.geometry)
+    best, misfit = _coloured(start, dents, geometry)
+    for step in _STEPS:
+        for trial_of in _moves(len(start.lamps)):
+            for sign in (-1.0, 1.0):
+                trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
+                while error < misfit:
+                    best, misfit = trial, error
+                    trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
+    return best
+
+
+def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
+    scene, circle = found.scene, found.circles[index]
+    bulge, tilt = _surface(scene, circle)
+    left = (
+        press.image
+        - scene.background
+        - scene.light_image(found.lights[index])
+        - scene.predicted_image(found.model, circle)
+    )
+    size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
+
+    def coarse(values: FloatArray | Float32Array) -> Float32Array:
+        small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(small, dtype=np.float32)
+
+    return _Dent(coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3))
+
+
+def _coarse(geometry: CameraGeometry) -> CameraGeometry:
+    return replace(
+        geometry,
+        width=geometry.width // _COARSE,
+        height=geometry.height // _COARSE,
+        scale_x_m=geometry.scale_x_m * _COARSE,
+        scale_y_m=geometry.scale_y_m * _COARSE,
+        centre_x_px=(geometry.centre_x_px + 0.5) / _COARSE - 0.5,
+        centre_y_px=(geometry.centre_y_px + 0.5) / _COARSE - 0.5,
+    )
+
+
+def _coloured(
+    shadows: ShadowCaster, dents: Sequence[_Dent], geometry: CameraGeometry
+) -> tuple[ShadowCaster, float]:
+    """Give the lamps the colours that explain best what is left over; return the misfit too."""
+    count = len(shadows.lamps)
+    normal, load, total = np.zeros((count, count)), np.zeros((count, 3)), 0.0
+    for dent in dents:
+        lost = [
+            lost_share(dent.bulge, dent.tilt, lamp, geometry, softness_m=shadows.softness_m)
+            for lamp in shadows.lamps
+        ]
+        terms = np.stack(lost).reshape(count, -1).astype(np.float64)
+        normal += terms @ terms.T
+        load -= terms @ dent.left_over
+        total += float(np.sum(dent.left_over**2))
+    colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
+    misfit = total - 2.0 * float(np.sum(colours * load))
+    misfit += float(np.einsum("ic,ij,jc->", colours, normal, colours))
+    lamps = [
+        replace(lamp, colour=(float(c[0]), float(c[1]), float(c[2])))
+        for lamp, c in zip(shadows.lamps, colours, strict=True)
+    ]
+    return replace(shadows, lamps=lamps), misfit
+
+
+def _moves(count: int) -> list[_Move]:
+    """Return every way to change one number of the lamps by a step."""
+    moves: list[_Move] = [_softened]
+    for i in range(count):
+        moves += [partial(_turned, i), partial(_raised, i)]
+    return moves
+
+
+def _turned(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
+    lamp = shadows.lamps[index]
+    return _with_lamp(shadows, index, replace(lamp, azimuth_rad=lamp.azimuth_rad + step))
+
+
+def _raised(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
+    lamp = shadows.lamps[index]
+    bounded = min(max(lamp.elevation_rad * math.exp(step), _LOWEST_RAD), _HIGHEST_RAD)
+    return _with_lamp(shadows, index, replace(lamp, elevation_rad=bounded))
+
+
+def _softened(shadows: ShadowCaster, step: float) -> ShadowCaster:
+    return replace(shadows, softness_m=shadows.softness_m * math.exp(2.0 * step))
+
+
+def _with_lamp(shadows: ShadowCaster, index: int, lamp: Lamp) -> ShadowCaster:
+    return replace(shadows, lamps=[*shadows.lamps[:index], lamp, *shadows.lamps[index + 1 :]])
