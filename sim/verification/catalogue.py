@@ -9,6 +9,7 @@ from sim.verification import (
     barrier,
     disc,
     drives,
+    height_map,
     held_out,
     hertz,
     interface,
@@ -35,4 +36,5 @@ SECTIONS: dict[str, Callable[[], Section]] = {
     "drives": drives.measure,
     "stress-cost": stress_cost.measure,
     "mesh-table": mesh_table.measure,
+    "height-map": height_map.measure,
 }

@@ -55,7 +55,12 @@ def indenters() -> dict[str, Indenter]:
 
 
 def height_map_error(
-    name: str, indenter: Indenter, *, preset: Preset, sensor: Sensor
+    name: str,
+    indenter: Indenter,
+    *,
+    preset: Preset,
+    sensor: Sensor,
+    finer: Preset = Preset.REFERENCE,
 ) -> HeightMapError:
     """Press 0.5 mm deep with both presets and compare the heights pixel by pixel.
 
@@ -80,7 +85,7 @@ def height_map_error(
         preset=preset,
         sensor=sensor.name,
     )
-    coarse, fine = _pressed(scene), _pressed(replace(scene, preset=Preset.REFERENCE))
+    coarse, fine = _pressed(scene), _pressed(replace(scene, preset=finer))
     maps = [height_maps(surface, geometry) for surface in (coarse, fine)]
     off = np.abs(maps[0].loaded - maps[1].loaded)
     return HeightMapError(
