@@ -147,12 +147,19 @@ def densities_of(mesh: TetMesh, scene: Scene) -> FloatArray:
     return np.array([material.density_kg_m3 for material in materials(scene)])[labels]
 
 
-def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> TetMesh:
+def mesh_for(
+    scene: Scene,
+    *,
+    folded: bool = True,
+    refinement: float = 1.0,
+    resolution: Resolution | None = None,
+) -> TetMesh:
     """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
 
     Args:
         folded: Mesh a part where symmetry allows.
         refinement: Make every edge this many times shorter; preset paper has but one mesh.
+        resolution: Take these numbers for a revolved mesh instead of the preset's.
     """
     shares = interface_shares(scene.layers)
     if scene.preset is Preset.PAPER:
@@ -160,7 +167,7 @@ def mesh_for(scene: Scene, *, folded: bool = True, refinement: float = 1.0) -> T
     refinement *= scene.refinement
     if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
         return footprint_mesh(scene, shares=shares, refinement=refinement)
-    resolution = refined(_resolution(scene), refinement)
+    resolution = refined(resolution or _resolution(scene), refinement)
     return revolved_mesh(
         scene.pad,
         _grading(scene, resolution),

@@ -51,7 +51,7 @@ class Limits:
     """When an environment's iterations end.
 
     Attributes:
-        residual: Residual norm over the contact force's.
+        residual: Residual norm, and sum of the vertical residuals, over the contact force's.
         floor: Residual norm that is always enough [N].
         forcing: Conjugate gradients end at this share of their first residual.
         searches: Most steps of conjugate gradients for one of Newton.
@@ -98,6 +98,7 @@ class Progress:
         length: Of the step along the direction, while conjugate gradients advance.
         turn: What ``turn`` does.
         ratio: Of the new direction, the old one's share.
+        changed: 1 where the preconditioner has changed: a search's directions then begin anew.
         spent: Evaluations so far.
     """
 
@@ -115,14 +116,15 @@ class Progress:
     length: wp.array(dtype=wp.float64)
     turn: wp.array(dtype=wp.int32)
     ratio: wp.array(dtype=wp.float64)
+    changed: wp.array(dtype=wp.int32)
     spent: wp.array(dtype=wp.int32)
 
 
 def new_progress(count: int, device: Device) -> Any:
     """Return the arrays for so many environments."""
     progress = Progress()
-    names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act", "turn", "spent")
-    for name in names:
+    names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act", "turn")
+    for name in (*names, "changed", "spent"):
         setattr(progress, name, device.zeros(count, wp.int32))
     for name in ("length", "fraction", "slope", "scaled", "first_scaled", "ratio"):
         setattr(progress, name, device.zeros(count, wp.float64))
@@ -158,7 +160,7 @@ def decide(
         act = wp.int32(START)
         if (uphill or not finite) and progress.halvings[b] < limits.halvings:
             act = wp.int32(SHORTEN)
-        elif residual <= enough:
+        elif residual <= enough and wp.abs(sums[VERTICAL, b]) <= enough:
             act = wp.int32(NEXT_FRAME)
         elif progress.newton[b] >= limits.newton or not finite:
             act = wp.int32(GIVE_UP)
@@ -306,6 +308,8 @@ def commit(
         goal = limits.forcing * limits.forcing * progress.first_scaled[b]
         if scaled > goal and done < limits.searches:
             progress.ratio[b] = scaled / progress.scaled[b]
+            if progress.changed[b] == 1:
+                progress.ratio[b] = wp.float64(0.0)
             progress.scaled[b] = scaled
             progress.turn[b] = NEW_DIRECTION
         else:
@@ -338,6 +342,7 @@ def commit(
         progress.trying[b] = 1
         progress.fraction[b] = wp.float64(1.0)
         progress.halvings[b] = 0
+    progress.changed[b] = 0
     for k in range(sums.shape[0]):
         sums[k, b] = wp.float64(0.0)
     push[b] = wp.vec3d()
@@ -376,8 +381,9 @@ def turn(
 def begin(
     progress: Progress, stretch_end: wp.array(dtype=wp.int32), busy: wp.array(dtype=wp.int32)
 ):
-    """Say whether a stretch is still before anybody; launches over [environment_count]."""
+    """Begin a stretch with another preconditioner; launches over [environment_count]."""
     b = wp.tid()
+    progress.changed[b] = 1
     running = progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH
     if running and progress.frame[b] < stretch_end[0]:
         busy[0] = 1

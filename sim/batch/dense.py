@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.device import Device
 
 _ROW_PADDING = 128
@@ -184,7 +184,7 @@ class DenseProduct:
         which: The matrix to be used, on the device, shape [1].
     """
 
-    def __init__(self, matrices: FloatArray, *, device: Device) -> None:
+    def __init__(self, matrices: NDArray[np.float32], *, device: Device) -> None:
         count, rows, _ = matrices.shape
         self.row_count = padded_rows(rows)
         padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float32)
@@ -192,7 +192,7 @@ class DenseProduct:
         self.which = device.zeros(1, wp.int32)
         self._device = device
         self._on_gpu = wp.get_device(device.name).is_cuda
-        self._matrices = _packed(padded) if self._on_gpu else padded
+        self._matrices = packed(padded) if self._on_gpu else padded
         if self._on_gpu:
             self._matrices = device.array(self._matrices.reshape(-1), wp.float32)
 
@@ -267,7 +267,7 @@ def product_kernel(chosen: Tiling) -> Any:
     return product
 
 
-def _packed(matrices: np.ndarray) -> np.ndarray:
+def packed(matrices: np.ndarray) -> np.ndarray:
     """Round to TF32 and order as the lanes of a warp take it.
 
     Returns:

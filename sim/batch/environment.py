@@ -63,7 +63,8 @@ class BatchOptions:
     """Settings of the solver.
 
     Attributes:
-        residual_relative: Residual norm over the contact force's norm.
+        residual_relative: Norm of the unbalanced force, and difference of base reaction and
+            indenter force, over the contact force.
         forcing: Conjugate gradients end at this share of their first residual.
         extension: Share of d_hat below which the barrier is a parabola. At 1 it is one altogether,
             and gaps stay positive while the pressure is below 8 E.
@@ -73,7 +74,7 @@ class BatchOptions:
     """
 
     residual_relative: float = 1e-6
-    forcing: float = 0.2
+    forcing: float = 0.4
     extension: float = 1.0
     search_max: int = 100
     newton_max: int = 40

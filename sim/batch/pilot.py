@@ -52,7 +52,7 @@ class Pilot:
     is_pushed: bool = False
     touch_m: float = field(init=False)
     forces_n: FloatArray = field(init=False)
-    inverses: FloatArray = field(init=False)
+    inverses: NDArray[np.float32] = field(init=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class Pilot:
                 remedy="use preset fast, or press one by one",
             )
 
-    def _inverse(self, point: PathPoint) -> FloatArray:
+    def _inverse(self, point: PathPoint) -> NDArray[np.float32]:
         model, state = self.model, point.state
         forces = model.contact_forces(state.positions, self.indenter, state, curved=False)
         data = model.hessian_data(state.positions, forces.stiffness, projected=True)

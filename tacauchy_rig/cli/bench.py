@@ -18,7 +18,7 @@ from sim.verification.page import markdown
 from tacauchy_rig.cli.nominal_renderer import NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
-from tacauchy_rig.cli.pipeline import camera_geometry
+from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions

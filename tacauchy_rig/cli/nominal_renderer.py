@@ -9,7 +9,7 @@ from sim.optics.height_map import HeightMaps
 from sim.optics.render import TactileRenderer
 from sim.sensor import Sensor
 from tacauchy_rig.cli.optics import nominal_model
-from tacauchy_rig.cli.pipeline import camera_geometry
+from tacauchy_rig.cli.views import camera_geometry
 
 GREY_LEVEL = 110
 
