@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ class Growth:
 
 def draw_bench(
     parts_ms: Mapping[str, Mapping[str, float]],
-    growth: Growth,
+    growth: Growth | None,
     batches: Sequence[tuple[int, float]],
     *,
     folder: Path,
@@ -37,20 +38,28 @@ def draw_bench(
     """Draw and write ``name`` as PDF and PNG.
 
     Args:
-        parts_ms: By preset, what each part takes [ms].
+        parts_ms: By preset, what each part takes [ms]; empty for none.
+        growth: None if it was not measured.
         batches: Environments side by side and frames of all of them a second; empty for none.
 
     Returns:
         The files.
     """
     with rc_context(STYLE):
-        columns = 3 if batches else 2
-        figure = Figure(figsize=(PAGE_IN, 2.6), layout="constrained")
-        axes = [figure.add_subplot(1, columns, k + 1) for k in range(columns)]
-        _draw_parts(axes[0], parts_ms)
-        _draw_growth(axes[1], growth)
+        drawn: list[Callable[[Axes], None]] = []
+        if parts_ms:
+            drawn.append(partial(_draw_parts, parts_ms=parts_ms))
+        if growth is not None:
+            drawn.append(partial(_draw_growth, growth=growth))
         if batches:
-            _draw_batches(axes[2], batches)
+            drawn.append(partial(_draw_batches, batches=batches))
+        if not drawn:
+            return []
+        figure = Figure(
+            figsize=(PAGE_IN * (1.0 if len(drawn) > 1 else 0.6), 2.6), layout="constrained"
+        )
+        for number, draw in enumerate(drawn):
+            draw(figure.add_subplot(1, len(drawn), number + 1))
         folder.mkdir(parents=True, exist_ok=True)
         files = [folder / f"{name}.pdf", folder / f"{name}.png"]
         for file in files:

@@ -150,7 +150,7 @@ class Tiling:
 _TILINGS = {
     8: Tiling(row_tiles=1, column_tiles=1, row_warps=1, depth_warps=8, buffers=8),
     32: Tiling(row_tiles=1, column_tiles=4, row_warps=1, depth_warps=8, buffers=4),
-    64: Tiling(row_tiles=2, column_tiles=8, row_warps=1, depth_warps=16, buffers=4),
+    64: Tiling(row_tiles=2, column_tiles=8, row_warps=1, depth_warps=8, buffers=4),
     256: Tiling(row_tiles=4, column_tiles=8, row_warps=1, depth_warps=8, buffers=2),
 }
 _LARGEST = Tiling(row_tiles=4, column_tiles=8, row_warps=2, depth_warps=4, buffers=1)

@@ -19,15 +19,13 @@ class FrameRow:
     """What a travel took.
 
     Attributes:
-        environments: Scenes that were simulated side by side.
         setup_s: Mesh, upload and symbolic factorisation [s].
-        wall_s: All frames of all environments [s].
+        wall_s: All frames [s].
         memory_mib: The process's peak so far [MiB].
     """
 
     preset: str
     device: str
-    environments: int
     tet_count: int
     node_count: int
     newton_iterations: int
@@ -37,13 +35,13 @@ class FrameRow:
 
     @property
     def frame_ms(self) -> float:
-        """Time of a frame of one environment [ms]."""
-        return 1e3 * self.wall_s / (FRAME_COUNT * self.environments)
+        """Time of a frame [ms]."""
+        return 1e3 * self.wall_s / FRAME_COUNT
 
     @property
     def frames_per_s(self) -> float:
-        """Frames of all environments together [1/s]."""
-        return FRAME_COUNT * self.environments / self.wall_s
+        """Frames a second [1/s]."""
+        return FRAME_COUNT / self.wall_s
 
 
 def travel(scene: Scene, preset: Preset, *, device: str = "cpu") -> FrameRow:
@@ -61,7 +59,6 @@ def travel(scene: Scene, preset: Preset, *, device: str = "cpu") -> FrameRow:
     return FrameRow(
         preset=preset.value,
         device=device,
-        environments=1,
         tet_count=len(path.model.elements),
         node_count=len(path.model.nodes),
         newton_iterations=path.counts.newton_iterations,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
+from sim.bench.batches import ENVIRONMENTS_ON_CPU, BatchRow, batch_device, measure_batches
 from sim.bench.frames import TRAVEL_M, FrameRow, travel
 from sim.bench.growth import GrowthRow, growth
 from sim.bench.phases import PhaseRow, Render, phases
@@ -17,13 +19,21 @@ from sim.scene import Preset, Scene, Target
 from sim.sensor import load_sensor
 
 PRESETS = (Preset.FAST, Preset.BALANCED)
-ENVIRONMENTS = (1, 8, 60, 256, 1024)
 _PHASE_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
-_NO_BATCH = "{counts} environments side by side, which is done on a GPU"
+_NO_GPU = "more than {count} environments side by side, which is done on a GPU: there is none here"
 
-Batch = Callable[[Scene, Preset, int], FrameRow]
 Progress = Callable[[str], None]
+
+
+class Part(StrEnum):
+    """Parts of the benchmark, in the order of its page."""
+
+    FRAMES = "frames"
+    BATCHES = "batches"
+    PHASES = "phases"
+    REPLAY = "replay"
+    GROWTH = "growth"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,17 +52,18 @@ class ReplayRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """What was measured.
+    """What was measured; what was not asked for is empty.
 
     Attributes:
-        absent: What was not, and why.
+        absent: What could not be measured, and why.
     """
 
-    frames: tuple[FrameRow, ...]
-    phases: tuple[PhaseRow, ...]
-    replays: tuple[ReplayRow, ...]
-    growth: tuple[GrowthRow, ...]
-    absent: tuple[str, ...]
+    frames: tuple[FrameRow, ...] = ()
+    batches: tuple[BatchRow, ...] = ()
+    phases: tuple[PhaseRow, ...] = ()
+    replays: tuple[ReplayRow, ...] = ()
+    growth: tuple[GrowthRow, ...] = ()
+    absent: tuple[str, ...] = ()
 
 
 def run_bench(
@@ -61,9 +72,8 @@ def run_bench(
     render: Render,
     forces_n: Sequence[float],
     *,
+    parts: Collection[Part] = tuple(Part),
     presets: Sequence[Preset] = PRESETS,
-    batch: Batch | None = None,
-    environments: Sequence[int] = ENVIRONMENTS,
     on_progress: Progress = lambda _text: None,
 ) -> Bench:
     """Measure everything that this machine can.
@@ -73,7 +83,7 @@ def run_bench(
         geometry: The image's pixels.
         render: Turns height maps into the tactile image.
         forces_n: Of the replay [N].
-        batch: Travels in many environments side by side; None where nothing here can.
+        parts: What to measure.
 
     Raises:
         ConvergenceError: A press does not go through.
@@ -81,27 +91,37 @@ def run_bench(
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
     frames: list[FrameRow] = []
-    parts: list[PhaseRow] = []
+    phase_rows: list[PhaseRow] = []
     replays: list[ReplayRow] = []
     for preset in presets:
-        on_progress(f"frames, preset {preset}")
-        frames.append(travel(scene, preset))
-        on_progress(f"parts, preset {preset}")
-        parts += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
-        on_progress(f"replay, preset {preset}")
-        replays.append(_replay(scene, preset, forces_n))
-    absent = [_NO_BATCH.format(counts=", ".join(map(str, environments)))] if batch is None else []
-    if batch is not None:
-        for count in environments:
-            on_progress(f"{count} environments")
-            frames.append(batch(scene, presets[0], count))
-    on_progress("growth with elements")
+        if Part.FRAMES in parts:
+            on_progress(f"frames, preset {preset}")
+            frames.append(travel(scene, preset))
+        if Part.PHASES in parts:
+            on_progress(f"parts, preset {preset}")
+            phase_rows += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
+        if Part.REPLAY in parts:
+            on_progress(f"replay, preset {preset}")
+            replays.append(_replay(scene, preset, forces_n))
+    batches: list[BatchRow] = []
+    device = batch_device()
+    if Part.BATCHES in parts:
+        on_progress(f"batches on {device}")
+        for row in measure_batches(scene, device=device):
+            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
+            batches.append(row)
+    grown: Sequence[GrowthRow] = ()
+    if Part.GROWTH in parts:
+        on_progress("growth with elements")
+        grown = growth(scene, depth_m=_PHASE_DEPTH_M)
+    short = Part.BATCHES in parts and device == "cpu"
     return Bench(
         frames=tuple(frames),
-        phases=tuple(parts),
+        batches=tuple(batches),
+        phases=tuple(phase_rows),
         replays=tuple(replays),
-        growth=tuple(growth(scene, depth_m=_PHASE_DEPTH_M)),
-        absent=tuple(absent),
+        growth=tuple(grown),
+        absent=(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)),) if short else (),
     )
 
 

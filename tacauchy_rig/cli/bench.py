@@ -10,7 +10,7 @@ import typer
 
 from reports.figures.bench import Growth, draw_bench
 from sim.bench.growth import EXPONENT_WANTED, exponent
-from sim.bench.suite import Bench, run_bench
+from sim.bench.suite import Bench, Part, run_bench
 from sim.bench.tables import sections
 from sim.scene import Preset
 from sim.sensor import load_sensor
@@ -18,10 +18,10 @@ from sim.verification.page import markdown
 from tacauchy_rig.cli.nominal_renderer import NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
-from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
+from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.config.load import load_config
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -33,9 +33,12 @@ def bench(
     ),
     sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
     indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
+    parts: Annotated[
+        list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Time frames, their parts, a replay, and the growth with elements; minutes."""
+    """Time frames, batches, their parts, a replay, and the growth with elements; minutes."""
     writable_folder(out)
     gel = load_sensor(sensor)
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
@@ -44,6 +47,7 @@ def bench(
         camera_geometry(gel),
         NominalRenderer(gel),
         load_config(None).config.protocol.force_targets,
+        parts=tuple(parts or Part),
         on_progress=lambda text: complain(f"  {text}"),
     )
     tables = sections(found)
@@ -58,7 +62,13 @@ def bench(
         tables,
         title="Benchmark",
         note=f"{indenter} into {sensor}.\n\n![Benchmark](bench.png)",
-        command=f"tacauchy-rig bench --out {out}",
+        command=" ".join(
+            [
+                f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
+                *(f"--part {part}" for part in parts or ()),
+                f"--out {out}",
+            ]
+        ),
         versions=versions(),
         machine=machine(),
     )
@@ -73,10 +83,9 @@ def _draw(found: Bench, folder: Path) -> list[Path]:
         parts.setdefault(row.preset, {})[row.name] = 1e3 * row.median_s
     sizes = [float(row.tet_count) for row in found.growth]
     times = [row.cpu_s for row in found.growth]
-    batches = [(row.environments, row.frames_per_s) for row in found.frames if row.environments > 1]
-    return draw_bench(
-        parts,
-        Growth(sizes=sizes, times_s=times, exponent=exponent(sizes, times), limit=EXPONENT_WANTED),
-        batches,
-        folder=folder,
-    )
+    grown = None
+    if sizes:
+        power = exponent(sizes, times)
+        grown = Growth(sizes=sizes, times_s=times, exponent=power, limit=EXPONENT_WANTED)
+    batches = [(row.environments, row.frames_per_s) for row in found.batches]
+    return draw_bench(parts, grown, batches, folder=folder)

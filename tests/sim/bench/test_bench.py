@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.bench.frames import FRAME_COUNT, FrameRow, travel
+from sim.bench.batches import BALANCE, environments, measure_batches
+from sim.bench.frames import FRAME_COUNT, travel
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
-from sim.bench.suite import Bench, ReplayRow
+from sim.bench.suite import Bench, Part, ReplayRow, run_bench
 from sim.bench.tables import sections
 from sim.indenter import Sphere
 from sim.optics.geometry import CameraGeometry, ImageArray
@@ -66,10 +65,11 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 @pytest.fixture(scope="module")
 def found() -> Bench:
     """Return a benchmark of a coarse ball press; its replay is made up."""
-    frame = travel(_SCENE, Preset.FAST)
+    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), against=Preset.FAST)
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
-        frames=(frame, replace(frame, environments=8)),
+        frames=(travel(_SCENE, Preset.FAST),),
+        batches=tuple(batches),
         phases=tuple(parts),
         replays=(ReplayRow(preset="fast", trial_count=6, newton_iterations=60, wall_s=3.0),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
@@ -77,14 +77,32 @@ def found() -> Bench:
     )
 
 
-def test_frames_are_counted_over_all_environments(found: Bench) -> None:
-    """Eight environments in the same time: eight times the frames, an eighth of the time each."""
-    alone, eight = found.frames
+def test_frames_and_their_time_fit(found: Bench) -> None:
+    """Twenty frames in the time of all."""
+    (alone,) = found.frames
     assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
     assert alone.frame_ms == pytest.approx(1e3 / alone.frames_per_s)
-    assert eight.frames_per_s == pytest.approx(8.0 * alone.frames_per_s)
-    assert isinstance(alone, FrameRow)
     assert 0.0 < alone.memory_mib <= peak_memory_mib()
+
+
+def test_batches_are_counted_over_all_environments(found: Bench) -> None:
+    """Three environments: three times the frames of one in that time; the first is the scene."""
+    alone, three = found.batches
+    assert three.frames_per_s == pytest.approx(3 * FRAME_COUNT / three.wall_s)
+    assert three.frame_ms == pytest.approx(1e3 * three.wall_s / FRAME_COUNT)
+    assert three.force_error == pytest.approx(alone.force_error, abs=1e-4)
+    assert max(alone.imbalance, three.imbalance) <= BALANCE
+    assert alone.failed_count == three.failed_count == 0
+
+
+def test_environments_differ_but_the_first() -> None:
+    """The first is the scene itself; others are up to a tenth stiffer and shallower."""
+    first, *others = environments(_SCENE, 5)
+    assert first.young_pa == _SCENE.material.young_pa
+    assert first.course[-1] == pytest.approx(1e-3)
+    assert len({other.young_pa for other in others}) == 4
+    assert all(1.0 <= other.young_pa / first.young_pa <= 1.1 for other in others)
+    assert all(0.9 <= other.course[-1] / first.course[-1] <= 1.0 for other in others)
 
 
 def test_every_part_is_timed(found: Bench) -> None:
@@ -106,7 +124,16 @@ def test_every_part_is_timed(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [2, 7, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 2, 7, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: nothing." in tables[0].note
-    assert "exponent" in tables[3].columns[-1]
+    assert "Not measured: nothing." in tables[1].note
+    assert "exponent" in tables[4].columns[-1]
+
+
+def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
+    """One part: its table and no other."""
+    only = run_bench(
+        _SCENE, _GEOMETRY, _render, [0.5], parts=(Part.FRAMES,), presets=(Preset.FAST,)
+    )
+    assert len(only.frames) == 1
+    assert [table.title for table in sections(only)] == [sections(found)[0].title]
