@@ -69,7 +69,8 @@ def draw_modes(
         for (part, row), run in zip(rows, runs, strict=True):
             force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
             part.suptitle(f"{_TITLES[run.name]}, {run.travel}, {force}", x=0.01, ha="left")
-            maps, section = surface_maps(run.path, run.point), _section(run)
+            maps = surface_maps(run.path, run.point)
+            section = cut(run.path.model, run.point.state.positions)
             _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
             _draw_pressure(row[1], run, maps)
             _draw_traction(row[2], run, maps)
@@ -96,7 +97,8 @@ def draw_sensors(
             count = len(run.path.model.elements)
             title = f"{run.sensor.title}, {run.travel}, {force}, {count} tetrahedra"
             part.suptitle(title, x=0.01, ha="left")
-            maps, section = surface_maps(run.path, run.point), _section(run)
+            maps = surface_maps(run.path, run.point)
+            section = cut(run.path.model, run.point.state.positions)
             _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
             _draw_mesh(row[1], maps)
             _draw_pressure(row[2], run, maps)
@@ -113,12 +115,6 @@ def _rows(
     return figure, [(part, part.subplots(1, len(widths), width_ratios=widths)) for part in parts]
 
 
-def _section(run: ModeRun) -> Section:
-    model = run.path.model
-    section = cut(model, run.point.state.positions)
-    return section.without_slivers(_THIN_SHARE * model.height_m)
-
-
 def _reach(run: ModeRun) -> float:
     """Return half the width of the maps [mm], about 1.5 contact radii."""
     contact = run.point.equilibrium.contact
@@ -131,9 +127,10 @@ def _draw_section(
     axes: Axes, run: ModeRun, section: Section, entry: tuple[int, int], name: str
 ) -> None:
     values = section.stress_pa[:, entry[0], entry[1]] * _KPA
+    thick = section.without_slivers(_THIN_SHARE * run.path.model.height_m)
     # A few nodes at a rim would wash out all the rest.
     limit = float(np.quantile(np.abs(values), 0.98))
-    grid = _triangulation(section.points_m, section.triangles)
+    grid = _triangulation(thick.points_m, thick.triangles)
     look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
     # Shaded triangles leave hairlines between them: flat ones with edges lie below.
     axes.tripcolor(grid, values, shading="flat", edgecolors="face", linewidth=0.4, **look)
@@ -203,7 +200,7 @@ def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
 def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
     size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
     _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
-    pitch = _reach(run) / _MM / 7.0
+    pitch = _reach(run) / _MM / 6.0
     places, arrows = traction_arrows(run.point, pitch_m=pitch)
     sizes = np.linalg.norm(arrows, axis=1)
     shown = sizes > _ARROW_MIN_SHARE * sizes.max()

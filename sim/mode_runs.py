@@ -28,7 +28,7 @@ from sim.sensor import Sensor
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)
 BALL = Sphere(diameter_m=8e-3)
 # A ball's whole contact is smooth: its edge wants finer faces than a force does.
-BALL_REFINEMENT = 1.5
+BALL_REFINEMENT = 1.25
 DEPTH_M = 0.4e-3
 _SLIDE_MAX_M = 2e-3
 _TWIST_STEP_RAD, _TWIST_MAX_RAD = 0.1, 0.6

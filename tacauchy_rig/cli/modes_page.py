@@ -11,6 +11,11 @@ from sim.mode_runs import BALL_REFINEMENT, ModeRun
 from sim.scene import Preset
 
 _WIDTH = 100
+_DRAWN = (
+    "Colours are stress in the plane y = 0, pressure and the tangential traction's size; arrows "
+    "are the tangential traction on the gel, as long as the root of its size; the indenter feels "
+    "the opposite. A cross marks the centre of pressure."
+)
 _TIMES = (
     "Times are the processor's, setting up included; a press that is gone on from is counted once, "
     "in its own row."
@@ -73,6 +78,7 @@ def markdown(
         "## A punch on one sensor",
         f"{describe(moved[0].indenter)}, {moved[0].sensor.title}.",
         _MOVED,
+        _DRAWN,
         "\n".join(_criteria(moved)),
         "## A ball on three sensors",
         f"{ball}, edges {BALL_REFINEMENT:g} times finer than the preset's.",
