@@ -57,6 +57,15 @@ def test_a_cut_covers_the_plane_once(model: Model) -> None:
     assert np.abs(section.stress_pa).max() < 1e-3
 
 
+def test_slivers_are_little_of_a_cut(model: Model) -> None:
+    """Without them nothing is seen to be missing, and what is left is thick."""
+    section = cut(model, model.nodes)
+    thick = section.without_slivers(1e-3 * HEIGHT)
+    assert len(thick.triangles) == len(thick.layers) < len(section.triangles)
+    assert areas_of(thick).sum() == pytest.approx(SIZE * HEIGHT, rel=1e-3)
+    assert areas_of(thick).min() > 0.5 * (1e-3 * HEIGHT) ** 2
+
+
 def test_even_strain_gives_even_stress_in_each_layer(model: Model) -> None:
     """A stretch along z: the stress jumps between layers and is constant in each."""
     stretched = model.nodes * (1.0, 1.0, 1.05)
