@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from reports.figures.style import BLUE, GREY, INK, ORANGE, PAGE_IN, PNG_DPI, STYLE
 
 _FLOOR = 1e-5
-_LABEL_MARGIN = 2.5
+# Room for labels at the left and right ends, as factors of the time.
+_LEFT, _RIGHT = 6.0, 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +109,7 @@ def _draw_panel(
         _draw_front(axes, known, panel.quantity)
         _write_labels(axes, known, sizes)
         left, right = axes.get_xlim()
-        axes.set_xlim(left / _LABEL_MARGIN, right * _LABEL_MARGIN)
+        axes.set_xlim(left / _LEFT, right * _RIGHT)
         axes.set_xlabel("Set-up and solve (s)")
         axes.set_ylabel("Relative error")
     if bar > 0.0:

@@ -26,6 +26,7 @@ def markdown(
     machine: str,
     title: str = TITLE,
     note: str = NOTE,
+    image: str = "",
 ) -> str:
     """Return the page.
 
@@ -34,12 +35,14 @@ def markdown(
         versions: Of what the numbers depend on.
         machine: Where it ran, in words.
         note: What a reader has to know before all sections.
+        image: File of a figure that stands before them, beside the page; empty for none.
     """
     missed = [section for section in sections if not section.passed]
     verdict = "every criterion is met" if not missed else f"{len(missed)} of them missed"
     lines = [f"# {title}", ""]
     lines += [f"**{len(sections)} sections, {verdict}.**", ""]
     lines += _filled(f"Written by `{command}` on {machine}. {note}")
+    lines += [f"![{title}]({image})", ""] if image else []
     lines += ["| section | result | criterion |", "|---|---|---|"]
     lines += [f"| {s.title} | {result(s)} | {s.criterion} |" for s in sections]
     for section in sections:

@@ -17,7 +17,6 @@ from tacauchy_rig.errors import RecordError
 PROMISES = "promises.json"
 _IMAGE = "accuracy.png"
 _NOTE = (
-    "![Error against time](images/accuracy.png)\n\n"
     "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance such as "
     "0.02N or 1% and choose the cheapest preset that is believed to keep it. The command below a "
     "table makes it again."
@@ -47,6 +46,7 @@ def write_page(page: Path, folder: Path) -> list[Path]:
         sections,
         title="What accuracy costs in time",
         note=_NOTE,
+        image=f"images/{_IMAGE}",
         command=f"tacauchy-rig accuracy --out {folder} --page {page}",
         versions=versions(),
         machine=machine(),

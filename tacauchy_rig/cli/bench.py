@@ -61,7 +61,8 @@ def bench(
     page = markdown(
         tables,
         title="Benchmark",
-        note=f"{indenter} into {sensor}.\n\n![Benchmark](bench.png)",
+        note=f"{indenter} into {sensor}.",
+        image="bench.png",
         command=" ".join(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
