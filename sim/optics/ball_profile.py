@@ -59,5 +59,5 @@ def ball_profiles(
     found = []
     for depth in depths_m:
         surface = surface_state(path, path.advance(depth))
-        found.append(radial_profile(height_maps(surface, geometry), geometry))
+        found.append(radial_profile(height_maps(surface, geometry, pad=sensor.pad), geometry))
     return PressedProfiles(found)

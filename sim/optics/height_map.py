@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from sim.optics.geometry import CameraGeometry
 from sim.optics.gradient_recovery import node_gradients
 from sim.optics.rasterise import rasterise
 from sim.optics.smooth_interpolation import CloughTocherPatches
+from sim.pad import Pad
 from sim.surface import SurfaceState
 from tacauchy_rig.errors import ConfigError
 
@@ -35,7 +36,11 @@ class HeightMaps:
 
 
 def height_maps(
-    surface: SurfaceState, geometry: CameraGeometry, *, contact_gap_m: float = 6e-6
+    surface: SurfaceState,
+    geometry: CameraGeometry,
+    *,
+    contact_gap_m: float = 6e-6,
+    pad: Pad | None = None,
 ) -> HeightMaps:
     """Rasterise the loaded and the unloaded surface at the image's resolution.
 
@@ -48,10 +53,14 @@ def height_maps(
         geometry: Pixels.
         contact_gap_m: Largest gap between gel and indenter that counts as touching [m]; not less
             than the gap that the contact solver leaves.
+        pad: Whose top the mesh stands for; edges are chords of a domed top, and the nodes in their
+            middles are put back onto it. None takes the mesh for the pad.
 
     Raises:
         ConfigError: The mesh covers no pixel.
     """
+    if pad is not None:
+        surface = _on_top(surface, pad)
     ceiling = indenter_height(surface, *geometry.pad_grid())
     nodes, gradients, touching = close_contact(surface, contact_gap_m)
     corner_gradients = corner_slopes(nodes, surface.triangles, gradients, touching)
@@ -67,6 +76,15 @@ def height_maps(
         ),
         contact=np.isfinite(ceiling) & (ceiling - loaded <= contact_gap_m),
     )
+
+
+def _on_top(surface: SurfaceState, pad: Pad) -> SurfaceState:
+    """Lift each node by what it lies below the pad's top at rest."""
+    rest = surface.positions_rest
+    lift = pad.height_at(rest[:, 0], rest[:, 1]) - rest[:, 2]
+    lifted = np.zeros_like(rest)
+    lifted[:, 2] = np.where(np.isfinite(lift), lift, 0.0)
+    return replace(surface, positions_rest=rest + lifted, positions=surface.positions + lifted)
 
 
 def interpolate_height(

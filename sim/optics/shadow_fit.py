@@ -30,7 +30,7 @@ from sim.sensor import Sensor
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
-_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation and softness
+_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 
 
@@ -71,7 +71,10 @@ def calibrate_with_shadows(
     *,
     exponents: IntArray = BALL_EXPONENTS,
 ) -> tuple[Calibration, ShadowCaster]:
-    """Fit colours, and direction, elevation, colour and softness of the lamps' shadows.
+    """Fit colours, and direction, elevation and colour of the lamps' shadows.
+
+    Their softness stays that of the sensor's file: the short shadows of a ball do not tell a soft
+    strong one from a sharp weak one.
 
     Args:
         presses: Images with labelled circles.
@@ -117,7 +120,7 @@ def _surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Ar
 
 
 def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
-    """Search direction, elevation and softness one after the other; colours follow linearly."""
+    """Search direction and elevation one lamp after the other; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     dents = [_dent(presses[i], found, i) for i in chosen.tolist()]
     geometry = _coarse(found.scene.geometry)
@@ -189,7 +192,7 @@ def _coloured(
 
 def _moves(count: int) -> list[_Move]:
     """Return every way to change one number of the lamps by a step."""
-    moves: list[_Move] = [_softened]
+    moves: list[_Move] = []
     for i in range(count):
         moves += [partial(_turned, i), partial(_raised, i)]
     return moves
@@ -204,10 +207,6 @@ def _raised(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
     lamp = shadows.lamps[index]
     bounded = min(max(lamp.elevation_rad * math.exp(step), _LOWEST_RAD), _HIGHEST_RAD)
     return _with_lamp(shadows, index, replace(lamp, elevation_rad=bounded))
-
-
-def _softened(shadows: ShadowCaster, step: float) -> ShadowCaster:
-    return replace(shadows, softness_m=shadows.softness_m * math.exp(2.0 * step))
 
 
 def _with_lamp(shadows: ShadowCaster, index: int, lamp: Lamp) -> ShadowCaster:

@@ -86,7 +86,7 @@ def height_map_error(
         sensor=sensor.name,
     )
     coarse, fine = _pressed(scene), _pressed(replace(scene, preset=finer))
-    maps = [height_maps(surface, geometry) for surface in (coarse, fine)]
+    maps = [height_maps(surface, geometry, pad=sensor.pad) for surface in (coarse, fine)]
     off = np.abs(maps[0].loaded - maps[1].loaded)
     return HeightMapError(
         name=name,

@@ -49,8 +49,8 @@ def render_trial(
         ConfigError: The frame's markers are not where the sensor's file says.
     """
     geometry = optics.geometry
-    maps = height_maps(fields.surface, geometry)
-    fine = height_maps(fields.surface, geometry.refined(_SAMPLES))
+    maps = height_maps(fields.surface, geometry, pad=sensor.pad)
+    fine = height_maps(fields.surface, geometry.refined(_SAMPLES), pad=sensor.pad)
     unloaded = _image(store, record, sensor, (record.reference_start_ns, record.reference_end_ns))
     if unloaded is None:
         raise RecordError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +14,7 @@ from sim.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.optics.contact_bound import indenter_height
 from sim.optics.gradient_recovery import average_face_gradients
 from sim.optics.height_map import height_maps, interpolate_height
+from sim.pad import BoxPad
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import (
     APEX_M,
@@ -214,3 +217,32 @@ def test_a_mesh_in_millimetres_is_refused() -> None:
     nodes = np.c_[points * 1e3 + 1e3, np.full(len(points), 4.0)]
     with pytest.raises(ConfigError, match=r"covers none of the 128 x 96 pixels[\s\S]*in metres"):
         interpolate_height(nodes, triangles, camera())
+
+
+def test_nodes_on_chords_are_put_back_onto_a_dome() -> None:
+    """Nodes in the middle of straight edges lie below a dome; the map does not show that."""
+    pad = BoxPad(
+        size_x_m=20e-3,
+        size_y_m=16e-3,
+        height_m=APEX_M,
+        dome_radius_x_m=0.05,
+        dome_radius_y_m=0.05,
+    )
+    flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M), edge_m=2e-3)
+    plan = flat.positions_rest
+    corners = plan.copy()
+    corners[:, 2] = pad.height_at(plan[:, 0], plan[:, 1])
+    points, facets, faces = _with_edge_nodes(corners, flat.triangles)
+    below = replace(
+        flat,
+        positions_rest=points,
+        positions=points - (0.0, 0.0, 1e-4),
+        triangles=facets,
+        triangles6=faces,
+    )
+    x, y = camera().pad_grid()
+    true = pad.height_at(x, y) - 1e-4
+    on_chords = height_maps(below, camera()).loaded - true
+    on_dome = height_maps(below, camera(), pad=pad).loaded - true
+    assert np.abs(on_chords).max() > 5e-6
+    assert np.abs(on_dome).max() < 5e-7
