@@ -16,6 +16,7 @@ from protocols.abort_watch import AbortWatch
 from protocols.confirmation import confirmation_screen, expected_answer
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
+from sim.sensor import load_sensor
 from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
@@ -149,7 +150,9 @@ def press(store: RunStore) -> SessionResult:
                 folder=store.paths.emulation,
                 devices=chosen,
                 follow_host=follow,
-                unit=emulated_unit(sensor_of(config), markers=config.emulation.markers),
+                unit=emulated_unit(
+                    load_sensor(config.sensor.name), markers=config.emulation.markers
+                ),
             )
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")
