@@ -21,7 +21,7 @@ from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, console, say, write_json
-from tacauchy_rig.cli.pipeline import check_replay, replay_run, report_run, sensor_of
+from tacauchy_rig.cli.pipeline import check_replay, replay_run, report_run
 from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
