@@ -12,6 +12,7 @@ from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
+from sim.bench.batch_parts import BatchPartsRow, batch_parts
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.press import press
 from sim.scene import Preset, Scene, Target
@@ -38,6 +39,7 @@ class BatchRow:
         residual: Norm of the unbalanced force over the contact force, the largest.
         gap_m: The smallest [m].
         failed_count: Environments that did not reach their last frame.
+        parts: What each launch of a tick takes.
     """
 
     device: str
@@ -52,6 +54,7 @@ class BatchRow:
     residual: float
     gap_m: float
     failed_count: int
+    parts: tuple[BatchPartsRow, ...]
 
     @property
     def frame_ms(self) -> float:
@@ -126,4 +129,5 @@ def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device:
         residual=float(np.nanmax(found.residual)),
         gap_m=float(np.nanmin(found.gap_m)),
         failed_count=int(found.failed.sum()),
+        parts=tuple(batch_parts(batch)),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from sim.bench.batches import BALANCE
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.bench.growth import EXPONENT_WANTED, exponent, local_exponents
@@ -16,8 +18,14 @@ _TIMES = "none: a time belongs to the machine and what else it does"
 
 def sections(found: Bench) -> list[Section]:
     """Return the tables of what was measured, in the order of the page."""
-    tables = {_frames: found.frames, _batches: found.batches, _phases: found.phases}
-    tables |= {_replays: found.replays, _growth: found.growth}
+    tables: dict[Callable[[Bench], Section], Sequence[object]] = {
+        _frames: found.frames,
+        _batches: found.batches,
+        _batch_parts: found.batches,
+        _phases: found.phases,
+        _replays: found.replays,
+        _growth: found.growth,
+    }
     return [table(found) for table, rows in tables.items() if rows]
 
 
@@ -109,6 +117,29 @@ def _batches(found: Bench) -> Section:
         f"a frame. Set-up, once for all: {rows[0].setup_s:.1f} s."
         + growth
         + "".join(f" Not measured: {text}." for text in found.absent),
+    )
+
+
+def _batch_parts(found: Bench) -> Section:
+    rows = [row for batch in found.batches for row in batch.parts]
+    names = list(rows[0].parts_s)
+    return Section(
+        title="Parts of an evaluation",
+        columns=("environments", "doing", *(f"{name} [us]" for name in names), "together [us]"),
+        rows=tuple(
+            (
+                row.environments,
+                row.doing,
+                *(round(1e6 * row.parts_s[name], 1) for name in names),
+                round(1e6 * sum(row.parts_s.values()), 1),
+            )
+            for row in rows
+        ),
+        criterion=_TIMES,
+        passed=True,
+        note="Each launch alone, repeated, on the untouched gel, all environments doing the same: "
+        "evaluating forces, or the stiffness along a direction of the search. In a batch each "
+        "environment does what it needs, all in the same launches.",
     )
 
 

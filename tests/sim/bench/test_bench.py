@@ -95,6 +95,16 @@ def test_batches_are_counted_over_all_environments(found: Bench) -> None:
     assert alone.failed_count == three.failed_count == 0
 
 
+def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
+    """For forces and search, in the order of the launches, and none takes no time."""
+    for batch in found.batches:
+        assert [row.doing for row in batch.parts] == ["forces", "search"]
+        for row in batch.parts:
+            assert next(iter(row.parts_s)) == "forces"
+            assert len(row.parts_s) == 7
+            assert min(row.parts_s.values()) > 0.0
+
+
 def test_environments_differ_but_the_first() -> None:
     """The first is the scene itself; others are up to a tenth stiffer and shallower."""
     first, *others = environments(_SCENE, 5)
@@ -124,10 +134,10 @@ def test_every_part_is_timed(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 2, 7, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 2, 4, 7, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[1].note
-    assert "exponent" in tables[4].columns[-1]
+    assert "exponent" in tables[5].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
