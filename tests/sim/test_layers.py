@@ -207,6 +207,7 @@ def test_the_reference_itself_gives_the_published_factors(poisson: float, kappa:
     assert force / plain == pytest.approx(kappa, abs=1e-3)
 
 
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("ratio", "share", "radius_m", "tolerance"),
     [(4.0, 0.925, 2.5e-3, 0.05), (1e-4, 0.925, 2.5e-3, 0.03), (1e4, 0.5, 0.5e-3, 0.03)],

@@ -17,7 +17,7 @@ from sim.mesh_indenter import MeshUnit
 from sim.pad import BoxPad
 from sim.pad_surface import pad_surface
 from sim.presets import build_model
-from sim.scene import Effect, Layer, Material, Preset, Scene, Target
+from sim.scene import Layer, Material, Preset, Scene, Target
 from sim.sensor import parse_sensor
 from sim.surface_pad import read_surface_pad, surface_pad
 from tacauchy_rig.errors import ConfigError
@@ -100,12 +100,12 @@ def test_press_into_a_file_is_that_into_the_formula(
             indenter=Sphere(diameter_m=8e-3),
             target=Target(depth_m=0.2e-3),
             preset=Preset.FAST,
-            effects=((Effect.LOCKING_FREE_ELEMENT, False),),
         )
         model = build_model(scene, mesh=footprint_mesh(scene))
         forces.append(LoadingPath(model, scene.indenter).advance(0.2e-3).force_n[2])
     assert mesh_choice(scene).kind is MeshKind.FOOTPRINT
-    assert forces[1] == pytest.approx(forces[0], rel=0.04)
+    # fTetWild makes other meshes every time: quadratic tetrahedra on them differ by 0.4 %.
+    assert forces[1] == pytest.approx(forces[0], rel=0.015)
 
 
 def test_layers_of_a_file_are_refused() -> None:
