@@ -88,7 +88,8 @@ def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | 
     near = _near(kind, setting_of(scene), shares)
     outside = _outside(scene, depth)
     if not near or outside:
-        return None, outside or f"no {kind} was measured on preset {setting_of(scene)}"
+        on = f" on preset {setting_of(scene)}" if kind in measured_kinds() else ""
+        return None, outside or f"no {kind} was measured{on}"
     worst = max(near, key=lambda row: row.error)
     return worst.error, (
         f"{kind}: largest of {len(near)} differences from the limit of finer meshes, plus that "

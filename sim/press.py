@@ -18,6 +18,7 @@ from sim.moving_press import moving_press
 from sim.path_point import PathPoint
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene
+from sim.settings import setting_of
 from sim.stress import surface_stress
 from sim.tolerance import Alternative, alternatives, expected_error
 from sim.turned_indenter import tilted
@@ -45,7 +46,8 @@ class PressResult:
         estimated_force_error_relative: Believed relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
         effects: What was simulated and what was left out, with reasons.
-        alternatives: The next cheaper preset and the next better one.
+        preset: What it was pressed with: a preset, or a mesh between two.
+        alternatives: The next cheaper settings and the next better ones.
     """
 
     force_n: tuple[float, float, float]
@@ -69,6 +71,7 @@ class PressResult:
     estimated_force_error_relative: float | None
     estimated_force_error_basis: str
     effects: list[dict[str, Any]]
+    preset: str
     alternatives: tuple[Alternative, ...]
     model: Model = field(repr=False)
     point: PathPoint | None = field(repr=False)
@@ -206,6 +209,7 @@ def measure(
         estimated_force_error_relative=error,
         estimated_force_error_basis=basis,
         effects=plan.as_json(),
+        preset=str(setting_of(scene)),
         alternatives=alternatives(scene, depth_m=point.depth_m, wall_s=sum(wall_s.values())),
         model=model,
         point=point,

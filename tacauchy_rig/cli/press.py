@@ -65,7 +65,7 @@ def _warn_of_rest_stress(material: Material) -> None:
 def _show(scene: Scene, result: PressResult) -> None:
     error = result.estimated_force_error_relative
     believed = "not known" if error is None else f"{error:.1%}"
-    say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {scene.preset.value}")
+    say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
     say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     if not scene.motion.is_straight:
         say(f"           {result.force_n[0]:.4f} N along x, {result.force_n[1]:.4f} N along y")

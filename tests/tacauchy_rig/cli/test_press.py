@@ -54,8 +54,16 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     assert "preset fast" in done.stdout
     assert "better     preset balanced, edges 1.13 times as long: about" in done.stdout
     found = json.loads(file.read_text("utf-8"))
+    assert found["preset"] == "fast"
     assert found["estimated_force_error_relative"] <= 0.2
     assert found["alternatives"][-1]["time_ratio"] > 1.0
+
+
+def test_a_mesh_between_two_presets_is_named() -> None:
+    """A tolerance may choose one; the output says which."""
+    done = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "2%"])
+    assert done.exit_code == 0
+    assert "preset balanced, edges 1.13 times as long" in done.stdout.splitlines()[0]
 
 
 def test_tolerance_that_no_preset_keeps_is_refused() -> None:
