@@ -15,6 +15,8 @@ from sim.arrays import FloatArray
 from sim.assembly import SparsePattern
 
 _NOT_POSITIVE_DEFINITE = -4
+# Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
+_UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
 
 
 class NotPositiveDefiniteError(ArithmeticError):
@@ -39,16 +41,21 @@ class LinearSolver(Protocol):
         ...
 
 
-def linear_solver(pattern: SparsePattern, *, thread_count: int | None = None) -> LinearSolver:
+def linear_solver(
+    pattern: SparsePattern, *, thread_count: int | None = None, refined: bool = True
+) -> LinearSolver:
     """Return Pardiso where it is installed, else SuperLU; both take the same pattern.
 
     Args:
+        refined: Let Pardiso refine its solutions, which a preconditioner does not need; each then
+            takes three times as long.
         thread_count: Threads that Pardiso may use; by default MKL_NUM_THREADS, OMP_NUM_THREADS
             or the usable cores up to four. Pinned, because a free choice slows shared machines.
     """
     try:
         pypardiso = importlib.import_module("pypardiso")
-        return PardisoSolver(pattern, pypardiso, thread_count=thread_count or _thread_count())
+        threads = thread_count or _thread_count()
+        return PardisoSolver(pattern, pypardiso, thread_count=threads, refined=refined)
     except ImportError:
         return SuperLuSolver(pattern)
 
@@ -58,9 +65,14 @@ class PardisoSolver:
 
     name = "pardiso"
 
-    def __init__(self, pattern: SparsePattern, pypardiso: Any, *, thread_count: int) -> None:
+    def __init__(
+        self, pattern: SparsePattern, pypardiso: Any, *, thread_count: int, refined: bool
+    ) -> None:
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
+        if not refined:
+            for place, value in _UNREFINED.items():
+                self._pardiso.set_iparm(place, value)
         self._pardiso.libmkl.MKL_Set_Num_Threads(thread_count)
         data = np.ones(len(pattern.indices))
         self._matrix = scipy.sparse.csr_matrix(

@@ -1,12 +1,13 @@
 """A batch of presses: many environments over one rest mesh advance together.
 
 Each environment has a material, a pose of the indenter and a course of depths or loads of its own.
-Newton's equations are solved by conjugate gradients, preconditioned with the dense inverses of the
-stiffness at a few depths of one pilot press, contact included. All environments share these, so
-that applying them is one product of two matrices. Environments go through frames, Newton's and
-conjugate gradients' iterations each at its own pace; the next inverse takes over when the last of
-them has passed the depth up to which the old one is the nearest. On a GPU such a stretch is one
-CUDA graph: the host waits for its end and does nothing else. On the CPU the same kernels run.
+Newton's equations are solved by conjugate gradients, preconditioned with the stiffness at a few
+depths of one pilot press, contact included. All environments share it: on a GPU its dense inverse,
+so that applying it is one product of two matrices, on the CPU its sparse factor. Environments go
+through frames, Newton's and conjugate gradients' iterations each at its own pace; the next depth's
+stiffness takes over when the last of them has passed the depth up to which the old one is the
+nearest. On a GPU such a stretch is one CUDA graph: the host waits for its end and does nothing
+else. On the CPU the same kernels run.
 """
 
 from __future__ import annotations

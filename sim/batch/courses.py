@@ -62,7 +62,7 @@ def touch_point(pilot: Pilot, environment: Environment) -> FloatArray:
 
 
 def stretches(pilot: Pilot, courses: FloatArray) -> list[tuple[int, int]]:
-    """Return which of a pilot's inverses serves up to which frame: (inverse, end frame).
+    """Return which of a pilot's stiffnesses serves up to which frame: (stiffness, end frame).
 
     Args:
         courses: Depths [m] or loads on the modelled part [N], shape [frame_count, count].

@@ -1,7 +1,7 @@
-"""The product of a dense symmetric matrix with a batch of vectors.
+"""The product of a dense symmetric matrix with a batch of vectors, on a GPU.
 
-A batch shares one matrix, so that on a GPU the product is one of two matrices, for tensor cores in
-TF32: a preconditioner needs no more digits. Warp's own tile product takes most of a minute to
+A batch shares one matrix, so that the product is one of two matrices, for tensor cores in TF32: a
+preconditioner needs no more digits. Warp's own tile product takes most of a minute to
 compile and leaves the cores idle for so few columns; here each warp feeds them from a matrix that
 was laid out for them once. On the CPU NumPy's BLAS does it.
 """
@@ -181,7 +181,6 @@ class DenseProduct:
 
     Attributes:
         row_count: Rows of the padded vectors.
-        which: The matrix to be used, on the device, shape [1].
     """
 
     def __init__(self, matrices: NDArray[np.float32], *, device: Device) -> None:
@@ -189,12 +188,13 @@ class DenseProduct:
         self.row_count = padded_rows(rows)
         padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float32)
         padded[:, :rows, :rows] = matrices
-        self.which = device.zeros(1, wp.int32)
+        self._which = device.zeros(1, wp.int32)
         self._device = device
-        self._on_gpu = wp.get_device(device.name).is_cuda
-        self._matrices = packed(padded) if self._on_gpu else padded
-        if self._on_gpu:
-            self._matrices = device.array(self._matrices.reshape(-1), wp.float32)
+        self._matrices = device.array(packed(padded).reshape(-1), wp.float32)
+
+    def select(self, which: int) -> None:
+        """Take another of the matrices from now on."""
+        self._which.fill_(which)
 
     def apply(self, right: Any, out: Any, dots_out: Any) -> None:
         """Set ``out`` to the product of the matrix with ``right``, and add ``right . out``.
@@ -204,19 +204,13 @@ class DenseProduct:
             out: The same shape.
             dots_out: Shape [environment_count], float64.
         """
-        if not self._on_gpu:
-            left = self._matrices[int(self.which.numpy()[0])]
-            product = np.matmul(left, right.numpy(), out=out.numpy())
-            dots = dots_out.numpy()
-            dots += np.einsum("rb,rb->b", right.numpy(), product, dtype=np.float64)
-            return
         chosen = tiling(right.shape[1])
         row_blocks = self.row_count // chosen.rows
         blocks = row_blocks * (right.shape[1] // chosen.columns)
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,
-            inputs=[self._matrices, self.which, right, row_blocks],
+            inputs=[self._matrices, self._which, right, row_blocks],
             outputs=[out, dots_out],
             block_dim=chosen.threads,
             device=self._device.name,

@@ -1,4 +1,4 @@
-"""A pilot press whose stiffness, inverted at a few depths, preconditions every press like it."""
+"""A pilot press whose stiffness at a few depths preconditions every press like it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.assembly import SparsePattern
 from sim.indenter import Indenter
 from sim.loading import LoadingPath
 from sim.mesh_indenter import MeshIndenter
@@ -18,26 +19,54 @@ from sim.model import Model
 from sim.path_point import PathPoint
 from tacauchy_rig.errors import ConfigError
 
-# The inverses are dense: 8 of this size take 2 GB.
+# A GPU takes the inverses, which are dense: 8 of this size are 2 GB.
 _UNKNOWNS_MAX = 8000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PilotStiffness:
+    """The semidefinite stiffness of one state [N/m].
+
+    Attributes:
+        data: CSR values of the upper triangle.
+        border: Column of the indenter's height if that is an unknown, shape [unknown_count].
+        corner: Its diagonal entry.
+    """
+
+    data: FloatArray
+    border: FloatArray | None
+    corner: float
+
+    def inverse(self, pattern: SparsePattern) -> NDArray[np.float32]:
+        """Return the dense inverse, the indenter's height last, shape [row_count, row_count]."""
+        count = pattern.dof_count
+        shape = (count, count)
+        upper = scipy.sparse.csr_matrix((self.data, pattern.indices, pattern.indptr), shape)
+        dense = np.zeros((count + (self.border is not None),) * 2, order="F")
+        dense[:count, :count] = upper.toarray()
+        if self.border is not None:
+            dense[:count, count], dense[count, count] = self.border, self.corner
+        factor, _ = scipy.linalg.lapack.dpotrf(dense, lower=0, overwrite_a=1)
+        inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=0, overwrite_c=1)
+        return np.asarray(np.triu(inverse) + np.triu(inverse, 1).T, dtype=np.float32)
 
 
 @dataclass(slots=True)
 class Pilot:
-    """Dense inverses of the stiffness along one press.
+    """The stiffness at a few depths of one press, contact included.
 
     Args:
         model: The pad, on the CPU.
         indenter: The body.
         depth_m: Of the deepest press that they are for [m].
         centre_m: Where the indenter comes down, x and y [m].
-        count: Inverses, at equal distances in depth.
+        count: Depths, at equal distances.
         is_pushed: The indenter's height is an unknown, its force given; it is the last unknown.
 
     Attributes:
         touch_m: Height of the indenter's tip at first touch [m].
-        forces_n: F_z on the modelled part where the inverses stand [N].
-        inverses: Shape [count, unknown_count, unknown_count], float32.
+        forces_n: F_z on the modelled part at those depths [N].
+        stiffnesses: At those depths.
         setup_s: Time that all this took.
 
     Raises:
@@ -52,7 +81,7 @@ class Pilot:
     is_pushed: bool = False
     touch_m: float = field(init=False)
     forces_n: FloatArray = field(init=False)
-    inverses: NDArray[np.float32] = field(init=False)
+    stiffnesses: list[PilotStiffness] = field(init=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -63,16 +92,16 @@ class Pilot:
         points = [path.advance(float(depth)) for depth in self.depths_m]
         copies = self.model.mesh.fold.copies
         self.forces_n = np.array([point.force_n[2] for point in points]) / copies
-        self.inverses = np.stack([self._inverse(point) for point in points])
+        self.stiffnesses = [self._stiffness(point) for point in points]
         self.setup_s = time.perf_counter() - started
 
     @property
     def depths_m(self) -> FloatArray:
-        """Where the inverses stand [m]."""
+        """Where the stiffnesses stand [m]."""
         return self.depth_m * np.arange(1, self.count + 1) / self.count
 
     def nearest(self, course: FloatArray) -> NDArray[np.intp]:
-        """Return which inverse is nearest to depths [m] or, if it is pushed, loads [N]."""
+        """Return which stiffness is nearest to depths [m] or, if it is pushed, loads [N]."""
         stands = self.forces_n if self.is_pushed else self.depths_m
         return np.searchsorted(0.5 * (stands[1:] + stands[:-1]), course)
 
@@ -93,18 +122,12 @@ class Pilot:
                 remedy="use preset fast, or press one by one",
             )
 
-    def _inverse(self, point: PathPoint) -> NDArray[np.float32]:
+    def _stiffness(self, point: PathPoint) -> PilotStiffness:
         model, state = self.model, point.state
         forces = model.contact_forces(state.positions, self.indenter, state, curved=False)
-        data = model.hessian_data(state.positions, forces.stiffness, projected=True)
-        pattern, count = model.pattern, model.pattern.dof_count
-        upper = scipy.sparse.csr_matrix((data, pattern.indices, pattern.indptr), (count, count))
-        dense = np.zeros((count + self.is_pushed,) * 2, order="F")
-        dense[:count, :count] = upper.toarray()
-        if self.is_pushed:
-            dense[:count, count] = pattern.unknowns(model.scatter(-forces.stiffness[..., 2]))
-            dense[count, count] = forces.stiffness[..., 2, 2].sum()
-        factor, _ = scipy.linalg.lapack.dpotrf(dense, lower=0, overwrite_a=1)
-        inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=0, overwrite_c=1)
-        whole = np.triu(inverse) + np.triu(inverse, 1).T
-        return np.asarray(whole, dtype=np.float32)
+        border = model.pattern.unknowns(model.scatter(-forces.stiffness[..., 2]))
+        return PilotStiffness(
+            data=model.hessian_data(state.positions, forces.stiffness, projected=True),
+            border=border if self.is_pushed else None,
+            corner=float(forces.stiffness[..., 2, 2].sum()),
+        )

@@ -22,11 +22,11 @@ from sim.batch.control_kernels import (
     turn,
 )
 from sim.batch.courses import extrapolation, touch_point
-from sim.batch.dense import DenseProduct
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.force_kernel import batch_gel, force_kernel
 from sim.batch.phases import EVALUATE, FAILED
 from sim.batch.pilot import Pilot
+from sim.batch.preconditioner import preconditioner
 from sim.device import Device
 
 # From so many environments on, an element is one thread's instead of its quadrature points.
@@ -67,7 +67,7 @@ class Tick:
         self._options, self._device = options, device
         self._columns = len(environments)
         self._row_count = pilot.model.pattern.dof_count + pilot.is_pushed
-        self.product = DenseProduct(pilot.inverses, device=device)
+        self._preconditioner = preconditioner(pilot, device)
         self._upload_pad()
         self._upload_courses()
         self._allocate()
@@ -91,8 +91,8 @@ class Tick:
             launch()
 
     def begin(self, which: int, end: int) -> None:
-        """Begin a stretch with one of the pilot's inverses, up to a frame."""
-        self.product.which.fill_(which)
+        """Begin a stretch with one of the pilot's stiffnesses, up to a frame."""
+        self._preconditioner.select(which)
         self.stretch_end.fill_(end)
         self._launch(begin, [self.progress, self.stretch_end], [self.busy])
 
@@ -164,7 +164,7 @@ class Tick:
 
     def _precondition(self) -> None:
         vectors = self.vectors
-        self.product.apply(
+        self._preconditioner.apply(
             vectors["residuals"], vectors["preconditioned"], self._sums[PRECONDITIONED]
         )
 
@@ -193,7 +193,8 @@ class Tick:
         self._tip_row = model.pattern.dof_count if self._pilot.is_pushed else -1
         filled = self._environments
         constants = np.array([model.law.parameters(e.young_pa, e.poisson) for e in filled])
-        shares = 1 if self._columns >= _CROWDED else len(pad.reference.weights)
+        alone = not device.is_gpu or self._columns >= _CROWDED
+        shares = 1 if alone else len(pad.reference.weights)
         self._force_kernel = force_kernel(model.law, pad.reference.node_count)
         centres = np.array([np.add(self._pilot.centre_m, e.offset_m) for e in filled])
         kept = touchable(pad, self._pilot.indenter, np.unique(centres, axis=0))
@@ -234,7 +235,7 @@ class Tick:
         floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._limits = iteration_limits(self._options, floor_n=floor_n)
         self._parts = 256 if columns <= 64 else (64 if columns <= 256 else 32)
-        size = (self.product.row_count, columns)
+        size = (self._preconditioner.row_count, columns)
         self.vectors = {name: device.zeros(size, wp.float64) for name in _EXACT}
         self.vectors |= {name: device.zeros(size, wp.float32) for name in _ROUGH}
         self._sums = device.zeros((SUM_COUNT, columns), wp.float64)

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
 from sim.arrays import FloatArray
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
+from sim.batch.preconditioner import FactoredStiffness
+from sim.device import Device
 from sim.indenter import Cylinder, Indenter, Sphere
 from sim.loading import LoadingPath
 from sim.model import Model
@@ -115,10 +118,37 @@ def test_an_indenter_beside_the_pilots_place() -> None:
     assert found.force_n[-1, 0, 0] == pytest.approx(-found.force_n[-1, 1, 0], rel=5e-2)
 
 
+@pytest.mark.gpu
+@pytest.mark.parametrize("count", [1, 9, 70])
+def test_a_gpu_gives_what_the_cpu_gives(pilot: Pilot, count: int) -> None:
+    """In one block, in a half full one and in two."""
+    environments = [_environment(young_pa=(1.0 + 0.01 * k) * _YOUNG) for k in range(count)]
+    host = Batch(pilot, environments, options=_EXACT).press()
+    found = Batch(pilot, environments, options=_EXACT, device="cuda:0").press()
+    assert found.force_n == pytest.approx(host.force_n, rel=1e-6, abs=1e-9)
+
+
 def test_a_batch_can_be_pressed_again(pilot: Pilot) -> None:
     """Nothing of the first press is left in the second."""
     batch = Batch(pilot, [_environment()], options=_EXACT)
     assert np.array_equal(batch.press().force_n, batch.press().force_n)
+
+
+@pytest.mark.parametrize("is_pushed", [False, True])
+def test_factors_and_inverses_are_one_preconditioner(model: Model, is_pushed: bool) -> None:
+    """What the CPU solves is what the GPU multiplies with."""
+    pilot = Pilot(model, _SCENE.indenter, 0.4e-3, count=2, is_pushed=is_pushed)
+    factored = FactoredStiffness(pilot)
+    device = Device("cpu")
+    right = np.random.default_rng(3).standard_normal((factored.row_count, 3)).astype(np.float32)
+    out, dots = device.zeros(right.shape, wp.float32), device.zeros(3, wp.float64)
+    for which, stiffness in enumerate(pilot.stiffnesses):
+        factored.select(which)
+        dots.zero_()
+        factored.apply(device.array(right, wp.float32), out, dots)
+        wanted = stiffness.inverse(model.pattern) @ right
+        assert np.abs(out.numpy() - wanted).max() <= 1e-4 * np.abs(wanted).max()
+        assert dots.numpy() == pytest.approx(np.einsum("rb,rb->b", right, wanted), rel=1e-3)
 
 
 def test_displacements_are_those_of_a_press(pilot: Pilot) -> None:
