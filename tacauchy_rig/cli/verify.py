@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sim.verification.catalogue import SECTIONS
+from sim.verification.catalogue import ON_REQUEST, SECTIONS
 from sim.verification.page import markdown
 from sim.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
@@ -21,7 +21,11 @@ from tacauchy_rig.errors import ConfigError, RigError
 def verify(
     sections: Annotated[
         list[str] | None,
-        typer.Option("--sections", metavar="NAME[,NAME]", help=f"Of {', '.join(SECTIONS)}."),
+        typer.Option(
+            "--sections",
+            metavar="NAME[,NAME]",
+            help=f"Of {', '.join(SECTIONS)}; by default all but {', '.join(ON_REQUEST)}.",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -49,7 +53,7 @@ def verify(
 
 
 def _chosen(given: list[str] | None) -> list[str]:
-    """Return the names that were asked for, in the order of the page; all if none were."""
+    """Return the names that were asked for, in the order of the page; the usual if none were."""
     asked = [name.strip() for text in given or [] for name in text.split(",") if name.strip()]
     for name in asked:
         if name not in SECTIONS:
@@ -57,7 +61,7 @@ def _chosen(given: list[str] | None) -> list[str]:
                 f"--sections {name}: there is no such section",
                 remedy=f"use one or more of {', '.join(SECTIONS)}",
             )
-    return [name for name in SECTIONS if not asked or name in asked]
+    return [name for name in SECTIONS if (name in asked if asked else name not in ON_REQUEST)]
 
 
 def _measured(name: str) -> Section:
@@ -77,7 +81,7 @@ def _measured(name: str) -> Section:
 
 def _page(found: dict[str, Section], out: Path) -> str:
     """Return the page of what was measured so far, with the command that makes just that."""
-    chosen = "" if list(found) == list(SECTIONS) else f" --sections {','.join(found)}"
+    chosen = "" if list(found) == _chosen(None) else f" --sections {','.join(found)}"
     return markdown(
         list(found.values()),
         command=f"tacauchy-rig verify{chosen} --out {out}",

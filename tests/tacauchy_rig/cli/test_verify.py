@@ -38,6 +38,22 @@ def test_one_section_is_shown_written_and_kept(tmp_path: Path) -> None:
     assert "warp-lang" in found["versions"]
 
 
+def test_what_takes_hours_is_measured_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By default every other section is measured."""
+    met = Section(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
+    measured: list[str] = []
+    for name in catalogue.SECTIONS:
+
+        def measure(name: str = name) -> Section:
+            measured.append(name)
+            return met
+
+        monkeypatch.setitem(catalogue.SECTIONS, name, measure)
+    assert CliRunner().invoke(app, ["verify"]).exit_code == 0
+    assert set(measured) == set(catalogue.SECTIONS) - catalogue.ON_REQUEST
+    assert catalogue.ON_REQUEST < set(catalogue.SECTIONS)
+
+
 def test_a_missed_criterion_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
     """And is named on the last line."""
     missed = Section(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=False)
