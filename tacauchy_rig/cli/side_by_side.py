@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.connection import wait
+from threading import Thread
 from typing import Annotated, TypeVar
 
 import typer
@@ -33,7 +36,21 @@ def side_by_side(
             yield name, measure(name)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(
+        jobs, mp_context=context, max_tasks_per_child=1, initializer=_end_with_parent
+    ) as pool:
         pending = [(name, pool.submit(measure, name)) for name in names]
         for name, future in pending:
             yield name, future.result()
+
+
+def _end_with_parent() -> None:
+    """Let a process that measures end when the one that waits for it is killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        Thread(target=_await_end, args=(parent.sentinel,), daemon=True).start()
+
+
+def _await_end(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
 
+import psutil
 import pytest
 
 from tacauchy_rig.cli.side_by_side import side_by_side
@@ -38,3 +44,42 @@ def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
     with pytest.raises(ConfigError, match="a is refused") as caught:
         list(side_by_side(_refuse, ["a", "b"], jobs=jobs))
     assert caught.value.remedy == "do not ask"
+
+
+_LONG = """
+import os, time
+from pathlib import Path
+from tests.tacauchy_rig.cli.test_side_by_side import _stay
+from tacauchy_rig.cli.side_by_side import side_by_side
+
+if __name__ == "__main__":
+    list(side_by_side(_stay, {names!r}, jobs=2))
+"""
+
+
+def _stay(name: str) -> None:
+    Path(name).write_text(str(os.getpid()), encoding="utf-8")
+    time.sleep(60.0)
+
+
+def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
+    """SIGKILL leaves no process that goes on measuring."""
+    names = [str(tmp_path / "a"), str(tmp_path / "b")]
+    script = tmp_path / "long.py"
+    script.write_text(_LONG.format(names=names), encoding="utf-8")
+    root = Path(__file__).parents[3]
+    with subprocess.Popen(
+        [sys.executable, str(script)], env=os.environ | {"PYTHONPATH": str(root)}
+    ) as command:
+        _await(lambda: all(Path(name).exists() and Path(name).read_text() for name in names))
+        command.kill()
+    measuring = [int(Path(name).read_text()) for name in names]
+    _await(lambda: not any(psutil.pid_exists(process) for process in measuring))
+
+
+def _await(holds: Callable[[], bool]) -> None:
+    for _ in range(600):
+        if holds():
+            return
+        time.sleep(0.05)
+    pytest.fail("not within 30 s")
