@@ -28,6 +28,11 @@ from sim.wild_mesh import WildSizing, wild_mesh
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
+# What a sharp edge happens to cut decides F_z there. With the rim's nodes on a polygon in it and 12
+# contact points on a face, a flat punch on an elastic layer comes out 3.5 % too soft to 2.5 % too
+# stiff by chance as the mesh is refined. With the polygon around it, as near to it as
+# ``_resolution`` has it, and 48 points, edges of 0.03, 0.02 and 0.015 radii (24 sectors, growth
+# 2.2) come out 7.2, 2.3 and 0.7 % too stiff.
 _SAGITTA_SHARE = 0.48
 
 
@@ -118,10 +123,10 @@ def build_model(
         mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
     young, poisson = element_constants(mesh, scene.material, scene.layers)
     options = ContactOptions(
-        distance_m=scene.barrier_m,
+        distance_m=scene.contact_distance_m,
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
-        face_splits=1 if has_sharp_rim(scene) and scene.preset is not Preset.PAPER else 0,
+        face_splits=1 if scene.has_sharp_rim and scene.preset is not Preset.PAPER else 0,
     )
     return Model(
         mesh,
@@ -176,20 +181,8 @@ def mesh_for(
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
         folded=folded,
-        circumscribed=has_sharp_rim(scene),
+        circumscribed=scene.has_sharp_rim,
     )
-
-
-def has_sharp_rim(scene: Scene) -> bool:
-    """Return whether a sharp edge presses on the gel: stress is singular there.
-
-    What its edge happens to cut decides F_z there. With the rim's nodes on a polygon in it and 12
-    contact points on a face, a flat punch on an elastic layer comes out 3.5 % too soft to 2.5 % too
-    stiff by chance as the mesh is refined. With the polygon around it, as near to it as
-    ``_resolution`` has it, and 48 points, edges of 0.03, 0.02 and 0.015 radii (24 sectors, growth
-    2.2) come out 7.2, 2.3 and 0.7 % too stiff.
-    """
-    return isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m == 0.0
 
 
 def finest_edge_m(scene: Scene) -> float:
@@ -204,7 +197,7 @@ def _resolution(scene: Scene) -> Resolution:
     rim's edges.
     """
     resolution = RESOLUTIONS[scene.preset]
-    if not has_sharp_rim(scene):
+    if not scene.has_sharp_rim:
         return resolution
     sectors = np.pi / np.sqrt(2.0 * _SAGITTA_SHARE * resolution.edge_share)
     return replace(resolution, sector_count=max(resolution.sector_count, 4 * round(0.25 * sectors)))

@@ -206,7 +206,7 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "node_count": len(model.nodes),
         "mesh": model.mesh.name,
         "mesh_hash": model.mesh.content_hash,
-        "barrier_m": scene.barrier_m,
+        "barrier_m": scene.contact_distance_m,
         "linear_solver": path.solver.name,
         "device": model.device,
         "setup_s": path.setup_s,

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sim.effects import EffectPlan, plan_effects
-from sim.presets import has_sharp_rim
 from sim.press import PressResult, path_for, solve
 from sim.scene import Preset, Scene, Target
 from tacauchy_rig.errors import RigError
@@ -66,7 +65,7 @@ def error_order(scene: Scene) -> float:
 
     Stress is singular at a sharp rim.
     """
-    return ORDER_SHARP if has_sharp_rim(scene) else ORDER_SMOOTH
+    return ORDER_SHARP if scene.has_sharp_rim else ORDER_SMOOTH
 
 
 def estimate_force_error(

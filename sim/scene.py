@@ -6,10 +6,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sim.filling import Filling
-from sim.indenter import Indenter
+from sim.indenter import Cylinder, Indenter
 from sim.laws.catalogue import LawName
 from sim.pad import Pad
 from tacauchy_rig.errors import ConfigError
+
+BARRIER_M = 5e-6
+SHARP_BARRIER_M = 1e-6
 
 
 class ContactMode(StrEnum):
@@ -183,8 +186,7 @@ class Scene:
         refinement: Every edge this many times shorter than the preset's.
         drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
-        barrier_m: Contact distance d_hat [m], a numerical setting: the gel stays about this far
-            from the indenter, and depth counts from there.
+        barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
         filling: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
     """
@@ -206,6 +208,22 @@ class Scene:
     preset: Preset = Preset.BALANCED
     refinement: float = 1.0
     force_tolerance_n: float = 1e-3
-    barrier_m: float = 5e-6
+    barrier_m: float | None = None
     filling: Filling = field(default_factory=Filling)
     sensor: str = ""
+
+    @property
+    def has_sharp_rim(self) -> bool:
+        """A sharp edge presses on the gel: stress is singular there."""
+        return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
+
+    @property
+    def contact_distance_m(self) -> float:
+        """Contact distance d_hat [m], a numerical setting.
+
+        The gel stays about this far from the indenter, and depth counts from there. Under a sharp
+        rim F_z depends on it ten times more than under a round one: there it is smaller.
+        """
+        if self.barrier_m is not None:
+            return self.barrier_m
+        return SHARP_BARRIER_M if self.has_sharp_rim else BARRIER_M

@@ -83,7 +83,7 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
     solved, spent = time.perf_counter(), time.process_time() - spent
     contact = contact_measures(path, point)
     # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
-    touching = max(6e-6, scene.barrier_m)
+    touching = max(6e-6, scene.contact_distance_m)
     return Observation(
         configuration=configuration,
         force_n=force,

@@ -49,13 +49,13 @@ class BarrierLimit:
 def barrier_limit(scene: Scene) -> BarrierLimit:
     """Press a scene at its own d_hat, at half and at a quarter of it."""
     first, second, third = (
-        press(replace(scene, barrier_m=share * scene.barrier_m)).force_n[2]
+        press(replace(scene, barrier_m=share * scene.contact_distance_m)).force_n[2]
         for share in (1.0, 0.5, 0.25)
     )
     return BarrierLimit(
         indenter=describe(scene.indenter),
         contact=scene.contact.value,
-        distance_m=scene.barrier_m,
+        distance_m=scene.contact_distance_m,
         forces_n=(first, second, third),
     )
 

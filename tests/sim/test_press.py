@@ -61,7 +61,7 @@ def test_press_balances_and_never_overlaps(indenter: Indenter, contact: ContactM
     result = press(replace(SCENE, indenter=indenter, contact=contact))
     assert result.force_n[2] > 0.1
     assert result.force_balance_relative < 1e-6
-    assert 0.0 < result.gap_min_m < SCENE.barrier_m
+    assert 0.0 < result.gap_min_m < SCENE.contact_distance_m
     assert result.base_reaction_n[2] == pytest.approx(-result.force_n[2], rel=1e-6)
     assert result.min_jacobian > 0.3
     assert np.hypot(*result.force_n[:2]) < 1e-9 * result.force_n[2]
