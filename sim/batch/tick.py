@@ -16,8 +16,6 @@ from sim.batch.control_kernels import (
     change_vectors,
     commit,
     decide,
-    iteration_limits,
-    new_progress,
     sum_up,
     turn,
 )
@@ -27,6 +25,7 @@ from sim.batch.force_kernel import batch_gel, force_kernel
 from sim.batch.phases import EVALUATE, FAILED
 from sim.batch.pilot import Pilot
 from sim.batch.preconditioner import preconditioner
+from sim.batch.progress import iteration_limits, new_progress
 from sim.device import Device
 
 # From so many environments on, an element is one thread's instead of its quadrature points.
