@@ -17,6 +17,7 @@ from sim.verification import (
     orders,
     punch,
     real_press,
+    rim_order,
     shifts,
     stress_cost,
 )
@@ -28,6 +29,7 @@ SECTIONS: dict[str, Callable[[], Section]] = {
     "hertz": hertz.measure,
     "real-press": real_press.measure,
     "orders": orders.measure,
+    "rim-order": rim_order.measure,
     "error-estimates": held_out.measure,
     "half-element": shifts.measure,
     "barrier": barrier.measure,
