@@ -16,6 +16,7 @@ from sim.verification.balance import balanced_press
 from sim.verification.barrier import BarrierLimit, barrier_limit
 from sim.verification.orders import fitted_order
 from sim.verification.refined_press import NamedScene, RefinedPress, refined_press
+from sim.verification.rim_order import rim_forces
 from sim.verification.scenes import HELD_OUT, TRAINING
 from sim.verification.shifts import shifted_press
 
@@ -35,6 +36,13 @@ def test_fit_finds_the_order_and_the_limit(order: float) -> None:
     found, limit = fitted_order(edges, 1.2 + 0.05 * edges**order)
     assert found == pytest.approx(order, abs=0.02)
     assert limit == pytest.approx(1.2, rel=2e-3)
+
+
+def test_finer_edges_at_a_sharp_rim_lower_the_force() -> None:
+    """By less every time; a whole punch's force comes from its quarter."""
+    coarse, middle, fine = rim_forces((0.32, 0.16, 0.08))
+    assert coarse > middle > fine > 0.5
+    assert coarse - middle > middle - fine
 
 
 def test_ten_scenes_are_held_out() -> None:
