@@ -13,6 +13,8 @@ from sim.batch.phases import ADVANCE_SEARCH, EVALUATE, SEARCH, START
 
 _REPEATS = 50
 _NEW_DIRECTION = 1
+# Any but zero, which would be no work on the CPU.
+_RESIDUAL_N = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +42,7 @@ def batch_parts(batch: Batch, *, repeats: int = _REPEATS) -> list[BatchPartsRow]
             progress.phase.fill_(phase)
             progress.act.fill_(act)
             progress.turn.fill_(_NEW_DIRECTION)
+            batch.tick.vectors["residuals"].fill_(_RESIDUAL_N)
             parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
         rows.append(BatchPartsRow(environments=len(batch.environments), doing=doing, parts_s=parts))
     batch.tick.reset()
