@@ -87,50 +87,7 @@ def draw_truth(
     Raises:
         ConfigError: An override names no field.
     """
-    make = unit or EmulatedUnit()
-    offset = _POISSON_OFFSETS[int(_uniform(seed, "poisson", 0, len(_POISSON_OFFSETS)))]
-    pose_angle = _uniform(seed, "pose direction", -np.pi, np.pi)
-    pose_length = _uniform(seed, "pose error", 1.0e-4, 3.0e-4)
-    drift_sign = 1.0 if _uniform(seed, "drift sign", -1.0, 1.0) > 0.0 else -1.0
-    drawn = PlantTruth(
-        seed=seed,
-        young_pa=make.young_pa * (1.0 + 0.05 * _normal(seed, "young")),
-        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
-        relaxation_weights=(
-            _uniform(seed, "relaxation fast", 0.02, 0.04),
-            _uniform(seed, "relaxation slow", 0.03, 0.04),
-        ),
-        relaxation_times_s=(0.3, 3.0),
-        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
-        surface_error_m=2.0e-4 * _normal(seed, "surface"),
-        tilt_rad=(1.5e-3 * _normal(seed, "tilt x"), 1.5e-3 * _normal(seed, "tilt y")),
-        light_gain=(
-            1.0 + 0.03 * _normal(seed, "red"),
-            1.0 + 0.03 * _normal(seed, "green"),
-            1.0 + 0.03 * _normal(seed, "blue"),
-        ),
-        light_drift_ratio=_uniform(seed, "light drift", -0.015, -0.005),
-        light_drift_time_s=_uniform(seed, "light drift time", 120.0, 300.0),
-        image_noise_levels=_uniform(seed, "image noise", 1.2, 1.8),
-        image_scale_error=(
-            0.005 * _normal(seed, "scale x"),
-            0.005 * _normal(seed, "scale y"),
-        ),
-        image_rotation_rad=0.005 * _normal(seed, "image rotation"),
-        image_shift_m=(1.5e-4 * _normal(seed, "shift x"), 1.5e-4 * _normal(seed, "shift y")),
-        force_noise_n=_uniform(seed, "force noise", 0.005, 0.010),
-        torque_noise_nm=_uniform(seed, "torque noise", 1e-4, 2e-4),
-        force_offset_n=(
-            0.3 * _normal(seed, "offset x"),
-            0.3 * _normal(seed, "offset y"),
-            0.8 * _normal(seed, "offset z"),
-        ),
-        force_drift_n_s=drift_sign * _uniform(seed, "drift", 4e-4, 9e-4),
-        cross_talk=(0.005 * _normal(seed, "talk x"), 0.005 * _normal(seed, "talk y")),
-        force_latency_s=_uniform(seed, "force latency", 0.002, 0.006),
-        camera_latency_s=_uniform(seed, "camera latency", 0.010, 0.035),
-        unit=make,
-    )
+    drawn = _drawn(seed, unit or EmulatedUnit())
     # Plain floats, so that a truth read back from its file is equal to the one drawn.
     drawn = _from_plain(json.loads(json.dumps(_to_plain(drawn))))
     if not overrides:
@@ -188,3 +145,50 @@ def _uniform(seed: int, name: str, low: float, high: float) -> float:
 
 def _stream(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
+def _drawn(seed: int, make: EmulatedUnit) -> PlantTruth:
+    """Draw every property by its name, so that a new one leaves the others as they were."""
+    offset = _POISSON_OFFSETS[int(_uniform(seed, "poisson", 0, len(_POISSON_OFFSETS)))]
+    pose_angle = _uniform(seed, "pose direction", -np.pi, np.pi)
+    pose_length = _uniform(seed, "pose error", 1.0e-4, 3.0e-4)
+    drift_sign = 1.0 if _uniform(seed, "drift sign", -1.0, 1.0) > 0.0 else -1.0
+    return PlantTruth(
+        seed=seed,
+        young_pa=make.young_pa * (1.0 + 0.05 * _normal(seed, "young")),
+        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
+        relaxation_weights=(
+            _uniform(seed, "relaxation fast", 0.02, 0.04),
+            _uniform(seed, "relaxation slow", 0.03, 0.04),
+        ),
+        relaxation_times_s=(0.3, 3.0),
+        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
+        surface_error_m=2.0e-4 * _normal(seed, "surface"),
+        tilt_rad=(1.5e-3 * _normal(seed, "tilt x"), 1.5e-3 * _normal(seed, "tilt y")),
+        light_gain=(
+            1.0 + 0.03 * _normal(seed, "red"),
+            1.0 + 0.03 * _normal(seed, "green"),
+            1.0 + 0.03 * _normal(seed, "blue"),
+        ),
+        light_drift_ratio=_uniform(seed, "light drift", -0.015, -0.005),
+        light_drift_time_s=_uniform(seed, "light drift time", 120.0, 300.0),
+        image_noise_levels=_uniform(seed, "image noise", 1.2, 1.8),
+        image_scale_error=(
+            0.005 * _normal(seed, "scale x"),
+            0.005 * _normal(seed, "scale y"),
+        ),
+        image_rotation_rad=0.005 * _normal(seed, "image rotation"),
+        image_shift_m=(1.5e-4 * _normal(seed, "shift x"), 1.5e-4 * _normal(seed, "shift y")),
+        force_noise_n=_uniform(seed, "force noise", 0.005, 0.010),
+        torque_noise_nm=_uniform(seed, "torque noise", 1e-4, 2e-4),
+        force_offset_n=(
+            0.3 * _normal(seed, "offset x"),
+            0.3 * _normal(seed, "offset y"),
+            0.8 * _normal(seed, "offset z"),
+        ),
+        force_drift_n_s=drift_sign * _uniform(seed, "drift", 4e-4, 9e-4),
+        cross_talk=(0.005 * _normal(seed, "talk x"), 0.005 * _normal(seed, "talk y")),
+        force_latency_s=_uniform(seed, "force latency", 0.002, 0.006),
+        camera_latency_s=_uniform(seed, "camera latency", 0.010, 0.035),
+        unit=make,
+    )
