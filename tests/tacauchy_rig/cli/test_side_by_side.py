@@ -71,15 +71,19 @@ def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, str(script)], env=os.environ | {"PYTHONPATH": str(root)}
     ) as command:
-        _await(lambda: all(Path(name).exists() and Path(name).read_text() for name in names))
+        assert _comes_true(lambda: all(map(_is_written, names))), "nothing was measured"
         command.kill()
     measuring = [int(Path(name).read_text()) for name in names]
-    _await(lambda: not any(psutil.pid_exists(process) for process in measuring))
+    assert _comes_true(lambda: not any(map(psutil.pid_exists, measuring)))
 
 
-def _await(holds: Callable[[], bool]) -> None:
+def _is_written(name: str) -> bool:
+    return Path(name).exists() and Path(name).read_text() != ""
+
+
+def _comes_true(holds: Callable[[], bool]) -> bool:
     for _ in range(600):
         if holds():
-            return
+            return True
         time.sleep(0.05)
-    pytest.fail("not within 30 s")
+    return False
