@@ -94,12 +94,8 @@ def batch_gel(
     return gel
 
 
-@cache
-def force_kernel(law: Law, node_count: int) -> Any:
-    """Build a law's kernel for elements of so many nodes.
-
-    It launches over [contact_point_count + element_count * shares, environment_count].
-    """
+def element_function(law: Law, node_count: int) -> Any:
+    """Build the function by which a law's elements of so many nodes add their forces."""
     law_stress, law_tangent = law.stress, law.tangent
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
@@ -150,6 +146,17 @@ def force_kernel(law: Law, node_count: int) -> Any:
                     total[k, axis] += f[axis]
         for k in range(wp.static(node_count)):
             add_vector(forces_out, gel.rows, gel.elements[e, k], b, total[k])
+
+    return add_element
+
+
+@cache
+def force_kernel(law: Law, node_count: int) -> Any:
+    """Build a law's kernel for elements of so many nodes.
+
+    It launches over [contact_point_count + element_count * shares, environment_count].
+    """
+    add_element = element_function(law, node_count)
 
     @wp.kernel(enable_backward=False, module="unique")
     def forces(
