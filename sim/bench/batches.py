@@ -77,21 +77,29 @@ def measure_batches(
     *,
     device: str,
     counts: Sequence[int] | None = None,
-    against: Preset = Preset.ACCURATE,
+    exact_n: float | None = None,
 ) -> Iterator[BatchRow]:
     """Press 1 mm deep in 20 frames, in more and more environments.
 
     Args:
         scene: Pad, gel and indenter; gels and depths differ from environment to environment.
         counts: Environments; by default as many as the device is for.
-        against: Whose force the first environment's is compared with.
+        exact_n: Force that the first environment's is compared with [N]; None takes
+            ``exact_force``.
     """
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
-    exact_n = press(replace(deep, preset=against)).force_n[2]
+    if exact_n is None:
+        exact_n = exact_force(scene)
     pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
     for count in counts:
         yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)
+
+
+def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
+    """Return F_z at the end of the travel by one press of a preset [N]."""
+    deep = replace(scene, target=Target(depth_m=TRAVEL_M), preset=preset)
+    return float(press(deep).force_n[2])
 
 
 def environments(scene: Scene, count: int) -> list[Environment]:

@@ -7,9 +7,17 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from sim.bench.batches import ENVIRONMENTS_ON_CPU, BatchRow, batch_device, measure_batches
+from sim.bench.batches import (
+    BALANCE,
+    ENVIRONMENTS_ON_CPU,
+    BatchRow,
+    batch_device,
+    exact_force,
+    measure_batches,
+)
 from sim.bench.frames import TRAVEL_M, FrameRow, travel
 from sim.bench.growth import GrowthRow, growth
+from sim.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
 from sim.bench.phases import PhaseRow, Render, phases
 from sim.effects import plan_effects
 from sim.optics.geometry import CameraGeometry
@@ -36,6 +44,12 @@ class Part(StrEnum):
     GROWTH = "growth"
 
 
+class Peer(StrEnum):
+    """Other engines that can be measured beside the batches."""
+
+    LIBUIPC = "libuipc"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayRow:
     """A replay of a run's forces.
@@ -60,6 +74,7 @@ class Bench:
 
     frames: tuple[FrameRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
+    peers: tuple[PeerRow, ...] = ()
     phases: tuple[PhaseRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
@@ -74,6 +89,7 @@ def run_bench(
     *,
     parts: Collection[Part] = tuple(Part),
     presets: Sequence[Preset] = PRESETS,
+    peer: Peer | None = None,
     on_progress: Progress = lambda _text: None,
 ) -> Bench:
     """Measure everything that this machine can.
@@ -84,6 +100,7 @@ def run_bench(
         render: Turns height maps into the tactile image.
         forces_n: Of the replay [N].
         parts: What to measure.
+        peer: Run the batches' press by this engine too, after the batches.
 
     Raises:
         ConvergenceError: A press does not go through.
@@ -103,25 +120,36 @@ def run_bench(
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
             replays.append(_replay(scene, preset, forces_n))
+    device, absent = batch_device(), []
+    exact_n = exact_force(scene) if Part.BATCHES in parts or peer else None
     batches: list[BatchRow] = []
-    device = batch_device()
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
-        for row in measure_batches(scene, device=device):
+        for row in measure_batches(scene, device=device, exact_n=exact_n):
             on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
             batches.append(row)
+        if device == "cpu":
+            absent.append(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)))
+    peers: list[PeerRow] = []
+    if peer is Peer.LIBUIPC and exact_n is not None:
+        why = why_no_libuipc(scene, device=device)
+        absent += [why] if why else []
+        on_progress(f"not measured: {why}" if why else "libuipc on the same GPU")
+        for found in () if why else measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
+            on_progress(f"  {found.summary}")
+            peers.append(found)
     grown: Sequence[GrowthRow] = ()
     if Part.GROWTH in parts:
         on_progress("growth with elements")
         grown = growth(scene, depth_m=_PHASE_DEPTH_M)
-    short = Part.BATCHES in parts and device == "cpu"
     return Bench(
         frames=tuple(frames),
         batches=tuple(batches),
+        peers=tuple(peers),
         phases=tuple(phase_rows),
         replays=tuple(replays),
         growth=tuple(grown),
-        absent=(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)),) if short else (),
+        absent=tuple(absent),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from sim.bench.batches import BALANCE
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.bench.growth import EXPONENT_WANTED, exponent, local_exponents
+from sim.bench.peer.table import peer_section
 from sim.bench.suite import Bench
 from sim.verification.section import Section
 
@@ -22,6 +23,7 @@ def sections(found: Bench) -> list[Section]:
         _frames: found.frames,
         _batches: found.batches,
         _batch_parts: found.batches,
+        _peers: found.peers,
         _phases: found.phases,
         _replays: found.replays,
         _growth: found.growth,
@@ -141,6 +143,10 @@ def _batch_parts(found: Bench) -> Section:
         "evaluating forces, or the stiffness along a direction of the search. In a batch each "
         "environment does what it needs, all in the same launches.",
     )
+
+
+def _peers(found: Bench) -> Section:
+    return peer_section(found.batches, found.peers)
 
 
 def _phases(found: Bench) -> Section:

@@ -10,7 +10,7 @@ import typer
 
 from reports.figures.bench import Growth, draw_bench
 from sim.bench.growth import EXPONENT_WANTED, exponent
-from sim.bench.suite import Bench, Part, run_bench
+from sim.bench.suite import Bench, Part, Peer, run_bench
 from sim.bench.tables import sections
 from sim.scene import Preset
 from sim.sensor import load_sensor
@@ -36,6 +36,14 @@ def bench(
     parts: Annotated[
         list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
     ] = None,
+    peer: Annotated[
+        Peer | None,
+        typer.Option(
+            "--peer",
+            help="Run the batches' press by this engine too, on the same GPU after ours, with its "
+            "force and balance beside its time; libuipc comes with pip install pyuipc.",
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Time frames, batches, their parts, a replay, and the growth with elements; minutes."""
@@ -48,6 +56,7 @@ def bench(
         NominalRenderer(gel),
         load_config(None).config.protocol.force_targets,
         parts=tuple(parts or Part),
+        peer=peer,
         on_progress=lambda text: complain(f"  {text}"),
     )
     tables = sections(found)
@@ -67,6 +76,7 @@ def bench(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
                 *(f"--part {part}" for part in parts or ()),
+                *([f"--peer {peer}"] if peer else []),
                 f"--out {out}",
             ]
         ),

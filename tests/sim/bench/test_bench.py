@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.bench.batches import BALANCE, environments, measure_batches
+from sim.bench.batches import BALANCE, environments, exact_force, measure_batches
 from sim.bench.frames import FRAME_COUNT, travel
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
@@ -65,7 +65,8 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 @pytest.fixture(scope="module")
 def found() -> Bench:
     """Return a benchmark of a coarse ball press; its replay is made up."""
-    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), against=Preset.FAST)
+    exact_n = exact_force(_SCENE, preset=Preset.FAST)
+    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
         frames=(travel(_SCENE, Preset.FAST),),
