@@ -27,6 +27,14 @@ def press_in_libuipc(task: PeerTask, *, folder: str, backend: str = "cuda") -> P
     """
     started = time.perf_counter()
     world = PeerWorld(task, folder=folder, backend=backend)
+    try:
+        return _pressed(world, started)
+    finally:
+        world.close()
+
+
+def _pressed(world: PeerWorld, started: float) -> PeerFound:
+    task = world.task
     heights = task.touch_m - task.depths_m
     iterations = _warm_up(world, heights)
     set_up_s = time.perf_counter() - started

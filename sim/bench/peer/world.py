@@ -54,7 +54,8 @@ class PeerWorld:
             made.geometries().create(geometry)[0]
             for made, geometry in zip(objects, (gel, body), strict=True)
         ]
-        scene.animator().insert(objects[1], self._move)
+        self._indenter = objects[1]
+        scene.animator().insert(self._indenter, self._move)
         self.scene = scene
         self.engine = self.uipc.Engine(backend, folder)
         self.world = self.uipc.World(self.engine)
@@ -74,6 +75,11 @@ class PeerWorld:
         """Compute one frame: the tips go to these heights [m]."""
         self.target_m[:] = tips_m
         self.world.advance()
+
+    def close(self) -> None:
+        """Give the GPU's memory back: libuipc holds the animation, and that holds this."""
+        self.scene.animator().erase(self._indenter.id())
+        del self.world, self.engine, self.scene
 
     def synchronise(self) -> None:
         """Wait until the GPU is done."""
