@@ -121,7 +121,12 @@ def run_bench(
             on_progress(f"replay, preset {preset}")
             replays.append(_replay(scene, preset, forces_n))
     device, absent = batch_device(), []
-    exact_n = exact_force(scene) if Part.BATCHES in parts or peer else None
+    without = "" if peer is None else why_no_libuipc(scene, device=device)
+    if without:
+        absent.append(without)
+        on_progress(f"not measured: {without}")
+    has_peer = peer is not None and not without
+    exact_n = exact_force(scene) if Part.BATCHES in parts or has_peer else float("nan")
     batches: list[BatchRow] = []
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
@@ -131,11 +136,9 @@ def run_bench(
         if device == "cpu":
             absent.append(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)))
     peers: list[PeerRow] = []
-    if peer is Peer.LIBUIPC and exact_n is not None:
-        why = why_no_libuipc(scene, device=device)
-        absent += [why] if why else []
-        on_progress(f"not measured: {why}" if why else "libuipc on the same GPU")
-        for found in () if why else measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
+    if has_peer:
+        on_progress(f"libuipc on {device}")
+        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
             on_progress(f"  {found.summary}")
             peers.append(found)
     grown: Sequence[GrowthRow] = ()

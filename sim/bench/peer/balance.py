@@ -12,12 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.bench.peer.peer_pad import PeerPad
 from sim.bench.peer.task import PeerFound, PeerTask
-from sim.elements import ElementOrder
-from sim.indenter import Cylinder
-from sim.laws.catalogue import LawName, law
-from sim.mesh import TetMesh
-from sim.model import Model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,27 +36,20 @@ class PeerBalance:
     depth_error_m: float
 
 
-def peer_balance(mesh: TetMesh, task: PeerTask, found: PeerFound, body: Cylinder) -> PeerBalance:
+def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:
     """Judge the last frame of every environment.
 
     Args:
-        mesh: Of the task.
-        body: The indenter whose triangles the task has.
+        task: Of the pad; its first environment has the pad's own gel.
     """
-    model = Model(
-        mesh,
-        order=ElementOrder.P1,
-        law=law(LawName.STABLE_NEO_HOOKEAN),
-        young_pa=float(task.young_pa[0]),
-        poisson=task.poisson,
-    )
+    model = pad.model
     forces, imbalances, residuals, gaps = [], [], [], []
     for number, positions in enumerate(found.positions):
         stiffer = task.young_pa[number] / task.young_pa[0]
         elastic = stiffer * model.elastic_gradient(positions)
         base_n = float(elastic[task.clamped, 2].sum())
         forces.append(base_n)
-        gaps.append(_gap(model, positions, float(found.tips_m[number]), body))
+        gaps.append(_gap(pad, positions, float(found.tips_m[number])))
         if found.contact_n is not None:
             contact = found.contact_n[number]
             pushed_n = max(float(np.linalg.norm(contact.sum(axis=0))), 1e-300)
@@ -77,6 +66,7 @@ def peer_balance(mesh: TetMesh, task: PeerTask, found: PeerFound, body: Cylinder
     )
 
 
-def _gap(model: Model, positions: FloatArray, tip_m: float, body: Cylinder) -> float:
-    surface = positions[np.unique(model.faces)]
-    return float((tip_m + body.lower_surface(surface[:, 0], surface[:, 1]) - surface[:, 2]).min())
+def _gap(pad: PeerPad, positions: FloatArray, tip_m: float) -> float:
+    surface = positions[np.unique(pad.model.faces)]
+    above = tip_m + pad.cylinder.lower_surface(surface[:, 0], surface[:, 1]) - surface[:, 2]
+    return float(above.min())

@@ -17,20 +17,18 @@ from sim.bench.batches import BALANCE, BatchRow
 from sim.bench.frames import FRAME_COUNT
 from sim.bench.peer.balance import PeerBalance, peer_balance
 from sim.bench.peer.pad_mesh import PeerMesh, linear_mesh
+from sim.bench.peer.peer_pad import PeerPad, peer_pad
 from sim.bench.peer.process import PeerFailedError, PeerProcess
-from sim.bench.peer.rows import PeerPad, PeerRow, why_no_libuipc
+from sim.bench.peer.rows import PeerRow, why_no_libuipc
 from sim.bench.peer.table import peer_section
 from sim.bench.peer.task import PeerFound, PeerTask
 from sim.bench.peer.tolerance import AS_SHIPPED, FRAME_S, LADDER
-from sim.elements import ElementOrder, boundary_faces
+from sim.elements import boundary_faces
 from sim.indenter import Cylinder, Sphere
-from sim.laws.catalogue import LawName, law
 from sim.loading import LoadingPath
 from sim.mesh import TetMesh
-from sim.model import Model
 from sim.pad import DiscPad
 from sim.scene import Material, Preset, Scene, Target
-from sim.state import ContactOptions
 
 _BODY = Cylinder(diameter_m=5e-3, fillet_m=1.5e-3)
 _SCENE = Scene(
@@ -48,27 +46,20 @@ _DISTANCE_M = 4e-5
 def pad() -> PeerPad:
     """Return the pad as the peer gets it: our tetrahedra, linear."""
     whole = batch_model(_SCENE, symmetric=False)
-    return PeerPad(_SCENE, whole, linear_mesh(whole.mesh, PeerMesh.CORNERS), PeerMesh.CORNERS)
+    return peer_pad(_SCENE, whole, PeerMesh.CORNERS)
 
 
 @pytest.fixture(scope="module")
 def task(pad: PeerPad) -> PeerTask:
     """Return two environments that are pressed 0.2 mm deep."""
-    asked = pad.task(_BODY, count=2, tolerance=AS_SHIPPED, load_n=1.0)
+    asked = pad.task(count=2, tolerance=AS_SHIPPED, load_n=1.0)
     return replace(asked, young_pa=np.array([4e5, 5e5]), depths_m=np.full((1, 2), _DEPTH_M))
 
 
 @pytest.fixture(scope="module")
 def found(pad: PeerPad) -> PeerFound:
     """Return an equilibrium on the peer's mesh in both environments, found by our solver."""
-    model = Model(
-        pad.mesh,
-        order=ElementOrder.P1,
-        law=law(LawName.STABLE_NEO_HOOKEAN),
-        young_pa=4e5,
-        poisson=0.45,
-        contact_options=ContactOptions(distance_m=_DISTANCE_M),
-    )
+    model = pad.model
     point = LoadingPath(model, _BODY).advance(_DEPTH_M)
     forces = model.contact_forces(point.state.positions, _BODY, point.state).forces
     contact = -model.scatter(forces)
@@ -101,13 +92,13 @@ def test_linear_tetrahedra_fill_the_same_pad(pad: PeerPad, kind: PeerMesh) -> No
 def test_the_peer_gets_the_whole_pad(pad: PeerPad) -> None:
     """The pad without symmetry is four of the batch's quarter, in volume and in tetrahedra."""
     quarter = batch_model(_SCENE)
-    assert len(pad.mesh.tets) == 4 * len(quarter.mesh.tets)
+    assert len(pad.model.elements) == 4 * len(quarter.mesh.tets)
     assert pad.whole.volume_m3 == pytest.approx(4.0 * quarter.volume_m3, rel=1e-12)
 
 
 def test_a_task_is_the_batch_of_the_same_environments(pad: PeerPad) -> None:
     """Gels, depths, d_hat and touch height are the batch's; pads do not overlap."""
-    asked = pad.task(_BODY, count=8, tolerance=AS_SHIPPED, load_n=5.0)
+    asked = pad.task(count=8, tolerance=AS_SHIPPED, load_n=5.0)
     assert asked.count == 8
     assert asked.depths_m.shape == (FRAME_COUNT, 8)
     assert asked.depths_m[-1, 0] == pytest.approx(1e-3)
@@ -122,7 +113,7 @@ def test_a_task_is_the_batch_of_the_same_environments(pad: PeerPad) -> None:
 
 def test_an_equilibrium_balances(pad: PeerPad, task: PeerTask, found: PeerFound) -> None:
     """Base against contact, and all nodes, to the solver's tolerance, at either modulus."""
-    balance = peer_balance(pad.mesh, task, found, _BODY)
+    balance = peer_balance(pad, task, found)
     contact = found.contact_n
     assert contact is not None
     assert balance.force_n == pytest.approx(-contact[0, :, 2].sum(), rel=1e-4)
@@ -137,10 +128,10 @@ def test_what_does_not_balance_is_seen(pad: PeerPad, task: PeerTask, found: Peer
     contact = found.contact_n
     assert contact is not None
     wrong = replace(found, contact_n=contact * np.array([1.0, 1.1])[:, None, None])
-    balance = peer_balance(pad.mesh, task, wrong, _BODY)
+    balance = peer_balance(pad, task, wrong)
     assert balance.imbalance == pytest.approx(0.1 / 1.1, rel=1e-3)
     assert balance.residual > 0.01
-    silent = peer_balance(pad.mesh, task, replace(found, contact_n=None), _BODY)
+    silent = peer_balance(pad, task, replace(found, contact_n=None))
     assert math.isnan(silent.imbalance)
     assert math.isnan(silent.residual)
     assert silent.force_n == pytest.approx(balance.force_n)
@@ -149,7 +140,7 @@ def test_what_does_not_balance_is_seen(pad: PeerPad, task: PeerTask, found: Peer
 def test_a_wrong_depth_is_seen(pad: PeerPad, task: PeerTask, found: PeerFound) -> None:
     """An indenter that a soft drive leaves 3 um short is 3 um short in the table."""
     short = replace(found, tips_m=found.tips_m + np.array([0.0, 3e-6]))
-    balance = peer_balance(pad.mesh, task, short, _BODY)
+    balance = peer_balance(pad, task, short)
     assert balance.depth_error_m == pytest.approx(-3e-6, rel=0.2)
 
 
