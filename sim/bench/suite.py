@@ -120,27 +120,7 @@ def run_bench(
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
             replays.append(_replay(scene, preset, forces_n))
-    device, absent = batch_device(), []
-    without = "" if peer is None else why_no_libuipc(scene, device=device)
-    if without:
-        absent.append(without)
-        on_progress(f"not measured: {without}")
-    has_peer = peer is not None and not without
-    exact_n = exact_force(scene) if Part.BATCHES in parts or has_peer else float("nan")
-    batches: list[BatchRow] = []
-    if Part.BATCHES in parts:
-        on_progress(f"batches on {device}")
-        for row in measure_batches(scene, device=device, exact_n=exact_n):
-            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
-            batches.append(row)
-        if device == "cpu":
-            absent.append(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)))
-    peers: list[PeerRow] = []
-    if has_peer:
-        on_progress(f"libuipc on {device}")
-        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
-            on_progress(f"  {found.summary}")
-            peers.append(found)
+    batches, peers, absent = _side_by_side(scene, parts, peer, on_progress)
     grown: Sequence[GrowthRow] = ()
     if Part.GROWTH in parts:
         on_progress("growth with elements")
@@ -154,6 +134,36 @@ def run_bench(
         growth=tuple(grown),
         absent=tuple(absent),
     )
+
+
+def _side_by_side(
+    scene: Scene, parts: Collection[Part], peer: Peer | None, on_progress: Progress
+) -> tuple[list[BatchRow], list[PeerRow], list[str]]:
+    """Measure batches, and the peer after them; return what could not be measured too."""
+    device, absent = batch_device(), []
+    batches: list[BatchRow] = []
+    peers: list[PeerRow] = []
+    without = "" if peer is None else why_no_libuipc(scene, device=device)
+    if without:
+        on_progress(f"not measured: {without}")
+        absent.append(without)
+    has_peer = peer is not None and not without
+    if Part.BATCHES not in parts and not has_peer:
+        return batches, peers, absent
+    exact_n = exact_force(scene)
+    if Part.BATCHES in parts:
+        on_progress(f"batches on {device}")
+        for row in measure_batches(scene, device=device, exact_n=exact_n):
+            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
+            batches.append(row)
+        if device == "cpu":
+            absent.append(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)))
+    if has_peer:
+        on_progress(f"libuipc on {device}")
+        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
+            on_progress(f"  {found.summary}")
+            peers.append(found)
+    return batches, peers, absent
 
 
 def _warm_up(scene: Scene) -> None:
