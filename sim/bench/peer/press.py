@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,8 @@ from sim.bench.peer.world import PeerWorld
 from tacauchy_rig.errors import ConvergenceError
 
 _LIFT_FRAMES = 5
+_NEWTON = "newton_iterations"
+_LIMITS = {"hit_newton_limit": "Newton", "hit_line_search_limit": "a line search"}
 # No further press is timed after so much time [s].
 _ENOUGH_S = 40.0
 
@@ -36,7 +40,7 @@ def press_in_libuipc(task: PeerTask, *, folder: str, backend: str = "cuda") -> P
 def _pressed(world: PeerWorld, started: float) -> PeerFound:
     task = world.task
     heights = task.touch_m - task.depths_m
-    iterations = _warm_up(world, heights)
+    frames = _warm_up(world, heights)
     set_up_s = time.perf_counter() - started
     times: list[float] = []
     while len(times) < task.press_count and (not times or sum(times) < _ENOUGH_S):
@@ -45,10 +49,10 @@ def _pressed(world: PeerWorld, started: float) -> PeerFound:
     positions, tips = world.read()
     world.go_to(heights[-1])
     world.synchronise()
-    problems = []
-    still = _iterations(world)
-    if still is not None and still != 1:
-        problems.append(f"the frame that stands still took {still} Newton steps")
+    problems = _limits(frames)
+    still = _counts([world.frame_facts()], _NEWTON)
+    if any(steps > 1 for steps in still):
+        problems.append(f"the frame that stands still took {still[0]} Newton steps")
     contact = contact_forces(world)
     if contact is None:
         problems.append("it does not say its contact forces")
@@ -56,7 +60,8 @@ def _pressed(world: PeerWorld, started: float) -> PeerFound:
         version=str(world.uipc.__version__),
         set_up_s=set_up_s,
         press_s=tuple(times),
-        newton_iterations=tuple(iterations),
+        newton_iterations=_counts(frames, _NEWTON),
+        linear_iterations=_counts(frames, "linear_solver_iterations"),
         positions=positions,
         tips_m=tips,
         contact_n=contact,
@@ -64,15 +69,13 @@ def _pressed(world: PeerWorld, started: float) -> PeerFound:
     )
 
 
-def _warm_up(world: PeerWorld, heights: FloatArray) -> list[int]:
-    """Press once, and return the Newton iterations of every frame."""
+def _warm_up(world: PeerWorld, heights: FloatArray) -> list[dict[str, Any]]:
+    """Press once, and return what libuipc says of every frame."""
     found = []
     for tips in heights:
         world.go_to(tips)
         _check(world)
-        taken = _iterations(world)
-        if taken is not None:
-            found.append(taken)
+        found.append(world.frame_facts())
     return found
 
 
@@ -95,11 +98,19 @@ def _lift(world: PeerWorld, heights: FloatArray) -> None:
     world.go_to(np.full(world.task.count, touch))
 
 
-def _iterations(world: PeerWorld) -> int | None:
-    """Return the Newton iterations of the last frame, if libuipc counts them."""
-    stats = world.engine.frame_stats()
-    taken = stats.get("newton_iterations") if isinstance(stats, dict) else None
-    return None if taken is None else int(taken)
+def _counts(frames: Sequence[dict[str, Any]], name: str) -> tuple[int, ...]:
+    """Return a number of every frame that libuipc says it of."""
+    return tuple(int(frame[name]) for frame in frames if name in frame)
+
+
+def _limits(frames: Sequence[dict[str, Any]]) -> list[str]:
+    """Say in how many frames an iteration ended at its limit."""
+    found = []
+    for name, what in _LIMITS.items():
+        hit = sum(_counts(frames, name))
+        if hit:
+            found.append(f"{hit} of {len(frames)} frames ended {what} at its limit")
+    return found
 
 
 def _check(world: PeerWorld) -> None:

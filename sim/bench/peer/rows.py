@@ -30,6 +30,7 @@ class PeerRow:
     Attributes:
         failure: Why there are no numbers; empty where there are.
         newton_iterations: Of a frame, the mean; not a number where libuipc does not say.
+        linear_iterations: Of its conjugate gradients in a frame, likewise.
         our_error: F_z of our own solver on the same linear mesh over that of preset accurate, less
             one: what the mesh alone is off.
         force_error: F_z of the first environment over that of preset accurate, less one.
@@ -45,6 +46,7 @@ class PeerRow:
     set_up_s: float = float("nan")
     wall_s: float = float("nan")
     newton_iterations: float = float("nan")
+    linear_iterations: float = float("nan")
     our_error: float = float("nan")
     force_error: float = float("nan")
     balance: PeerBalance | None = None
@@ -63,12 +65,17 @@ class PeerRow:
         return FRAME_COUNT * self.environments / self.wall_s
 
     @property
+    def name(self) -> str:
+        """What was pressed, and how strictly."""
+        return f"{self.mesh}, {self.tolerance}, {self.environments} environments"
+
+    @property
     def summary(self) -> str:
         """The row in a line."""
         found = self.failure or (
             f"{self.frames_per_s:.0f} frames/s, F_z off by {1e2 * self.force_error:.1f} %"
         )
-        return f"{self.mesh}, {self.tolerance}, {self.environments} environments: {found}"
+        return f"{self.name}: {found}"
 
     def balances_to(self, limit: float) -> bool:
         """Every force is balanced to this share of the contact force."""
@@ -149,6 +156,7 @@ def _row(
         set_up_s=found.set_up_s,
         wall_s=min(found.press_s),
         newton_iterations=float(np.mean(found.newton_iterations or [np.nan])),
+        linear_iterations=float(np.mean(found.linear_iterations or [np.nan])),
         force_error=balance.force_n / exact_n - 1.0,
         balance=balance,
         problems=found.problems,

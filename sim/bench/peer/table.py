@@ -17,7 +17,8 @@ _COLUMNS = (
     "frames [1/s]",
     "frame of all [ms]",
     "ours over it",
-    "iterations",
+    "Newton",
+    "linear",
     "F_z off by [%]",
     "of it the mesh [%]",
     "imbalance",
@@ -34,7 +35,7 @@ def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Section:
     counts = {row.environments for row in peers}
     version = next((row.version for row in peers if row.version), "")
     failures = [row.summary for row in peers if row.failure]
-    problems = dict.fromkeys(problem for row in peers for problem in row.problems)
+    problems = [f"{row.name}: {problem}" for row in peers for problem in row.problems]
     return Section(
         title="Beside libuipc",
         columns=_COLUMNS,
@@ -55,7 +56,8 @@ def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Section:
         "it the mesh: what our own solver is off on those linear tetrahedra with the same d_hat. "
         "Imbalance: reaction of the base, from its positions, against its contact force. "
         "Residual: norm of all unbalanced nodal forces over the contact force. Both at the last "
-        "frame, the largest of all environments. Gap: height of the indenter's underside above a "
+        "frame, the largest of all environments. Newton, linear: iterations of a frame; of ours, "
+        "evaluations of forces or stiffness. Gap: height of the indenter's underside above a "
         "node."
         + "".join(f" No numbers: {text}." for text in failures)
         + "".join(f" Of libuipc: {text}." for text in problems),
@@ -73,6 +75,7 @@ def _our_cells(row: BatchRow) -> _Cells:
         row.frame_ms,
         1.0,
         None,
+        row.evaluations,
         1e2 * row.force_error,
         None,
         row.imbalance,
@@ -98,6 +101,7 @@ def _peer_cells(row: PeerRow, our_speed: float | None) -> _Cells:
         row.frame_ms,
         None if our_speed is None else our_speed / row.frames_per_s,
         row.newton_iterations,
+        row.linear_iterations,
         1e2 * row.force_error,
         1e2 * row.our_error,
         row.balance.imbalance,

@@ -74,6 +74,7 @@ class PeerFound:
         set_up_s: Scene and the press before the timed ones, with loading of kernels [s].
         press_s: Every timed press [s].
         newton_iterations: Of every frame of the first press; empty where libuipc does not say.
+        linear_iterations: Of its conjugate gradients, likewise.
         positions: Nodes at the last frame, in their pad's frame [m], [count, node_count, 3].
         tips_m: Height of the indenters' tips then [m], shape [count].
         contact_n: Force of contact on every node then [N], shape [count, node_count, 3]; None where
@@ -85,6 +86,7 @@ class PeerFound:
     set_up_s: float
     press_s: tuple[float, ...]
     newton_iterations: tuple[int, ...]
+    linear_iterations: tuple[int, ...]
     positions: FloatArray
     tips_m: FloatArray
     contact_n: FloatArray | None

@@ -2,8 +2,8 @@
 
 libuipc moves a rigid body towards where it should be by a spring. Ours is stiff enough that the
 force of a press shortens a millimetre of travel by half a micrometre; the tip's true height is read
-back all the same. Gravity and friction are off, the gel has next to no mass, and only gel and
-indenter touch each other, not gel and gel.
+back all the same. Gravity, friction and velocities are off, the gel has next to no mass, and gel
+does not touch gel.
 """
 
 from __future__ import annotations
@@ -85,6 +85,10 @@ class PeerWorld:
         """Wait until the GPU is done."""
         self.world.sync()
 
+    def frame_facts(self) -> dict[str, Any]:
+        """Return what libuipc counted in the last frame."""
+        return dict(self.engine.frame_stats())
+
     def read(self) -> tuple[FloatArray, FloatArray]:
         """Return nodes in their pad's frame [m], [count, node_count, 3], and tips' heights [m]."""
         self.world.retrieve()
@@ -123,6 +127,7 @@ class PeerWorld:
             view(gel.tetrahedra().find(name))[:] *= stiffer
         fixed = view(gel.vertices().find(self.uipc.builtin.is_fixed))
         fixed[:] = np.tile(task.clamped, task.count).astype(fixed.dtype)
+        view(gel.vertices().find(self.uipc.builtin.is_dynamic))[:] = 0
         return gel
 
     def _bodies(self) -> Any:
@@ -138,6 +143,7 @@ class PeerWorld:
         strength = _DRIVE_N_M * FRAME_S**2 / mass_kg
         constitution.SoftTransformConstraint().apply_to(body, np.array([strength, strength]))
         body.instances().resize(task.count)
+        self.uipc.view(body.instances().find(self.uipc.builtin.is_dynamic))[:] = 0
         transforms = self.uipc.view(body.transforms())
         transforms[:] = np.eye(4)
         transforms[:, :3, 3] = task.origins_m

@@ -68,6 +68,7 @@ def found(pad: PeerPad) -> PeerFound:
         set_up_s=1.0,
         press_s=(0.2, 0.1),
         newton_iterations=(3, 5),
+        linear_iterations=(30, 50),
         positions=np.stack([point.state.positions] * 2),
         tips_m=np.full(2, point.state.tip[2]),
         contact_n=np.stack([contact, 1.25 * contact]),
