@@ -119,14 +119,7 @@ class Tick:
         progress.phase.assign(phases)
 
     def _launch_blocks(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> None:
-        wp.launch_tiled(
-            kernel,
-            dim=[self._columns],
-            inputs=inputs,
-            outputs=outputs,
-            block_dim=self._block,
-            device=self._device.name,
-        )
+        self._device.launch_blocks(kernel, self._columns, inputs, outputs, threads=self._block)
 
     def _evaluate(self) -> None:
         self._launch_blocks(
