@@ -19,6 +19,7 @@ from sim.bench.frames import TRAVEL_M, FrameRow, travel
 from sim.bench.growth import GrowthRow, growth
 from sim.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
 from sim.bench.phases import PhaseRow, Render, phases
+from sim.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.effects import plan_effects
 from sim.optics.geometry import CameraGeometry
 from sim.press import path_for
@@ -29,7 +30,6 @@ from sim.sensor import load_sensor
 PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
-_NO_GPU = "more than {count} environments side by side, which is done on a GPU: there is none here"
 
 Progress = Callable[[str], None]
 
@@ -40,6 +40,7 @@ class Part(StrEnum):
     FRAMES = "frames"
     BATCHES = "batches"
     PHASES = "phases"
+    RENDERING = "rendering"
     REPLAY = "replay"
     GROWTH = "growth"
 
@@ -48,6 +49,12 @@ class Peer(StrEnum):
     """Other engines that can be measured beside the batches."""
 
     LIBUIPC = "libuipc"
+
+
+_NO_GPU = {
+    Part.BATCHES: f"more than {max(ENVIRONMENTS_ON_CPU)} environments side by side",
+    Part.RENDERING: f"{BATCH} images at once",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +83,7 @@ class Bench:
     batches: tuple[BatchRow, ...] = ()
     peers: tuple[PeerRow, ...] = ()
     phases: tuple[PhaseRow, ...] = ()
+    rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
     absent: tuple[str, ...] = ()
@@ -125,11 +133,19 @@ def run_bench(
     if Part.GROWTH in parts:
         on_progress("growth with elements")
         grown = growth(scene, depth_m=_PHASE_DEPTH_M)
+    rendering: list[RenderingRow] = []
+    if Part.RENDERING in parts:
+        on_progress(f"rendering, batches on {batch_device()}")
+        rendering += measure_rendering(scene)
+    without_gpu = [what for part, what in _NO_GPU.items() if part in parts]
+    if batch_device() == "cpu":
+        absent += [f"{what}, which is done on a GPU: there is none here" for what in without_gpu]
     return Bench(
         frames=tuple(frames),
         batches=tuple(batches),
         peers=tuple(peers),
         phases=tuple(phase_rows),
+        rendering=tuple(rendering),
         replays=tuple(replays),
         growth=tuple(grown),
         absent=tuple(absent),
@@ -156,8 +172,6 @@ def _side_by_side(
         for row in measure_batches(scene, device=device, exact_n=exact_n):
             on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
             batches.append(row)
-        if device == "cpu":
-            absent.append(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)))
     if has_peer:
         on_progress(f"libuipc on {device}")
         for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):

@@ -85,7 +85,7 @@ def evaluate_polynomial(
     Returns:
         Shape [3, point_count], in the precision of ``tilt``.
     """
-    plan = _plan(exponents, coefficients, tilt.dtype)
+    plan = polynomial_plan(exponents, coefficients, tilt.dtype)
     values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
     for start in range(0, tilt.shape[1], _BAND):
         band = slice(start, start + _BAND)
@@ -94,26 +94,37 @@ def evaluate_polynomial(
 
 
 @dataclass(frozen=True, slots=True)
-class _Plan:
-    """Terms sorted by their power of place: weights [place_count * 3, surface_term_count]."""
+class PolynomialPlan:
+    """Terms sorted by their power of place.
+
+    Attributes:
+        surface: Exponents without place, shape [surface_term_count, 5].
+        places: Exponents of place.
+        weights: Of each place's red, green and blue, shape [place_count * 3, surface_term_count].
+    """
 
     surface: IntArray
     places: list[tuple[int, int]]
     weights: RealArray
 
 
-def _plan(exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]) -> _Plan:
+def polynomial_plan(
+    exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]
+) -> PolynomialPlan:
+    """Sort a polynomial's terms; arguments as in ``evaluate_polynomial``."""
     surface, surface_of = np.unique(exponents[:, [0, 1, 4]], axis=0, return_inverse=True)
     places, place_of = np.unique(exponents[:, [2, 3]], axis=0, return_inverse=True)
     weights = np.zeros((len(places), 3, len(surface)), dtype=dtype)
     weights[place_of, :, surface_of] = coefficients
     level = np.zeros((len(surface), 5), dtype=np.int32)
     level[:, [0, 1, 4]] = surface
-    return _Plan(level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface)))
+    return PolynomialPlan(
+        level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface))
+    )
 
 
 def _sum_terms(
-    plan: _Plan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
+    plan: PolynomialPlan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
 ) -> None:
     """Sum place monomial x (weights @ surface monomials) over one band of pixels.
 

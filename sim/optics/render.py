@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.optics.gaussian import blurred, gaussian_weights
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.photometric import normalised_positions
 from sim.optics.polynomial import RealArray
@@ -58,7 +58,7 @@ class TactileRenderer:
     ) -> None:
         self._geometry = geometry
         self._fine = geometry.refined(samples)
-        self._samples, self._blur_px = samples, blur_px
+        self._samples, self._weights = samples, gaussian_weights(blur_px)
         self._shadows = shadows
         self._model = model
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
@@ -102,10 +102,8 @@ class TactileRenderer:
         if self._samples > 1:
             split = change.reshape(3, height, self._samples, width, self._samples)
             change = split.mean(axis=(2, 4))
-        if self._blur_px > 0.0:
-            planes = change.reshape(3, height, width)
-            change = np.stack([cv2.GaussianBlur(p, (0, 0), self._blur_px) for p in planes])
-        return np.asarray(change.reshape(3, -1))
+        planes = blurred(change.reshape(3, height, width), self._weights)
+        return np.asarray(planes.reshape(3, -1))
 
 
 def render_tactile_image(
@@ -135,5 +133,5 @@ def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -
     if shape != expected:
         raise ConfigError(
             f"{name} has the shape {shape}, the sensor's camera {expected}",
-            remedy="crop and resize frames with crop_and_resize, and use one geometry throughout",
+            remedy="bring frames to the sensor's size, and use one geometry throughout",
         )

@@ -12,16 +12,16 @@ from reports.figures.bench import Growth, draw_bench
 from sim.bench.growth import EXPONENT_WANTED, exponent
 from sim.bench.suite import Bench, Part, Peer, run_bench
 from sim.bench.tables import sections
+from sim.optics.nominal_renderer import NominalRenderer
+from sim.optics.sensor_camera import camera_geometry
 from sim.scene import Preset
 from sim.sensor import load_sensor
 from sim.verification.page import markdown
-from tacauchy_rig.cli.nominal_renderer import NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
-from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.config.load import load_config
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"

@@ -10,13 +10,12 @@ import typer
 from sim.object_figures import draw_objects
 from sim.object_runs import DEPTH_M, ObjectPress, press_object
 from sim.object_shapes import OBJECTS
-from sim.optics.sensor_lamps import shadows_of
+from sim.optics.sensor_camera import camera_geometry
+from sim.optics.sensor_lamps import nominal_model, shadows_of
 from sim.scene import Preset
 from sim.sensor import load_sensor
-from tacauchy_rig.cli.optics import nominal_model
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json
-from tacauchy_rig.cli.views import camera_geometry
 
 
 def objects(

@@ -12,6 +12,7 @@ from sim.bench.frames import FRAME_COUNT, travel
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
+from sim.bench.rendering import measure_rendering
 from sim.bench.suite import Bench, Part, ReplayRow, run_bench
 from sim.bench.tables import sections
 from sim.indenter import Sphere
@@ -72,9 +73,10 @@ def found() -> Bench:
         frames=(travel(_SCENE, Preset.FAST),),
         batches=tuple(batches),
         phases=tuple(parts),
+        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",))),
         replays=(ReplayRow(preset="fast", trial_count=6, newton_iterations=60, wall_s=3.0),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
-        absent=("nothing",),
+        absent=("nothing", "many images"),
     )
 
 
@@ -131,13 +133,25 @@ def test_every_part_is_timed(found: Bench) -> None:
         assert row.repeats >= 3
 
 
+def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
+    """With samples, shadows and blur, no value is more than one grey level apart."""
+    alone, together = found.rendering
+    assert (alone.renderer, alone.image_count) == ("one by one", 1)
+    assert together.image_count > 1
+    assert together.lamp_count == 3
+    assert together.apart_levels <= 1
+    assert together.apart_share < 1e-3
+    assert 0.0 < together.least_s <= together.median_s
+
+
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 2, 4, 7, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 2, 4, 7, 2, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[1].note
-    assert "exponent" in tables[5].columns[-1]
+    assert "Not measured: many images." in tables[4].note
+    assert "exponent" in tables[6].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
