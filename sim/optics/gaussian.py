@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.optics.tilt import Float32Array
 
@@ -28,27 +27,42 @@ def gaussian_weights(sigma_px: float) -> Float32Array:
     return np.asarray(weights / weights.sum(), dtype=np.float32)
 
 
-def blurred(planes: NDArray[np.float32], weights: Float32Array) -> Float32Array:
+def blurred(planes: Float32Array, weights: Float32Array) -> Float32Array:
     """Return planes weighed along rows and columns; the border's pixel is the mirror.
 
     Args:
         planes: Shape [count, height, width].
         weights: As ``gaussian_weights`` has them.
     """
-    if len(weights) == 1:
-        return planes
-    return _weighed(_weighed(planes, weights, axis=2), weights, axis=1)
+    reach = len(weights) // 2
+    wide = np.pad(planes, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
+    return inner_blurred(wide, weights)
 
 
-def _weighed(planes: Float32Array, weights: Float32Array, *, axis: int) -> Float32Array:
-    reach, length = len(weights) // 2, planes.shape[axis]
-    room = [(reach, reach) if k == axis else (0, 0) for k in range(planes.ndim)]
-    wide = np.pad(planes, room, mode="reflect")
+def inner_blurred(wide: Float32Array, weights: Float32Array) -> Float32Array:
+    """Return planes weighed along rows and columns, without the border that they reach over.
 
-    def shifted(by: int) -> Float32Array:
-        return wide[:, :, by : by + length] if axis == 2 else wide[:, by : by + length]
+    Args:
+        wide: Shape [count, height + 2 reach, width + 2 reach].
+        weights: As ``gaussian_weights`` has them, shape [2 reach + 1].
 
-    total = weights[reach] * planes
+    Returns:
+        Shape [count, height, width].
+    """
+    reach = len(weights) // 2
+    height, width = wide.shape[1] - 2 * reach, wide.shape[2] - 2 * reach
+    down = weights[reach] * wide[:, reach : reach + height]
+    pair = np.empty_like(down)
     for k in range(reach):
-        total += weights[k] * (shifted(k) + shifted(2 * reach - k))
+        other = 2 * reach - k
+        np.add(wide[:, k : k + height], wide[:, other : other + height], out=pair)
+        pair *= weights[k]
+        down += pair
+    total = weights[reach] * down[:, :, reach : reach + width]
+    pair = np.empty_like(total)
+    for k in range(reach):
+        other = 2 * reach - k
+        np.add(down[:, :, k : k + width], down[:, :, other : other + width], out=pair)
+        pair *= weights[k]
+        total += pair
     return np.asarray(total)

@@ -17,6 +17,8 @@ from sim.optics.tilt import Float32Array
 
 # Below everything that a ray may meet [m].
 NOTHING_M = -1.0
+# So many steps stay in the cache together.
+_BAND_STEPS = 80
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +89,10 @@ class SweepPlaces:
     part: Float32Array
     sunk_m: Float32Array
 
+    def of(self, steps: slice) -> SweepPlaces:
+        """Return those of some steps."""
+        return SweepPlaces(self.whole[steps], self.part[steps], self.sunk_m[steps])
+
 
 def sweep_places(sweep: Sweep, rise_m: float) -> SweepPlaces:
     """Return where rays are that rise by ``rise_m`` a step [m]."""
@@ -108,32 +114,39 @@ def rise_over(bulge: Float32Array, sweep: Sweep, rise_m: float) -> Float32Array:
     """
     heights = _oriented(bulge, sweep)
     places = sweep_places(sweep, rise_m)
-    part, sunk = places.part[:, None], places.sunk_m[:, None]
-    passed = _passed(heights, part, sunk, sweep)
-    seen = np.empty((sweep.step_count, sweep.across + 1), dtype=np.float32)
+    over = np.empty_like(heights)
     highest = np.full(sweep.ray_count, NOTHING_M, dtype=np.float32)
-    # A ray's pixel lies at its number plus ``whole`` and ``part``.
-    for step in range(sweep.step_count - 1, -1, -1):
-        first = int(places.whole[step])
-        seen[step] = highest[-first - 1 : sweep.across - first]
-        ahead = passed[step, first + sweep.margin + 1 :]
-        np.maximum(highest, ahead[: sweep.ray_count], out=highest)
-    over = part * seen[:, :-1] + (1.0 - part) * seen[:, 1:]
-    over += sunk - heights
-    return np.asarray(_oriented_back(over, sweep))
+    for start in reversed(range(0, sweep.step_count, _BAND_STEPS)):
+        steps = slice(start, min(start + _BAND_STEPS, sweep.step_count))
+        _sweep_band(heights[steps], places.of(steps), sweep, highest, over[steps])
+    return _oriented_back(over, sweep)
 
 
-def _passed(
-    heights: Float32Array, part: Float32Array, sunk: Float32Array, sweep: Sweep
-) -> Float32Array:
-    """Return heights between pixels, sunk by their distance, with room for rays beside them."""
-    margin = sweep.margin + 1
-    passed = np.empty((sweep.step_count, sweep.across + 2 * margin), dtype=np.float32)
+def _sweep_band(
+    heights: Float32Array,
+    places: SweepPlaces,
+    sweep: Sweep,
+    highest: Float32Array,
+    over: Float32Array,
+) -> None:
+    """Carry the highest ray so far over a band of steps, and say what rises over its pixels."""
+    part, sunk = places.part[:, None], places.sunk_m[:, None]
+    across, room, rays = sweep.across, sweep.margin + 1, sweep.ray_count
+    passed = np.empty((len(heights), across + 2 * room), dtype=np.float32)
     passed[...] = -sunk
-    between = passed[:, margin - 1 : margin + sweep.across]
-    between[:, :-1] += part * heights
-    between[:, 1:] += (1.0 - part) * heights
-    return passed
+    rest = 1.0 - part
+    passed[:, room - 1 : room + across - 1] += part * heights
+    passed[:, room : room + across] += rest * heights
+    seen = np.empty((len(heights), across + 1), dtype=np.float32)
+    # A ray's pixel lies at its number plus ``whole`` and ``part``.
+    for step, first in reversed(list(enumerate(places.whole.tolist()))):
+        seen[step] = highest[-first - 1 : across - first]
+        np.maximum(highest, passed[step, first + room : first + room + rays], out=highest)
+    np.multiply(part, seen[:, :-1], out=over)
+    seen[:, 1:] *= rest
+    over += seen[:, 1:]
+    over -= heights
+    over += sunk
 
 
 def _oriented(image: Float32Array, sweep: Sweep) -> Float32Array:

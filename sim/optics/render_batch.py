@@ -93,7 +93,7 @@ class BatchRenderer:
         ]
         self._colours = [*self._polynomial(model), *self._surface]
         weights = self._array(gaussian_weights(blur_px), wp.float32)
-        base = single.base.T.reshape(*self._pixels, 3)
+        base = single.base.transpose(1, 2, 0)
         self._across = [weights]
         self._exposure = [weights, self._array(base.astype(np.float32), wp.vec3f)]
         self._lamps: list[_LampOnDevice] = []

@@ -46,13 +46,6 @@ def _tilt(
     return wp.vec2f(p, q) / wp.sqrt(wp.float32(1.0) + p * p + q * q)
 
 
-@wp.func
-def _place(pixel: int, sample: int, samples: int, count: int) -> wp.float32:
-    """-1 and 1 in the middle of the first and the last pixel."""
-    inside = (wp.float32(sample) + wp.float32(0.5)) / wp.float32(samples) - wp.float32(0.5)
-    return wp.float32(2.0) * (wp.float32(pixel) + inside) / wp.float32(count - 1) - wp.float32(1.0)
-
-
 @wp.kernel(enable_backward=False)
 def colour_pixels(
     # Model:
@@ -72,6 +65,9 @@ def colour_pixels(
     """Change of colour [grey levels], the mean of each pixel's samples, [batch, height, width]."""
     b, i, j = wp.tid()
     change = wp.vec3f()
+    u = wp.float32(2 * j) / wp.float32(change_out.shape[2] - 1) - wp.float32(1.0)
+    v = wp.float32(2 * i) / wp.float32(change_out.shape[1] - 1) - wp.float32(1.0)
+    u_powers, v_powers = _powers(u), _powers(v)
     for s in range(samples * samples):
         row, column = i * samples + s / samples, j * samples + s % samples
         tilt = _tilt(rest, dent, spacing, b, row, column)
@@ -80,8 +76,6 @@ def colour_pixels(
         p_powers, q_powers = _powers(tilt[0] * bound), _powers(tilt[1] * bound)
         depth = wp.min(dent[b, row, column], depth_limit) / wp.float32(INDENTATION_UNIT_M)
         w_powers = _powers(depth)
-        u_powers = _powers(_place(j, s % samples, samples, change_out.shape[2]))
-        v_powers = _powers(_place(i, s / samples, samples, change_out.shape[1]))
         for k in range(surfaces.shape[0]):
             term = surfaces[k]
             here = wp.vec3f()

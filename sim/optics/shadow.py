@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from sim.optics.horizon import Sweep, rise_over, sweep_towards
 from sim.optics.nominal import Lamp
 from sim.optics.tilt import Float32Array
 
+_THREADS = 2
 SHADOWS = "shadows"  # its name in a calibration's provenance
 
 
@@ -43,20 +45,28 @@ class ShadowCaster:
         indentation_m: NDArray[np.floating],
         tilt: Float32Array,
         geometry: CameraGeometry,
+        *,
+        samples: int = 1,
     ) -> Float32Array:
         """Return the light taken away [grey levels, not positive], shape [3, height, width].
 
         Args:
-            indentation_m: Unloaded minus loaded height [m], shape [height, width].
-            tilt: Of the loaded gel, shape [2, height, width].
+            indentation_m: Unloaded minus loaded height [m], of the geometry's size.
+            tilt: Of the loaded gel, shape [2, ...] of the same.
             geometry: Pixels.
+            samples: The mean is taken of so many pixels both ways, to a smaller image.
         """
         bulge = np.asarray(indentation_m, dtype=np.float32)
-        taken = np.zeros((3, *bulge.shape), dtype=np.float32)
-        for lamp in self.lamps:
-            lost = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
-            for channel, level in enumerate(lamp.colour):
-                taken[channel] -= np.float32(level) * lost
+
+        def lost(lamp: Lamp) -> Float32Array:
+            share = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
+            return _mean_of(share, samples)
+
+        taken = np.zeros((3, *(size // samples for size in bulge.shape)), dtype=np.float32)
+        with ThreadPoolExecutor(_THREADS) as threads:
+            for lamp, share in zip(self.lamps, threads.map(lost, self.lamps), strict=True):
+                for channel, level in enumerate(lamp.colour):
+                    taken[channel] -= np.float32(level) * share
         return taken
 
 
@@ -67,6 +77,17 @@ def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
         return None
     lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
     return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))
+
+
+def _mean_of(values: Float32Array, samples: int) -> Float32Array:
+    """Return the mean of every ``samples`` x ``samples`` values."""
+    if samples == 1:
+        return values
+    total = np.zeros([size // samples for size in values.shape], dtype=np.float32)
+    for row in range(samples):
+        for column in range(samples):
+            total += values[row::samples, column::samples]
+    return np.asarray(total * np.float32(1.0 / samples**2))
 
 
 def lost_share(
