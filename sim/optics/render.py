@@ -19,6 +19,8 @@ from tacauchy_rig.errors import ConfigError
 # So much of every array stays in the cache together.
 _BAND_SAMPLES = 25_600
 _THREADS = 2
+# Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
+_LEVEL_TILT = 0.01
 
 
 class ColourModel(Protocol):
@@ -137,8 +139,26 @@ class TactileRenderer:
         planes = np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
         planes = planes.reshape(3, samples**2, count * columns)
         place = self._position[:, rows.start * columns : rows.stop * columns]
-        found = self._colours(planes[:2], place, planes[2])
-        change[:, rows] = found.reshape(3, count, columns)
+        change[:, rows] = self._mean_colour(planes, place).reshape(3, count, columns)
+
+    def _mean_colour(self, planes: Float32Array, place: Float32Array) -> RealArray:
+        """Return the mean change of colour of pixels, shape [3, pixel_count].
+
+        Args:
+            planes: Tilt and indentation, shape [3, sample_count, pixel_count].
+            place: Shape [2, pixel_count].
+        """
+        count = planes.shape[1]
+        middle = np.add.reduce(planes, axis=1, keepdims=True)
+        middle *= np.float32(1.0 / count)
+        found = self._colours(middle[:2], place, middle[2])
+        if count > 1:
+            apart = np.abs(planes[:2] - middle[:2]).reshape(2 * count, -1)
+            bent = np.flatnonzero(np.maximum.reduce(apart, axis=0) > _LEVEL_TILT)
+            if len(bent):
+                samples = planes[:, :, bent]
+                found[:, bent] = self._colours(samples[:2], place[:, bent], samples[2])
+        return found
 
     def _expose(self, rows: slice, change: Float32Array, image: ImageArray) -> None:
         """Blur a band of pixels, add what does not change, and round."""
