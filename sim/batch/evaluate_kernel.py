@@ -22,6 +22,7 @@ from sim.batch.contact_forces import (
     spread_contact,
 )
 from sim.batch.element_forces import BatchGel, Tangents, forces_function
+from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact
 from sim.batch.phases import EVALUATE, GIVE_UP, NEXT_FRAME, NOTHING, SEARCH, SHORTEN, START
 from sim.batch.progress import Limits, Progress
@@ -87,22 +88,15 @@ def change(
 
 
 @cache
-def evaluate_kernel(
-    law: Law, order: ElementOrder, *, width: int, chunk: int, block: int, resident: int
-) -> Any:
-    """Build the kernel; it launches over [environment_count, threads of a block].
-
-    Args:
-        width: Unknowns that fit in shared memory.
-        chunk: Elements that go through it at once.
-        block: Threads of a block on a GPU; they divide the chunk.
-        resident: Blocks that a GPU's multiprocessor holds: the more, the fewer registers each.
-    """
+def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
+    """Build the kernel; it launches over [environment_count, threads of a block]."""
     reference = reference_element(order)
     element_forces, node_count = forces_function(law, reference), reference.node_count
+    chunk, width = layout.chunk, layout.width
     idle = 3 * node_count * chunk
+    bounds = (layout.threads, layout.resident)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=(block, resident))
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
     def evaluate(
         # Model:
         limits: Limits,

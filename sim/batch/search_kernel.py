@@ -15,6 +15,7 @@ import warp as wp
 
 from sim.batch.contact_forces import BatchSurface, ContactPoints, contact_rate, spread_contact
 from sim.batch.element_forces import BatchGel, Tangents, rates_function
+from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact
 from sim.batch.phases import ADVANCE_SEARCH, END_SEARCH, SEARCH
 from sim.batch.progress import Progress
@@ -53,20 +54,15 @@ def take_what_there_is(row: wp.int32, b: wp.int32, is_first: wp.bool, vectors: V
 
 
 @cache
-def search_kernel(order: ElementOrder, *, width: int, chunk: int, block: int, resident: int) -> Any:
-    """Build the kernel; it launches over [environment_count, threads of a block].
-
-    Args:
-        width: Unknowns that fit in shared memory.
-        chunk: Elements that go through it at once.
-        block: Threads of a block on a GPU; they divide the chunk.
-        resident: Blocks that a GPU's multiprocessor holds: the more, the fewer registers each.
-    """
+def search_kernel(order: ElementOrder, layout: Layout) -> Any:
+    """Build the kernel; it launches over [environment_count, threads of a block]."""
     reference = reference_element(order)
     element_rates, node_count = rates_function(reference), reference.node_count
+    chunk, width = layout.chunk, layout.width
     idle = 3 * node_count * chunk
+    bounds = (layout.threads, layout.resident)
 
-    @wp.kernel(enable_backward=False, module="unique", launch_bounds=(block, resident))
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
     def search(
         # Model:
         gel: BatchGel,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -13,6 +12,7 @@ from sim.batch.courses import extrapolation, touch_point
 from sim.batch.element_forces import batch_gel, new_tangents
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.evaluate_kernel import evaluate_kernel
+from sim.batch.layout import evaluating, searching
 from sim.batch.numbering import numbering
 from sim.batch.phases import EVALUATE, FAILED
 from sim.batch.pilot import Pilot
@@ -23,14 +23,6 @@ from sim.batch.turn_kernel import Found, begin, turn
 from sim.batch.vectors import clear, new_vectors
 from sim.device import Device
 
-# Threads of a block, which has one environment, and elements that go through shared memory at once.
-# Few environments leave multiprocessors idle, so that each may have a larger block.
-_BLOCK, _BLOCK_OF_FEW, _FEW = 256, 512, 128
-_CHUNK = 512
-# Of them, those that a multiprocessor holds: float64 needs the more registers.
-_EVALUATING, _SEARCHING = 1, 1
-# Shared memory is laid out for a multiple of so many unknowns: a few sizes serve all meshes.
-_WIDTH = 768
 _FLOOR_SHARE = 1e-9
 
 
@@ -62,7 +54,6 @@ class Tick:
         self._pilot, self._environments, self._count = pilot, environments, count
         self._options, self._device = options, device
         self._columns = len(environments)
-        self._block = _BLOCK_OF_FEW if self._columns <= _FEW else _BLOCK
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self._preconditioner = preconditioner(pilot, device)
         self._upload_pad()
@@ -118,42 +109,45 @@ class Tick:
         phases[self._count :] = FAILED
         progress.phase.assign(phases)
 
-    def _launch_blocks(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> None:
-        self._device.launch_blocks(kernel, self._columns, inputs, outputs, threads=self._block)
-
     def _evaluate(self) -> None:
-        self._launch_blocks(
+        self._device.launch_blocks(
             self._evaluate_kernel,
+            self._columns,
             [
                 *(self._limits, self._gel, self._surface, self._contact_settings),
-                *(self._gathering, self._shares, self._loads, self._tips),
+                *(self._evaluate_gathering, self._shares, self._loads, self._tips),
             ],
             [
                 *(self.progress, self.vectors, self._contact, self._tangents),
                 *(self.sources, self.lifts, self.busy),
             ],
+            threads=self._evaluating.threads,
         )
 
     def _search(self) -> None:
-        self._launch_blocks(
+        self._device.launch_blocks(
             self._search_kernel,
-            [self._gel, self._surface, self._gathering, self._tangents],
+            self._columns,
+            [self._gel, self._surface, self._search_gathering, self._tangents],
             [self.progress, self.vectors, self._contact, self.sources],
+            threads=self._searching.threads,
         )
 
     def _precondition(self) -> None:
         self._preconditioner.apply(self.sources, self.vectors.preconditioned)
 
     def _turn(self) -> None:
-        self._launch_blocks(
+        self._device.launch_blocks(
             turn,
+            self._columns,
             [
-                *(self._limits, self._gathering.row_count, self._preconditioner.unit),
+                *(self._limits, self._row_count, self._preconditioner.unit),
                 *(self.depths, self._touch, self.stretch_end),
             ],
             [
                 *(self.progress, self.vectors, self._tips, self.found, self.busy),
             ],
+            threads=self._searching.threads,
         )
 
     def _upload_pad(self) -> None:
@@ -163,8 +157,12 @@ class Tick:
         centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in filled])
         kept = touchable(pad, pilot.indenter, np.unique(centres, axis=0))
         numbered = numbering(pilot)
-        self._gathering = numbered.gathering(
-            pad.elements, pad.faces[kept], chunk=_CHUNK, device=device
+        self._row_count = numbered.row_count
+        self._evaluating = evaluating(self._columns, self._row_count)
+        self._searching = searching(self._columns, self._row_count)
+        self._evaluate_gathering, self._search_gathering = (
+            numbered.gathering(pad.elements, pad.faces[kept], chunk=layout.chunk, device=device)
+            for layout in (self._evaluating, self._searching)
         )
         self._gel = batch_gel(pad, numbered, model.law, filled, device)
         self._tangents = new_tangents(self._columns, self._gel, device)
@@ -173,14 +171,9 @@ class Tick:
         self._contact_settings = batch_contact(
             model.contact_options, extension=self._options.extension
         )
-        shared = {
-            "width": -(-(numbered.row_count + 1) // _WIDTH) * _WIDTH,
-            "chunk": _CHUNK,
-            "block": self._block,
-        }
         order = pad.reference.order
-        self._evaluate_kernel = evaluate_kernel(model.law, order, resident=_EVALUATING, **shared)
-        self._search_kernel = search_kernel(order, resident=_SEARCHING, **shared)
+        self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)
+        self._search_kernel = search_kernel(order, self._searching)
 
     def _upload_courses(self) -> None:
         pilot, device = self._pilot, self._device
@@ -201,7 +194,7 @@ class Tick:
         floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._limits = iteration_limits(self._options, floor_n=floor_n)
         # A row more than there are unknowns stays zero, for what is fixed.
-        rows = max(self._preconditioner.row_count, self._gathering.row_count + 1)
+        rows = max(self._preconditioner.row_count, self._row_count + 1)
         self.vectors = new_vectors(columns, rows, device)
         self.sources = device.zeros((columns, rows), self._preconditioner.kind)
         self.progress = new_progress(columns, device)

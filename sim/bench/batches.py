@@ -20,7 +20,8 @@ from sim.scene import Preset, Scene, Target
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
 BALANCE = 1e-5
-_PILOTS = 16
+# Two for every frame: one is at each frame's depth, for which the first environment is made.
+_PILOTS = 40
 _REPEATS = 3
 # The environments after the first differ by so much in modulus, and are pressed so much less deep.
 _SPREAD = 0.1

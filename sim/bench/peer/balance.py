@@ -25,6 +25,8 @@ class PeerBalance:
         imbalance: Base reaction against libuipc's contact force, over the latter, the largest; not
             a number where libuipc does not say its contact force.
         residual: Norm of the unbalanced force over the contact force, the largest; likewise.
+        inner_residual: The same over the nodes that contact does not push: it tells what the
+            engines' laws and iterations differ by from what contact makes of it.
         gap_m: The smallest height of the indenter's underside above a node of the gel [m].
         depth_error_m: By how much the indenter went too deep, the largest of either sign [m].
     """
@@ -32,6 +34,7 @@ class PeerBalance:
     force_n: float
     imbalance: float
     residual: float
+    inner_residual: float
     gap_m: float
     depth_error_m: float
 
@@ -43,7 +46,7 @@ def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:
         task: Of the pad; its first environment has the pad's own gel.
     """
     model = pad.model
-    forces, imbalances, residuals, gaps = [], [], [], []
+    forces, imbalances, residuals, inner_residuals, gaps = [], [], [], [], []
     for number, positions in enumerate(found.positions):
         stiffer = task.young_pa[number] / task.young_pa[0]
         elastic = stiffer * model.elastic_gradient(positions)
@@ -56,11 +59,14 @@ def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:
             imbalances.append(abs(base_n + float(contact[:, 2].sum())) / pushed_n)
             unbalanced = (elastic - contact)[~task.clamped]
             residuals.append(float(np.linalg.norm(unbalanced)) / pushed_n)
+            inside = ~contact[~task.clamped].any(axis=1)
+            inner_residuals.append(float(np.linalg.norm(unbalanced[inside])) / pushed_n)
     wrong_m = task.touch_m - task.depths_m[-1] - found.tips_m
     return PeerBalance(
         force_n=forces[0],
         imbalance=max(imbalances, default=float("nan")),
         residual=max(residuals, default=float("nan")),
+        inner_residual=max(inner_residuals, default=float("nan")),
         gap_m=min(gaps),
         depth_error_m=float(wrong_m[np.argmax(np.abs(wrong_m))]),
     )

@@ -23,6 +23,7 @@ _COLUMNS = (
     "of it the mesh [%]",
     "imbalance",
     "residual",
+    "of it inside",
     "gap [um]",
     "depth off by [um]",
 )
@@ -55,7 +56,8 @@ def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Section:
         "as ours do, or the strictest if none does. F_z is compared with preset accurate's; of "
         "it the mesh: what our own solver is off on those linear tetrahedra with the same d_hat. "
         "Imbalance: reaction of the base, from its positions, against its contact force. "
-        "Residual: norm of all unbalanced nodal forces over the contact force. Both at the last "
+        "Residual: norm of all unbalanced nodal forces over the contact force; of it inside: at "
+        "nodes that contact does not push. All at the last "
         "frame, the largest of all environments. Newton, linear: iterations of a frame; of ours, "
         "evaluations of forces or stiffness. Gap: height of the indenter's underside above a "
         "node."
@@ -80,6 +82,7 @@ def _our_cells(row: BatchRow) -> _Cells:
         None,
         row.imbalance,
         row.residual,
+        None,
         1e6 * row.gap_m,
         0.0,
     )
@@ -106,6 +109,7 @@ def _peer_cells(row: PeerRow, our_speed: float | None) -> _Cells:
         1e2 * row.our_error,
         row.balance.imbalance,
         row.balance.residual,
+        row.balance.inner_residual,
         1e6 * row.balance.gap_m,
         1e6 * row.balance.depth_error_m,
     )

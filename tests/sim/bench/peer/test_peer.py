@@ -188,7 +188,12 @@ def test_the_table_sets_force_and_balance_beside_every_time() -> None:
     """One row of ours for every count of the peer's; failed rows are empty and said."""
     ours = [_our_row(count, speed) for count, speed in ((1, 1000.0), (60, 20000.0), (256, 3e4))]
     balance = PeerBalance(
-        force_n=6.0, imbalance=0.11, residual=0.2, gap_m=2e-5, depth_error_m=-1e-6
+        force_n=6.0,
+        imbalance=0.11,
+        residual=0.2,
+        inner_residual=0.1,
+        gap_m=2e-5,
+        depth_error_m=-1e-6,
     )
     shipped = PeerRow(
         mesh=PeerMesh.CORNERS.value,
