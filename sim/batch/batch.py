@@ -27,9 +27,6 @@ from sim.batch.pilot import Pilot
 from sim.batch.tick import Tick
 from sim.device import Device, on_host
 
-# The body of a graph's loop: a few ticks to one test whether anybody is still busy.
-_TICKS = 4
-
 
 class Batch:
     """Environments over one pad, ready to be pressed again and again.
@@ -104,11 +101,7 @@ class Batch:
     def _go(self, stretch: int) -> None:
         """Go on to the end of a stretch."""
         self.tick.begin(*self._stretches[stretch])
-        wp.capture_while(self.tick.busy, while_body=self._ticks)
-
-    def _ticks(self) -> None:
-        for _ in range(_TICKS if self._device.is_gpu else 1):
-            self.tick.run()
+        wp.capture_while(self.tick.busy, while_body=self.tick.run)
 
     def _result(self, wall_s: float) -> BatchResult:
         count, fold = len(self.environments), self.pilot.model.mesh.fold

@@ -83,6 +83,7 @@ class Pilot:
     forces_n: FloatArray = field(init=False)
     stiffnesses: list[PilotStiffness] = field(init=False)
     setup_s: float = field(init=False)
+    _inverses: NDArray[np.float32] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._check()
@@ -99,6 +100,13 @@ class Pilot:
     def depths_m(self) -> FloatArray:
         """Where the stiffnesses stand [m]."""
         return self.depth_m * np.arange(1, self.count + 1) / self.count
+
+    def inverses(self) -> NDArray[np.float32]:
+        """Return the stiffnesses' dense inverses, made once."""
+        if self._inverses is None:
+            pattern = self.model.pattern
+            self._inverses = np.stack([one.inverse(pattern) for one in self.stiffnesses])
+        return self._inverses
 
     def nearest(self, course: FloatArray) -> NDArray[np.intp]:
         """Return which stiffness is nearest to depths [m] or, if it is pushed, loads [N]."""

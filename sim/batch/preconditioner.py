@@ -52,9 +52,7 @@ class InvertedStiffness:
     """Dense inverses, for vectors on a GPU."""
 
     def __init__(self, pilot: Pilot, device: Device) -> None:
-        pattern = pilot.model.pattern
-        inverses = np.stack([stiffness.inverse(pattern) for stiffness in pilot.stiffnesses])
-        self._product = DenseProduct(inverses, device=device)
+        self._product = DenseProduct(pilot.inverses(), device=device)
         self.row_count, self.unit = self._product.row_count, self._product.unit
         self.kind = wp.float16
 
