@@ -80,6 +80,11 @@ RESOLUTIONS = {
     ),
 }
 
+# Preset fast of a press straight down without friction; an edge as long as the fillet. A 5 mm
+# cylinder 1 mm deep in a GelSight Mini, d_hat 20 um, against preset accurate: fillet 0.3 mm +2.0 %
+# (preset fast's other edges +3.1 %, twice of these +10 %), fillet 0.1 mm +5.9 % (+3.5 %).
+PLAIN = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
+
 
 def refined(resolution: Resolution, factor: float) -> Resolution:
     """Return a resolution with every edge ``factor`` times shorter, near the indenter and away."""
@@ -196,6 +201,8 @@ def _resolution(scene: Scene) -> Resolution:
     A circle leaves its polygon by half the square of half a sector's angle: that is kept below the
     rim's edges.
     """
+    if scene.preset is Preset.FAST and scene.is_plain and not scene.has_sharp_rim:
+        return PLAIN
     resolution = RESOLUTIONS[scene.preset]
     if not scene.has_sharp_rim:
         return resolution

@@ -6,13 +6,16 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sim.filling import Filling
-from sim.indenter import Cylinder, Indenter
+from sim.indenter import Cylinder, Indenter, Sphere
 from sim.laws.catalogue import LawName
 from sim.pad import Pad
 from tacauchy_rig.errors import ConfigError
 
 BARRIER_M = 5e-6
 SHARP_BARRIER_M = 1e-6
+# Preset fast's widest; it is no wider than these shares of the roundness and of the depth.
+_WIDE_BARRIER_M = 20e-6
+_ROUND_SHARE, _DEPTH_SHARE = 1.0 / 5.0, 1.0 / 15.0
 
 
 class ContactMode(StrEnum):
@@ -218,6 +221,12 @@ class Scene:
         return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
 
     @property
+    def is_plain(self) -> bool:
+        """A rigid body goes straight down into one gel, without friction."""
+        straight = self.motion.is_straight and self.contact is ContactMode.FRICTIONLESS
+        return straight and not self.layers
+
+    @property
     def contact_distance_m(self) -> float:
         """Contact distance d_hat [m], a numerical setting.
 
@@ -226,4 +235,22 @@ class Scene:
         """
         if self.barrier_m is not None:
             return self.barrier_m
-        return SHARP_BARRIER_M if self.has_sharp_rim else BARRIER_M
+        if self.has_sharp_rim:
+            return SHARP_BARRIER_M
+        wide = self.preset is Preset.FAST and self.is_plain
+        return max(BARRIER_M, self._wide_barrier_m()) if wide else BARRIER_M
+
+    def _wide_barrier_m(self) -> float:
+        """Return a contact distance that halves Newton's iterations [m].
+
+        Under a 5 mm cylinder with a fillet of 0.3 mm, 1 mm deep in a GelSight Mini, 20 um instead
+        of 10 um make F_z 0.3 % larger, and 40 um 1.1 %.
+        """
+        if isinstance(self.indenter, Cylinder):
+            widest = _ROUND_SHARE * self.indenter.fillet_m
+        elif isinstance(self.indenter, Sphere):
+            widest = _ROUND_SHARE * self.indenter.radius_m
+        else:
+            return BARRIER_M
+        depth = self.target.depth_m
+        return min(widest, _WIDE_BARRIER_M, float("inf") if depth is None else _DEPTH_SHARE * depth)
