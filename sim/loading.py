@@ -23,6 +23,7 @@ from sim.newton import NewtonOptions
 from sim.overlap import OVERLAP_SHARE
 from sim.path_point import PathPoint
 from sim.potentials import NodalPotential
+from sim.quick_settling import QuickSettling
 from sim.settling import PathCounts, Settling
 from sim.state import State
 from sim.stepping import Stepping
@@ -55,6 +56,8 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
+        is_quick: Keep factors from state to state (``quick_settling``); for a round, analytic
+            indenter without friction, on the CPU.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -68,6 +71,7 @@ class LoadingPath:
     step_max_m: float = 0.0
     options: NewtonOptions = field(default_factory=NewtonOptions)
     potentials: Sequence[NodalPotential] = ()
+    is_quick: bool = False
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
@@ -100,6 +104,7 @@ class LoadingPath:
             potentials=self.potentials,
             touch_m=self.touch_m,
             counts=self.counts,
+            quick=self._quick() if self.is_quick else None,
         )
         self._stepping = Stepping(settling=self._settling)
         self.setup_s = time.perf_counter() - started
@@ -210,6 +215,9 @@ class LoadingPath:
         for potential in self.potentials:
             part += potential.gradient(point.state.positions)[free].sum(axis=0)
         return self.model.mesh.fold.whole_force(part)
+
+    def _quick(self) -> QuickSettling:
+        return QuickSettling(model=self.model, indenter=self.indenter, potentials=self.potentials)
 
     def _pressed(self, what: str) -> PathPoint:
         if self.last is None:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.legs import Leg
+from sim.legs import CarryLeg, Leg
 from sim.newton import NewtonOptions
 from sim.overlap import overlap_fraction
 from sim.path_point import PathPoint
+from sim.prediction import predicted_state
 from sim.settling import DOWN, STILL, Settling
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
@@ -21,6 +23,7 @@ logger = logging.getLogger(__name__)
 _STEP_MIN_SHARE = 2e-5
 # Of a leg, where a gel relaxes: its stress is taken to change evenly in a step.
 _EVEN_SHARE = 0.1
+_REMEMBERED = 24
 
 
 @dataclass(slots=True, kw_only=True)
@@ -35,6 +38,7 @@ class Stepping:
     settling: Settling
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
+    _known: deque[PathPoint] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -45,6 +49,7 @@ class Stepping:
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
+        self._known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
         relaxation = self.settling.model.relaxation
         if relaxation is not None:
@@ -112,6 +117,8 @@ class Stepping:
         options: NewtonOptions,
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the leg was done."""
+        if self.settling.quick is not None and not isinstance(leg, CarryLeg):
+            return self._quick_increment(point, leg, at + advance, advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
         velocity, spin = leg.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
@@ -135,6 +142,20 @@ class Stepping:
             state, load_n=leg.load_at(reached), passing=leg.is_short_of(reached), options=options
         )
         return settled, fraction * advance
+
+    def _quick_increment(
+        self, point: PathPoint, leg: Leg, to: float, advance: float, options: NewtonOptions
+    ) -> PathPoint:
+        """Go one step straight up or down from where the points so far lead."""
+        load, known = leg.load_at(to), self._known
+        forces, depths = [float(k.force_n[2]) for k in known], [k.depth_m for k in known]
+        state = predicted_state(known, depths if load is None else forces, at=to, step=advance)
+        if load is None:
+            state.tip[2] = self.settling.touch_m - to
+        passing = leg.is_short_of(to)
+        return self.settling.settle(
+            state, load_n=load, passing=passing, options=options, before=point
+        )
 
 
 def _stopped(point: PathPoint, leg: Leg, error: ConvergenceError) -> ConvergenceError:
