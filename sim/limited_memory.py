@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
+from scipy.linalg.blas import daxpy
 
 from sim.arrays import FloatArray
 
@@ -44,8 +45,8 @@ class LimitedMemory:
         shares = []
         for step, change, scale in reversed(self._pairs):
             shares.append(scale * float(step @ left))
-            left -= shares[-1] * change
+            left = daxpy(change, left, a=-shares[-1])
         found = inverse(left)
         for step, change, scale in self._pairs:
-            found += (shares.pop() - scale * float(change @ found)) * step
+            found = daxpy(step, found, a=shares.pop() - scale * float(change @ found))
         return found

@@ -119,6 +119,11 @@ class LoadingPath:
         """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
         return self._stepping.history
 
+    @property
+    def quick(self) -> QuickSettling | None:
+        """What keeps the factors; None where every state is Newton's."""
+        return self._settling.quick
+
     def advance(
         self,
         depth_m: float,
@@ -233,7 +238,8 @@ class LoadingPath:
         return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        depth = min(depth_m, OVERLAP_SHARE * self.model.height_m)
+        first = self.step_max_m if self.is_quick else OVERLAP_SHARE * self.model.height_m
+        depth = min(depth_m, first)
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         return self._stepping.accept(self._settle(self._start(depth), passing=depth < depth_m))
 

@@ -30,6 +30,7 @@ class QuickForces:
 
     def __init__(self, model: Model, indenter: Indenter, *, extension: float) -> None:
         self._indenter = indenter
+        self._pose: tuple[float, ...] = ()
         cpu, count = Device("cpu"), len(model.nodes)
         positions, elastic, contact = (cpu.zeros(count, wp.vec3d) for _ in range(3))
         push, gap = cpu.zeros(1, wp.vec3d), cpu.zeros(1, wp.float64)
@@ -47,7 +48,10 @@ class QuickForces:
             array.fill(0.0)
         self.gap.fill(np.inf)
         gel, contact = self._launches
-        contact.set_param_by_name("body", body_at(self._indenter, state.tip, state.rotation))
+        pose = (*state.tip.tolist(), *state.rotation.reshape(-1).tolist())
+        if pose != self._pose:
+            contact.set_param_by_name("body", body_at(self._indenter, state.tip, state.rotation))
+            self._pose = pose
         gel.launch()
         contact.launch()
         return np.asarray(self.elastic + self._contact)

@@ -28,11 +28,12 @@ from sim.quick_forces import QuickForces
 from sim.rough_solver import rough_solver
 from sim.state import State
 
-_MEMORY = 8
+_MEMORY = 16
 _STEPS_MAX, _FACTORS_MAX, _TRIES = 120, 10, 10
 # A factor is renewed before a state if the last one took so many evaluations; in a state after so
 # many steps, or after fewer of them if the residual is still this share of the contact force.
-_TIRED, _LATE, _EARLY, _FAR = 10, 14, 5, 1e-2
+_TIRED = 10
+_PATIENCE = ((5, 1e-2), (10, 1e-3), (30, 0.0))
 _SLOPE_LEFT, _SHORTEST = 0.9, 0.1
 _FLOOR_SHARE = 1e-11
 
@@ -54,7 +55,7 @@ class QuickSettling:
     _forces: QuickForces = field(init=False)
     _factor: _Factor = field(init=False)
     _memory: LimitedMemory = field(init=False)
-    _last_evaluations: int = _TIRED + 1
+    _last_evaluations: int = 1_000_000
 
     def __post_init__(self) -> None:
         extension = self.model.contact_options.extension
@@ -79,8 +80,7 @@ class QuickSettling:
             self._renew(state)
         gradient, steps, since = self._gradient(search), 0, 0
         while not self._is_enough(search, gradient, residual_relative):
-            far = self._residual(gradient) > _FAR * self._scale_n(search)
-            if since >= _LATE or (since >= _EARLY and far):
+            if self._is_worth_a_factor(self._residual(gradient) / self._scale_n(search), since):
                 self._renew(state)
                 since = 0
             if steps >= _STEPS_MAX or self.factorisations - factorisations > _FACTORS_MAX:
@@ -91,6 +91,15 @@ class QuickSettling:
             gradient, steps, since = moved, steps + 1, since + 1
         self._last_evaluations = self.evaluations - evaluations
         return self._equilibrium(state, gradient, steps)
+
+    def _is_worth_a_factor(self, residual: float, since: int) -> bool:
+        """Return whether a new factor saves more steps than it costs.
+
+        Args:
+            residual: Over the contact force.
+            since: Steps of this state with the factor that there is.
+        """
+        return any(since >= steps and residual > left for steps, left in _PATIENCE)
 
     def _step(self, search: _Search, gradient: FloatArray) -> FloatArray | None:
         """Go a step along which the energy falls; return the gradient there, None for none."""
@@ -129,7 +138,8 @@ class QuickSettling:
         return _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
 
     def _scale_n(self, search: _Search) -> float:
-        return max(float(np.linalg.norm(self._forces.push)), search.load_n or 0.0)
+        touching = float(np.linalg.norm(self._forces.push))
+        return max(touching, search.load_n or 0.0, self._floor_n)
 
     @staticmethod
     def _residual(gradient: FloatArray) -> float:

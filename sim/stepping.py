@@ -16,6 +16,7 @@ from sim.overlap import overlap_fraction
 from sim.path_point import PathPoint
 from sim.prediction import predicted_state
 from sim.settling import DOWN, STILL, Settling
+from sim.state import State
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -147,7 +148,10 @@ class Stepping:
         self, point: PathPoint, leg: Leg, to: float, advance: float, options: NewtonOptions
     ) -> PathPoint:
         """Go one step straight up or down from where the points so far lead."""
-        load, known = leg.load_at(to), self._known
+        load, known = (
+            leg.load_at(to),
+            [k for k in self._known if _stand_alike(k.state, point.state)],
+        )
         forces, depths = [float(k.force_n[2]) for k in known], [k.depth_m for k in known]
         state = predicted_state(known, depths if load is None else forces, at=to, step=advance)
         if load is None:
@@ -156,6 +160,12 @@ class Stepping:
         return self.settling.settle(
             state, load_n=load, passing=passing, options=options, before=point
         )
+
+
+def _stand_alike(one: State, other: State) -> bool:
+    """Return whether the indenter stands at the same place and turned alike, at any height."""
+    beside = np.array_equal(one.tip[:2], other.tip[:2])
+    return beside and np.array_equal(one.rotation, other.rotation)
 
 
 def _stopped(point: PathPoint, leg: Leg, error: ConvergenceError) -> ConvergenceError:
