@@ -120,6 +120,11 @@ class LoadingPath:
         return self._stepping.history
 
     @property
+    def solver_name(self) -> str:
+        """What factors the stiffness."""
+        return self.solver.name if self.quick is None else self.quick.solver_name
+
+    @property
     def quick(self) -> QuickSettling | None:
         """What keeps the factors; None where every state is Newton's."""
         return self._settling.quick

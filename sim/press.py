@@ -128,7 +128,7 @@ def path_for(
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
-    is_quick = scene.is_light and model.relaxation is None and model.device == "cpu"
+    is_quick = keeps_factors(scene, model)
     return LoadingPath(
         model,
         scene.indenter,
@@ -138,6 +138,11 @@ def path_for(
         options=_QUICKLY if is_quick else NewtonOptions(),
         is_quick=is_quick,
     )
+
+
+def keeps_factors(scene: Scene, model: Model) -> bool:
+    """Return whether a scene's path keeps its factors from state to state."""
+    return scene.is_light and model.relaxation is None and model.device == "cpu"
 
 
 def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:

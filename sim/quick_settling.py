@@ -35,7 +35,7 @@ _STEPS_MAX, _FACTORS_MAX, _TRIES = 120, 10, 10
 _TIRED = 10
 _PATIENCE = ((5, 1e-2), (10, 1e-3), (30, 0.0))
 _SLOPE_LEFT, _SHORTEST = 0.9, 0.1
-_FLOOR_SHARE = 1e-11
+_FLOOR_SHARE, _HELD = 1e-11, 1e-13
 
 
 @dataclass(slots=True, kw_only=True)
@@ -56,12 +56,18 @@ class QuickSettling:
     _factor: _Factor = field(init=False)
     _memory: LimitedMemory = field(init=False)
     _last_evaluations: int = 1_000_000
+    _was_held: bool = True
 
     def __post_init__(self) -> None:
         extension = self.model.contact_options.extension
         self._forces = QuickForces(self.model, self.indenter, extension=extension)
         self._factor = _Factor(self.model, self.indenter, self.potentials)
         self._memory = LimitedMemory(_MEMORY)
+
+    @property
+    def solver_name(self) -> str:
+        """What factors the stiffness."""
+        return self._factor.solver.name
 
     def settle(
         self, state: State, *, load_n: float | None, residual_relative: float
@@ -75,6 +81,9 @@ class QuickSettling:
         """
         state.extension = self.model.contact_options.extension
         search = _Search(self.model, state, load_n)
+        if (load_n is None) != self._was_held:  # another unknown, the indenter's height
+            self._memory.forget()
+            self._was_held = load_n is None
         evaluations, factorisations = self.evaluations, self.factorisations
         if self._last_evaluations > _TIRED:
             self._renew(state)
@@ -104,6 +113,8 @@ class QuickSettling:
     def _step(self, search: _Search, gradient: FloatArray) -> FloatArray | None:
         """Go a step along which the energy falls; return the gradient there, None for none."""
         held = search.load_n is None
+        if not held and not self._factor.touches:
+            return None
         direction = self._memory.direction(gradient, lambda right: self._factor.solve(right, held))
         slope = float(gradient @ direction)
         if not slope < 0.0:
@@ -200,7 +211,7 @@ class _Factor:
         self, model: Model, indenter: Indenter, potentials: Sequence[NodalPotential]
     ) -> None:
         self._model, self._indenter, self._potentials = model, indenter, potentials
-        self._solver: LinearSolver = rough_solver(model.pattern)
+        self.solver: LinearSolver = rough_solver(model.pattern)
         self._border = self._along = np.zeros(0)
         self._corner = 0.0
 
@@ -211,14 +222,19 @@ class _Factor:
         except NotPositiveDefiniteError:
             self._factorise(state, safely=True)
 
+    @property
+    def touches(self) -> bool:
+        """The gel holds the indenter; without, a load has no direction to go by."""
+        return self._corner > _HELD * self._model.young_pa * self._model.height_m
+
     def solve(self, right: FloatArray, held: bool) -> FloatArray:
         """Solve for the unknowns, without or with the indenter's height."""
         if held:
-            return self._solver.solve(right)
+            return self.solver.solve(right)
         if not self._along.size:
-            self._along = self._solver.solve(self._border)
+            self._along = self.solver.solve(self._border)
             self._corner -= float(self._border @ self._along)
-        nodes = self._solver.solve(right[:-1])
+        nodes = self.solver.solve(right[:-1])
         rise = (right[-1] - self._border @ nodes) / self._corner
         return np.append(nodes - rise * self._along, rise)
 
@@ -228,6 +244,6 @@ class _Factor:
         data = model.hessian_data(state.positions, contact.stiffness, projected=safely)
         for potential in self._potentials:
             data[model.pattern.indptr[:-1]] += model.pattern.unknowns(potential.diagonal())
-        self._solver.factorise(data)
+        self.solver.factorise(data)
         self._border = model.pattern.unknowns(model.scatter(-contact.stiffness[..., 2]))
         self._along, self._corner = np.zeros(0), float(contact.stiffness[..., 2, 2].sum())

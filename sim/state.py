@@ -37,6 +37,11 @@ class ContactOptions:
         """Points that touch resist motion along the indenter."""
         return self.bonded or self.friction > 0.0
 
+    @property
+    def is_wide(self) -> bool:
+        """The gel stays about d_hat off the indenter; by less only where it is pressed hard."""
+        return self.extension >= 1.0
+
     def gap_least_m(self, extension: float) -> float:
         """Return the gap below which a point needs a barrier that is extended less [m]."""
         return extension * self.distance_m if extension < 1.0 else 0.0

@@ -14,8 +14,7 @@ from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
 from sim.bench.batch_parts import BatchPartsRow, batch_parts
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
-from sim.press import press
-from sim.scene import Preset, Scene, Target
+from sim.scene import Scene, Target
 
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
@@ -76,19 +75,18 @@ def measure_batches(
     scene: Scene,
     *,
     device: str,
+    exact_n: float,
     counts: Sequence[int] | None = None,
-    against: Preset = Preset.ACCURATE,
 ) -> Iterator[BatchRow]:
     """Press 1 mm deep in 20 frames, in more and more environments.
 
     Args:
         scene: Pad, gel and indenter; gels and depths differ from environment to environment.
+        exact_n: F_z that the first environment's is compared with [N].
         counts: Environments; by default as many as the device is for.
-        against: Whose force the first environment's is compared with.
     """
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
-    exact_n = press(replace(deep, preset=against)).force_n[2]
     pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
     for count in counts:
         yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from sim.bench.batches import ENVIRONMENTS_ON_CPU, BatchRow, batch_device, measure_batches
-from sim.bench.frames import TRAVEL_M, FrameRow, travel
+from sim.bench.frames import TRAVEL_M, FrameRow, exact_force_n, travels
 from sim.bench.growth import GrowthRow, growth
 from sim.bench.phases import PhaseRow, Render, phases
+from sim.bench.replays import ImageOf, ReplayRow, measure_replay
 from sim.effects import plan_effects
 from sim.optics.geometry import CameraGeometry
 from sim.press import path_for
-from sim.replay import replay_forces
 from sim.scene import Preset, Scene, Target
-from sim.sensor import load_sensor
 
 PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
@@ -34,20 +32,6 @@ class Part(StrEnum):
     PHASES = "phases"
     REPLAY = "replay"
     GROWTH = "growth"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayRow:
-    """A replay of a run's forces.
-
-    Attributes:
-        wall_s: Mesh, presses and fields; no images [s].
-    """
-
-    preset: str
-    trial_count: int
-    newton_iterations: int
-    wall_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +54,12 @@ def run_bench(
     scene: Scene,
     geometry: CameraGeometry,
     render: Render,
+    image_of: ImageOf,
     forces_n: Sequence[float],
     *,
     parts: Collection[Part] = tuple(Part),
     presets: Sequence[Preset] = PRESETS,
+    against: Preset = Preset.ACCURATE,
     on_progress: Progress = lambda _text: None,
 ) -> Bench:
     """Measure everything that this machine can.
@@ -82,32 +68,41 @@ def run_bench(
         scene: Its target does not matter, its preset is that of the growth.
         geometry: The image's pixels.
         render: Turns height maps into the tactile image.
+        image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
         parts: What to measure.
+        presets: For the parts of the work and the replay.
+        against: Whose force at the end of the travel is taken for exact.
 
     Raises:
         ConvergenceError: A press does not go through.
     """
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
+    exact_n = 0.0
+    if {Part.FRAMES, Part.BATCHES} & set(parts):
+        on_progress(f"F_z with preset {against}")
+        exact_n = exact_force_n(scene, against)
     frames: list[FrameRow] = []
+    if Part.FRAMES in parts:
+        on_progress("frames")
+        for travelled in travels(scene, exact_n=exact_n):
+            on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
+            frames.append(travelled)
     phase_rows: list[PhaseRow] = []
     replays: list[ReplayRow] = []
     for preset in presets:
-        if Part.FRAMES in parts:
-            on_progress(f"frames, preset {preset}")
-            frames.append(travel(scene, preset))
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")
             phase_rows += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
-            replays.append(_replay(scene, preset, forces_n))
+            replays.append(measure_replay(scene, preset, forces_n, image_of))
     batches: list[BatchRow] = []
     device = batch_device()
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
-        for row in measure_batches(scene, device=device):
+        for row in measure_batches(scene, device=device, exact_n=exact_n):
             on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
             batches.append(row)
     grown: Sequence[GrowthRow] = ()
@@ -129,14 +124,3 @@ def _warm_up(scene: Scene) -> None:
     """Compile and load the kernels, which no time should hold."""
     small = replace(scene, preset=Preset.FAST)
     path_for(small, plan_effects(small), refinement=0.5).advance(_WARM_M)
-
-
-def _replay(scene: Scene, preset: Preset, forces_n: Sequence[float]) -> ReplayRow:
-    started = time.perf_counter()
-    found, _ = replay_forces(load_sensor(scene.sensor), scene.indenter, forces_n, preset=preset)
-    return ReplayRow(
-        preset=preset.value,
-        trial_count=len(found.trials),
-        newton_iterations=sum(trial.newton_iterations for trial in found.trials),
-        wall_s=time.perf_counter() - started,
-    )

@@ -18,6 +18,7 @@ from sim.verification.page import markdown
 from tacauchy_rig.cli.nominal_renderer import NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.replay_images import ReplayImages
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
@@ -46,6 +47,7 @@ def bench(
         scene_of(terms),
         camera_geometry(gel),
         NominalRenderer(gel),
+        ReplayImages(gel),
         load_config(None).config.protocol.force_targets,
         parts=tuple(parts or Part),
         on_progress=lambda text: complain(f"  {text}"),

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.bench.batches import BALANCE, environments, measure_batches
-from sim.bench.frames import FRAME_COUNT, travel
+from sim.bench.frames import FRAME_COUNT, exact_force_n, travel, travels
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
-from sim.bench.suite import Bench, Part, ReplayRow, run_bench
+from sim.bench.replays import ReplayRow, measure_replay
+from sim.bench.suite import Bench, Part, run_bench
 from sim.bench.tables import sections
 from sim.indenter import Sphere
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
 from sim.pad import DiscPad
 from sim.scene import Material, Preset, Scene, Target
+from sim.settings import FAST, Setting
+from sim.surface import SurfaceState
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=9e-3, height_m=5e-3),
@@ -39,6 +44,23 @@ _GEOMETRY = CameraGeometry(
 
 def _render(maps: HeightMaps) -> ImageArray:
     return np.zeros((*maps.loaded.shape, 3), dtype=np.uint8)
+
+
+def _image_of(surface: SurfaceState) -> ImageArray:
+    assert surface.positions.shape == surface.positions_rest.shape
+    return np.zeros((4, 4, 3), dtype=np.uint8)
+
+
+def _replay(*, error: float | None = 0.015, presses_s: float = 9.0) -> ReplayRow:
+    return ReplayRow(
+        preset="balanced",
+        trial_count=6,
+        newton_iterations=60,
+        presses_s=presses_s,
+        images_s=1.0,
+        force_error=error,
+        memory_mib=400.0,
+    )
 
 
 @given(
@@ -65,13 +87,14 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 @pytest.fixture(scope="module")
 def found() -> Bench:
     """Return a benchmark of a coarse ball press; its replay is made up."""
-    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), against=Preset.FAST)
+    exact_n = exact_force_n(_SCENE, Preset.FAST)
+    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
-        frames=(travel(_SCENE, Preset.FAST),),
+        frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
         batches=tuple(batches),
         phases=tuple(parts),
-        replays=(ReplayRow(preset="fast", trial_count=6, newton_iterations=60, wall_s=3.0),),
+        replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
         absent=("nothing",),
     )
@@ -83,6 +106,45 @@ def test_frames_and_their_time_fit(found: Bench) -> None:
     assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
     assert alone.frame_ms == pytest.approx(1e3 / alone.frames_per_s)
     assert 0.0 < alone.memory_mib <= peak_memory_mib()
+
+
+def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
+    """A force that none meets: every setting; one that the second meets: no third."""
+    settings = (Setting(Preset.FAST, 0.4), Setting(Preset.FAST, 0.5))
+    exact_n = travel(_SCENE, settings[1], exact_n=1.0, repeats=1).force_error + 1.0
+    rows = list(travels(_SCENE, exact_n=10.0 * exact_n, settings=settings))
+    assert [row.setting for row in rows] == [str(setting) for setting in settings]
+    close = list(travels(_SCENE, exact_n=exact_n, settings=settings[::-1]))
+    assert len(close) == 1
+    assert abs(close[0].force_error) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("row", "met"),
+    [
+        (_replay(), True),
+        (_replay(error=0.021), False),
+        (_replay(error=None), False),
+        (_replay(presses_s=19.5), False),
+    ],
+)
+def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
+    """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
+    (table,) = sections(Bench(replays=(row,)))
+    assert table.passed is met
+
+
+def test_a_replay_makes_an_image_of_every_press() -> None:
+    """Two forces, two images, both in its time."""
+    surfaces: list[SurfaceState] = []
+    row = measure_replay(
+        replace(_SCENE, sensor="gelsight-mini"),
+        Preset.FAST,
+        [0.2, 0.1],
+        lambda surface: (surfaces.append(surface), _image_of(surface))[1],
+    )
+    assert len(surfaces) == row.trial_count == 2
+    assert row.wall_s == row.presses_s + row.images_s
 
 
 def test_batches_are_counted_over_all_environments(found: Bench) -> None:
@@ -143,7 +205,13 @@ def test_tables_hold_every_row(found: Bench) -> None:
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
     """One part: its table and no other."""
     only = run_bench(
-        _SCENE, _GEOMETRY, _render, [0.5], parts=(Part.FRAMES,), presets=(Preset.FAST,)
+        _SCENE,
+        _GEOMETRY,
+        _render,
+        _image_of,
+        [0.5],
+        parts=(Part.FRAMES,),
+        against=Preset.FAST,
     )
     assert len(only.frames) == 1
     assert [table.title for table in sections(only)] == [sections(found)[0].title]
