@@ -23,7 +23,7 @@ from sim.newton import NewtonOptions
 from sim.overlap import OVERLAP_SHARE
 from sim.path_point import PathPoint
 from sim.potentials import NodalPotential
-from sim.quick_settling import QuickSettling
+from sim.quick_settling import QuickOptions, QuickSettling
 from sim.settling import PathCounts, Settling
 from sim.state import State
 from sim.stepping import Stepping
@@ -56,6 +56,7 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
+        quick_options: When they are renewed.
         is_quick: Keep factors from state to state (``quick_settling``); for a round, analytic
             indenter without friction, on the CPU.
 
@@ -72,6 +73,7 @@ class LoadingPath:
     options: NewtonOptions = field(default_factory=NewtonOptions)
     potentials: Sequence[NodalPotential] = ()
     is_quick: bool = False
+    quick_options: QuickOptions = field(default_factory=QuickOptions)
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
@@ -227,7 +229,12 @@ class LoadingPath:
         return self.model.mesh.fold.whole_force(part)
 
     def _quick(self) -> QuickSettling:
-        return QuickSettling(model=self.model, indenter=self.indenter, potentials=self.potentials)
+        return QuickSettling(
+            model=self.model,
+            indenter=self.indenter,
+            potentials=self.potentials,
+            options=self.quick_options,
+        )
 
     def _pressed(self, what: str) -> PathPoint:
         if self.last is None:

@@ -9,13 +9,17 @@ import numpy as np
 from sim.path_point import PathPoint
 from sim.state import State
 
-_NEAREST = 3
 # Points nearer to each other than this share of the way ahead say too little.
 _APART = 0.05
 
 
 def predicted_state(
-    points: Sequence[PathPoint], places: Sequence[float], *, at: float, step: float
+    points: Sequence[PathPoint],
+    places: Sequence[float],
+    *,
+    at: float,
+    step: float,
+    count: int = 3,
 ) -> State:
     """Return the state that polynomials through the nearest points give.
 
@@ -24,11 +28,12 @@ def predicted_state(
         places: Their depths [m] or loads [N]; of the last one it need not be the largest.
         at: Where the state is wanted, in the same unit.
         step: Way from the last point to there, likewise.
+        count: Points that are gone by, at most.
     """
     chosen: list[int] = []
     for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
         apart = [abs(places[k] - places[j]) for j in chosen]
-        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < _NEAREST:
+        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < count:
             chosen.append(k)
     state = points[chosen[0]].state.copy()
     shares = _lagrange([places[k] for k in chosen], at)

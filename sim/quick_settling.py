@@ -28,14 +28,30 @@ from sim.quick_forces import QuickForces
 from sim.rough_solver import rough_solver
 from sim.state import State
 
-_MEMORY = 16
 _STEPS_MAX, _FACTORS_MAX, _TRIES = 120, 10, 10
-# A factor is renewed before a state if the last one took so many evaluations; in a state after so
-# many steps, or after fewer of them if the residual is still this share of the contact force.
-_TIRED = 10
-_PATIENCE = ((5, 1e-2), (10, 1e-3), (30, 0.0))
+_NEVER = 1_000_000
 _SLOPE_LEFT, _SHORTEST = 0.9, 0.1
 _FLOOR_SHARE, _HELD = 1e-11, 1e-13
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuickOptions:
+    """When a factor is renewed, and what else is gone by.
+
+    A factorisation costs as much as ten to fifteen steps.
+
+    Attributes:
+        memory: Steps that are remembered.
+        tired: A state begins with a new factor if the last one took more evaluations than this.
+        patience: In a state, after so many steps with a factor, it is renewed if the residual is
+            still more than this share of the contact force.
+        points: Points of the path that the next one is predicted by, at most.
+    """
+
+    memory: int = 16
+    tired: int = 10
+    patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
+    points: int = 3
 
 
 @dataclass(slots=True, kw_only=True)
@@ -50,19 +66,20 @@ class QuickSettling:
     model: Model
     indenter: Indenter
     potentials: Sequence[NodalPotential] = ()
+    options: QuickOptions = field(default_factory=QuickOptions)
     factorisations: int = 0
     evaluations: int = 0
     _forces: QuickForces = field(init=False)
     _factor: _Factor = field(init=False)
     _memory: LimitedMemory = field(init=False)
-    _last_evaluations: int = 1_000_000
+    _last_evaluations: int = _NEVER
     _was_held: bool = True
 
     def __post_init__(self) -> None:
         extension = self.model.contact_options.extension
         self._forces = QuickForces(self.model, self.indenter, extension=extension)
         self._factor = _Factor(self.model, self.indenter, self.potentials)
-        self._memory = LimitedMemory(_MEMORY)
+        self._memory = LimitedMemory(self.options.memory)
 
     @property
     def solver_name(self) -> str:
@@ -85,7 +102,7 @@ class QuickSettling:
             self._memory.forget()
             self._was_held = load_n is None
         evaluations, factorisations = self.evaluations, self.factorisations
-        if self._last_evaluations > _TIRED:
+        if self._last_evaluations > self.options.tired:
             self._renew(state)
         gradient, steps, since = self._gradient(search), 0, 0
         while not self._is_enough(search, gradient, residual_relative):
@@ -108,7 +125,7 @@ class QuickSettling:
             residual: Over the contact force.
             since: Steps of this state with the factor that there is.
         """
-        return any(since >= steps and residual > left for steps, left in _PATIENCE)
+        return any(since >= steps and residual > left for steps, left in self.options.patience)
 
     def _step(self, search: _Search, gradient: FloatArray) -> FloatArray | None:
         """Go a step along which the energy falls; return the gradient there, None for none."""

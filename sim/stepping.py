@@ -119,7 +119,9 @@ class Stepping:
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the leg was done."""
         if self.settling.quick is not None and not isinstance(leg, CarryLeg):
-            return self._quick_increment(point, leg, at + advance, advance, options), advance
+            count = self.settling.quick.options.points
+            state = self._predicted(point, leg, at + advance, advance, count)
+            return self._settled(state, point, leg, at + advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
         velocity, spin = leg.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
@@ -139,26 +141,29 @@ class Stepping:
         state.tip = state.tip + fraction * (tip - state.tip)
         reached = at + fraction * advance
         self.begin(None if pace is None else pace * fraction * abs(advance))
-        settled = settling.settle(
-            state, load_n=leg.load_at(reached), passing=leg.is_short_of(reached), options=options
-        )
-        return settled, fraction * advance
+        return self._settled(state, point, leg, reached, options), fraction * advance
 
-    def _quick_increment(
-        self, point: PathPoint, leg: Leg, to: float, advance: float, options: NewtonOptions
-    ) -> PathPoint:
-        """Go one step straight up or down from where the points so far lead."""
-        load, known = (
-            leg.load_at(to),
-            [k for k in self._known if _stand_alike(k.state, point.state)],
-        )
-        forces, depths = [float(k.force_n[2]) for k in known], [k.depth_m for k in known]
-        state = predicted_state(known, depths if load is None else forces, at=to, step=advance)
-        if load is None:
+    def _predicted(
+        self, point: PathPoint, leg: Leg, to: float, advance: float, count: int
+    ) -> State:
+        """Return the state straight up or down from a point to which the points so far lead."""
+        known = [k for k in self._known if _stand_alike(k.state, point.state)]
+        held = leg.load_at(to) is None
+        places = [k.depth_m if held else float(k.force_n[2]) for k in known]
+        state = predicted_state(known, places, at=to, step=advance, count=count)
+        if held:
             state.tip[2] = self.settling.touch_m - to
-        passing = leg.is_short_of(to)
+        return state
+
+    def _settled(
+        self, state: State, point: PathPoint, leg: Leg, at: float, options: NewtonOptions
+    ) -> PathPoint:
         return self.settling.settle(
-            state, load_n=load, passing=passing, options=options, before=point
+            state,
+            load_n=leg.load_at(at),
+            passing=leg.is_short_of(at),
+            options=options,
+            before=point,
         )
 
 

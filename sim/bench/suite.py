@@ -11,6 +11,7 @@ from sim.bench.frames import TRAVEL_M, FrameRow, exact_force_n, travels
 from sim.bench.growth import GrowthRow, growth
 from sim.bench.phases import PhaseRow, Render, phases
 from sim.bench.replays import ImageOf, ReplayRow, measure_replay
+from sim.bench.reuse import ReuseRow, measure_reuse
 from sim.effects import plan_effects
 from sim.optics.geometry import CameraGeometry
 from sim.press import path_for
@@ -28,6 +29,7 @@ class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
     FRAMES = "frames"
+    REUSE = "reuse"
     BATCHES = "batches"
     PHASES = "phases"
     REPLAY = "replay"
@@ -43,6 +45,7 @@ class Bench:
     """
 
     frames: tuple[FrameRow, ...] = ()
+    reuse: tuple[ReuseRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
     phases: tuple[PhaseRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
@@ -89,6 +92,10 @@ def run_bench(
         for travelled in travels(scene, exact_n=exact_n):
             on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
             frames.append(travelled)
+    reuse: list[ReuseRow] = []
+    if Part.REUSE in parts:
+        on_progress("what reuse saves")
+        reuse += measure_reuse(scene, forces_n)
     phase_rows: list[PhaseRow] = []
     replays: list[ReplayRow] = []
     for preset in presets:
@@ -112,6 +119,7 @@ def run_bench(
     short = Part.BATCHES in parts and device == "cpu"
     return Bench(
         frames=tuple(frames),
+        reuse=tuple(reuse),
         batches=tuple(batches),
         phases=tuple(phase_rows),
         replays=tuple(replays),

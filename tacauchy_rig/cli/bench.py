@@ -39,7 +39,7 @@ def bench(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Time frames, batches, their parts, a replay, and the growth with elements; minutes."""
+    """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
     writable_folder(out)
     gel = load_sensor(sensor)
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)

@@ -15,6 +15,7 @@ from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
 from sim.bench.replays import ReplayRow, measure_replay
+from sim.bench.reuse import WAYS, measure_reuse
 from sim.bench.suite import Bench, Part, run_bench
 from sim.bench.tables import sections
 from sim.indenter import Sphere
@@ -92,6 +93,7 @@ def found() -> Bench:
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
         frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
+        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
         batches=tuple(batches),
         phases=tuple(parts),
         replays=(_replay(),),
@@ -157,6 +159,15 @@ def test_batches_are_counted_over_all_environments(found: Bench) -> None:
     assert alone.failed_count == three.failed_count == 0
 
 
+def test_what_reuse_saves_changes_no_force(found: Bench) -> None:
+    """The travel ends with the same F_z, the replay with the same; a kept factor is kept."""
+    quick, newton, together, anew = found.reuse
+    assert quick.force_n == pytest.approx(newton.force_n, rel=1e-5)
+    assert together.force_n == pytest.approx(anew.force_n, rel=1e-7)
+    assert quick.factorisations < newton.factorisations
+    assert together.factorisations < anew.factorisations
+
+
 def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
     """For forces and search, in the order of the launches, and none takes no time."""
     for batch in found.batches:
@@ -196,10 +207,10 @@ def test_every_part_is_timed(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 2, 4, 7, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: nothing." in tables[1].note
-    assert "exponent" in tables[5].columns[-1]
+    assert "Not measured: nothing." in tables[2].note
+    assert "exponent" in tables[6].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
