@@ -58,6 +58,19 @@ class Device:
             kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name, record_cmd=True
         )
 
+    def launch_blocks(
+        self, kernel: Any, count: int, inputs: list[Any], outputs: list[Any], *, threads: int
+    ) -> None:
+        """Launch so many blocks of threads; on the CPU a block is one thread."""
+        wp.launch_tiled(  # type: ignore[no-untyped-call]
+            kernel,
+            dim=[count],
+            inputs=inputs,
+            outputs=outputs,
+            block_dim=threads,
+            device=self.name,
+        )
+
 
 def on_host(array: Any) -> NDArray[Any]:
     """Return a device array on the host, its reals as float64; on the CPU this shares memory."""

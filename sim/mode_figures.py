@@ -5,7 +5,7 @@ Scale bars are in SI units. Colour maps are cividis and PuOr, which survive colo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,41 +13,19 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
 from sim.arrays import FloatArray, IntArray
+from sim.figure_page import INK, MM, PAGE_IN, STEEL, STYLE, save_figure
 from sim.mode_maps import SurfaceMaps, surface_maps, traction_arrows
 from sim.mode_runs import ModeRun
 from sim.section import Section, cut
-from tacauchy_rig.errors import RecordError
 
-_PAGE_IN = 7.16
-# For a page on a screen.
-_SCREEN_DPI = 120
-_MM, _KPA = 1e3, 1e-3
+_KPA = 1e-3
 _SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
 _ARROW_MIN_SHARE = 5e-3
-_INK, _STEEL = "#222222", "#C9CED6"
-_STYLE: Any = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "figure.titlesize": 8.5,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "axes.linewidth": 0.5,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "text.color": _INK,
-    # Type 42 embeds the fonts.
-    "pdf.fonttype": 42,
-}
 _TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
 # The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
 _SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
@@ -64,19 +42,19 @@ def draw_modes(
     Raises:
         RecordError: The files cannot be written.
     """
-    with mpl.rc_context(_STYLE):
-        figure, rows = _rows(len(runs), height_in=1.5, widths=(1.35, 1, 1, 1.35))
-        for (part, row), run in zip(rows, runs, strict=True):
-            force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
-            part.suptitle(f"{_TITLES[run.name]}, {run.travel}, {force}", x=0.01, ha="left")
-            maps = surface_maps(run.path, run.point)
-            section = cut(run.path.model, run.point.state.positions)
-            _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
-            _draw_pressure(row[1], run, maps)
-            _draw_traction(row[2], run, maps)
-            name, i, j = _SHEARS[run.name]
-            _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
-        return _save(figure, folder, page_folder, "contact_modes")
+
+    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
+        maps, section = _maps_and_section(run)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        _draw_pressure(row[1], run, maps)
+        _draw_traction(row[2], run, maps)
+        name, i, j = _SHEARS[run.name]
+        _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
+        return f"{_TITLES[run.name]}, {run.travel}"
+
+    with mpl.rc_context(STYLE):
+        figure = _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
+        return save_figure(figure, folder, page_folder, "contact_modes")
 
 
 def draw_sensors(
@@ -90,29 +68,39 @@ def draw_sensors(
     Raises:
         RecordError: The files cannot be written.
     """
-    with mpl.rc_context(_STYLE):
-        figure, rows = _rows(len(runs), height_in=1.75, widths=(1.35, 0.95, 1, 1))
-        for (part, row), run in zip(rows, runs, strict=True):
-            force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
-            count = len(run.path.model.elements)
-            title = f"{run.sensor.title}, {run.travel}, {force}, {count} tetrahedra"
-            part.suptitle(title, x=0.01, ha="left")
-            maps = surface_maps(run.path, run.point)
-            section = cut(run.path.model, run.point.state.positions)
-            _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
-            _draw_mesh(row[1], maps)
-            _draw_pressure(row[2], run, maps)
-            _draw_traction(row[3], run, maps)
-        return _save(figure, folder, page_folder, "three_sensors")
+
+    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
+        maps, section = _maps_and_section(run)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        _draw_mesh(row[1], maps)
+        _draw_pressure(row[2], run, maps)
+        _draw_traction(row[3], run, maps)
+        return f"{run.sensor.title}, {run.travel}, {len(run.path.model.elements)} tetrahedra"
+
+    with mpl.rc_context(STYLE):
+        figure = _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
+        return save_figure(figure, folder, page_folder, "three_sensors")
 
 
-def _rows(
-    count: int, *, height_in: float, widths: tuple[float, ...]
-) -> tuple[Figure, list[tuple[SubFigure, Any]]]:
-    """Return a figure of rows that each have a title of their own, and every row's axes."""
-    figure = Figure(figsize=(_PAGE_IN, height_in * count), layout="constrained")
-    parts = figure.subfigures(count, 1, squeeze=False)[:, 0]
-    return figure, [(part, part.subplots(1, len(widths), width_ratios=widths)) for part in parts]
+def _drawn(
+    runs: Sequence[ModeRun],
+    draw: Callable[[ModeRun, Sequence[Axes]], str],
+    *,
+    height_in: float,
+    widths: tuple[float, ...],
+) -> Figure:
+    """Return a figure of one row a run; ``draw`` fills a row's axes and returns its title."""
+    figure = Figure(figsize=(PAGE_IN, height_in * len(runs)), layout="constrained")
+    parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]
+    for part, run in zip(parts, runs, strict=True):
+        title = draw(run, part.subplots(1, len(widths), width_ratios=widths))
+        force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
+        part.suptitle(f"{title}, {force}", x=0.01, ha="left")
+    return figure
+
+
+def _maps_and_section(run: ModeRun) -> tuple[SurfaceMaps, Section]:
+    return surface_maps(run.path, run.point), cut(run.path.model, run.point.state.positions)
 
 
 def _reach(run: ModeRun) -> float:
@@ -120,7 +108,7 @@ def _reach(run: ModeRun) -> float:
     contact = run.point.equilibrium.contact
     touched = np.any(contact.forces != 0.0, axis=2)
     arms = (contact.points - run.point.state.tip)[touched][:, :2]
-    return float(1.5 * np.linalg.norm(arms, axis=1).max() * _MM)
+    return float(1.5 * np.linalg.norm(arms, axis=1).max() * MM)
 
 
 def _draw_section(
@@ -138,8 +126,8 @@ def _draw_section(
     _draw_interfaces(axes, section)
     _draw_indenter(axes, run)
     reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
-    tip = run.point.state.tip * _MM
-    height = run.path.model.height_m * _MM
+    tip = run.point.state.tip * MM
+    height = run.path.model.height_m * MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(0.0, 1.35 * height)
     axes.set_aspect("equal")
@@ -157,12 +145,12 @@ def _draw_interfaces(axes: Axes, section: Section) -> None:
     upper = section.triangles[section.layers != section.layers.min()].reshape(-1)
     shared = set(map(tuple, points[upper]))
     edges = [
-        section.points_m[[a, b]] * _MM
+        section.points_m[[a, b]] * MM
         for triangle in lower
         for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
         if tuple(points[a]) in shared and tuple(points[b]) in shared
     ]
-    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=_INK, linewidths=0.5))
+    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=INK, linewidths=0.5))
 
 
 def _draw_indenter(axes: Axes, run: ModeRun) -> None:
@@ -175,14 +163,14 @@ def _draw_indenter(axes: Axes, run: ModeRun) -> None:
     x = np.concatenate([x, x[[-1, 0]]]) + tip[0]
     z = np.concatenate([below + tip[2], [top, top]])
     axes.add_patch(
-        Polygon(np.column_stack([x, z]) * _MM, facecolor=_STEEL, edgecolor=_INK, linewidth=0.6)
+        Polygon(np.column_stack([x, z]) * MM, facecolor=STEEL, edgecolor=INK, linewidth=0.6)
     )
 
 
 def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
     """Draw the elements' faces on the whole contact surface, seen along z."""
-    corners = maps.points_m[maps.corner_faces][..., :2] * _MM
-    axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=_INK, lw=0.2))
+    corners = maps.points_m[maps.corner_faces][..., :2] * MM
+    axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=INK, lw=0.2))
     low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
     axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
     axes.set_ylim(low[1] - 0.3, high[1] + 0.3)
@@ -193,28 +181,28 @@ def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
 
 def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
     _draw_map(axes, run, maps, maps.pressure_pa * _KPA, "$-p_n$ (kPa)")
-    x, y = np.array(run.signature.centre_m) * _MM + run.point.state.tip[:2] * _MM
+    x, y = np.array(run.signature.centre_m) * MM + run.point.state.tip[:2] * MM
     axes.plot([x], [y], marker="+", color="white", markersize=6, markeredgewidth=1.0)
 
 
 def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
     size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
     _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
-    pitch = _reach(run) / _MM / 6.0
+    pitch = _reach(run) / MM / 6.0
     places, arrows = traction_arrows(run.point, pitch_m=pitch)
     sizes = np.linalg.norm(arrows, axis=1)
     shown = sizes > _ARROW_MIN_SHARE * sizes.max()
     # The root of the size, so that the middle is seen beside the rim.
     lengths = arrows[shown] / np.sqrt(sizes[shown] * sizes.max())[:, None]
     axes.quiver(
-        *(places[shown].T * _MM),
+        *(places[shown].T * MM),
         *lengths.T,
         color="white",
-        edgecolor=_INK,
+        edgecolor=INK,
         linewidth=0.25,
         angles="xy",
         scale_units="xy",
-        scale=1.0 / (1.2 * pitch * _MM),
+        scale=1.0 / (1.2 * pitch * MM),
         pivot="mid",
         width=0.014,
         headwidth=3.2,
@@ -233,7 +221,7 @@ def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, n
         vmax=float(np.quantile(values[values > 0.0], 0.99)),
         rasterized=True,
     )
-    reach, tip = _reach(run), run.point.state.tip * _MM
+    reach, tip = _reach(run), run.point.state.tip * MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(tip[1] - reach, tip[1] + reach)
     axes.set_aspect("equal")
@@ -243,7 +231,7 @@ def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, n
 
 
 def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:
-    return Triangulation(points_m[:, 0] * _MM, points_m[:, 1] * _MM, triangles)
+    return Triangulation(points_m[:, 0] * MM, points_m[:, 1] * MM, triangles)
 
 
 def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
@@ -252,18 +240,3 @@ def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
     bar = axes.figure.colorbar(shown, cax=beside, extend=extend)
     bar.ax.set_title(name, loc="left", fontsize=7, pad=3)
     bar.outline.set_linewidth(0.5)
-
-
-def _save(figure: Figure, folder: Path, page_folder: Path | None, name: str) -> list[Path]:
-    wanted = {folder / f"{name}.pdf": 300, folder / f"{name}.png": 300}
-    if page_folder is not None:
-        wanted[page_folder / f"{name}.png"] = _SCREEN_DPI
-    for path, dpi in wanted.items():
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=dpi)
-        except OSError as error:
-            raise RecordError(
-                f"{path}: cannot be written: {error.strerror}", remedy="give --out another folder"
-            ) from error
-    return list(wanted)

@@ -10,7 +10,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.mesh_indenter import MeshIndenter, mesh_indenter
 
 _HEIGHT_M = 4e-3
-_AROUND = 64
+_AROUND = 192
 
 
 def bar() -> MeshIndenter:

@@ -107,8 +107,9 @@ def load_sensor(name: str) -> Sensor:
     path = Path(name)
     if path.suffix != ".toml" or not path.is_file():
         raise ConfigError(
-            f"sensor {name!r} is neither built in nor a TOML file",
-            remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file",
+            f"sensor {name!r} is neither built in nor a TOML file in {Path.cwd()}",
+            remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file from the "
+            "folder where the command is run",
         )
     return parse_sensor(path.read_text("utf-8"), origin=str(path), folder=path.parent)
 

@@ -19,10 +19,10 @@ from reports.figures.style import (
     INK,
     ORANGE,
     PAGE_IN,
-    label_forces,
     letter,
     new_figure,
 )
+from reports.figures.trials import label_forces
 from reports.results import TrialResult, ValidationReport
 
 STREAMS = {"force": ("Force", BLUE), "image": ("Images", ORANGE), "arm": ("Arm", GREEN)}

@@ -9,7 +9,8 @@ from matplotlib.image import AxesImage
 
 from reports.arrays import FloatArray
 from reports.evidence import ImageGeometry, RunEvidence, TrialEvidence
-from reports.figures.style import GREY, PAGE_IN, new_figure, shown
+from reports.figures.style import GREY, PAGE_IN, new_figure
+from reports.figures.trials import shown
 from reports.metrics import to_grey
 
 ROWS = ("Real", "Simulated", "Difference")

@@ -12,19 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.projections.polar import PolarAxes
 
-from reports.figures.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PAGE_IN,
-    force_label,
-    label_forces,
-    letter,
-    new_figure,
-    shown,
-)
+from reports.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
+from reports.figures.trials import force_label, label_forces, shown
 from reports.metrics import Metric
 from reports.results import TrialResult, ValidationReport
 

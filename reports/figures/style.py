@@ -5,22 +5,17 @@ IEEE column widths, Times-like type, and colours that survive colour-blind eyes 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from reports.evidence import TrialEvidence
-from reports.results import TrialResult
-
 COLUMN_IN = 3.5
 PAGE_IN = 7.16
 MARK_STRIP_IN = 0.17
 PNG_DPI = 300
-MAX_COLUMNS = 6
 
 # Okabe and Ito, 2008: distinguishable with the common colour-vision deficiencies.
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
@@ -60,8 +55,6 @@ STYLE: Any = {
     "savefig.dpi": PNG_DPI,
 }
 
-Trial = TypeVar("Trial", TrialResult, TrialEvidence)
-
 
 def new_figure(
     width_in: float, height_in: float, *, simulated: bool, pad_in: float = 0.04
@@ -92,28 +85,6 @@ def save(figure: Figure, folder: Path, name: str) -> None:
     figure.set_layout_engine("none")
     figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None, "Producer": None})
     figure.savefig(folder / f"{name}.png", metadata={"Software": None})
-
-
-def shown(trials: Sequence[Trial]) -> list[Trial]:
-    """Pick at most six trials, evenly spread over the target forces, first and last included."""
-    ordered = sorted(trials, key=lambda t: (t.force_target_n, t.index))
-    if len(ordered) <= MAX_COLUMNS:
-        return ordered
-    step = (len(ordered) - 1) / (MAX_COLUMNS - 1)
-    return [ordered[round(k * step)] for k in range(MAX_COLUMNS)]
-
-
-def force_label(trial: TrialResult | TrialEvidence) -> str:
-    """Return the target force with two decimals, as the paper shows it."""
-    return f"{trial.force_target_n:.2f}"
-
-
-def label_forces(axes: Axes, trials: Sequence[TrialResult]) -> None:
-    """Put the trials' forces under the x axis."""
-    axes.set_xticks(range(len(trials)), [force_label(t) for t in trials])
-    if len(trials) > 2 * MAX_COLUMNS:
-        axes.tick_params(axis="x", labelrotation=90, labelsize=5)
-    axes.set_xlabel("Target force $F_z$ (N)")
 
 
 def letter(axes: Axes, text: str) -> None:

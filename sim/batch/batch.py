@@ -98,8 +98,8 @@ class Batch:
     def displacements(self) -> FloatArray:
         """Return the last frames' nodal displacements [m], [environment_count, node_count, 3]."""
         pattern, count = self.pilot.model.pattern, len(self.environments)
-        found = on_host(self.tick.vectors["before"])[: pattern.dof_count, :count]
-        return np.stack([pattern.nodal(column) for column in found.T])
+        found = on_host(self.tick.vectors.before)[:count, : pattern.dof_count]
+        return np.stack([pattern.nodal(row) for row in found])
 
     def _go(self, stretch: int) -> None:
         """Go on to the end of a stretch."""
@@ -112,8 +112,12 @@ class Batch:
 
     def _result(self, wall_s: float) -> BatchResult:
         count, fold = len(self.environments), self.pilot.model.mesh.fold
-        part = on_host(self.tick.push)[:, :count]
-        residual, imbalance, gap = (on_host(array)[:, :count].copy() for array in self.tick.found)
+        found = self.tick.found
+        part = on_host(found.push)[:, :count]
+        residual, imbalance, gap = (
+            on_host(array)[:, :count].copy()
+            for array in (found.residual, found.imbalance, found.gap)
+        )
         depth = on_host(self.tick.depths) if not self.pilot.is_pushed else -on_host(self.tick.lifts)
         return BatchResult(
             force_n=np.sum([sign * part for sign in fold.signs()], axis=0),

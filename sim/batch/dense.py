@@ -1,9 +1,9 @@
 """The product of a dense symmetric matrix with a batch of vectors, on a GPU.
 
-A batch shares one matrix, so that the product is one of two matrices, for tensor cores in TF32: a
-preconditioner needs no more digits. Warp's own tile product takes most of a minute to
-compile and leaves the cores idle for so few columns; here each warp feeds them from a matrix that
-was laid out for them once. On the CPU NumPy's BLAS does it.
+A batch shares one matrix, so that the product is one of two matrices, for tensor cores in float16
+with float32 sums: a preconditioner needs no more digits. Warp's own tile product takes most of a
+minute to compile and leaves the cores idle for so few columns; here each warp feeds them from a
+matrix that was laid out for them once.
 """
 
 # Device code: Warp compiles it, and Python type checkers do not speak its dialect.
@@ -22,26 +22,28 @@ from numpy.typing import NDArray
 
 from sim.device import Device
 
-_ROW_PADDING = 128
-_WIDE = 64
+# Rows of any block, and terms that a warp takes at once, divide it.
+_ROW_PADDING = 288
 
-# One block makes a block of the product. Its warps share out rows and, in DEPTH_WARPS groups, the
-# terms of the sums, which are then added group by group in shared memory. Fragments are those of
-# the PTX manual's mma.m16n8k8 of .tf32. The matrix is packed so that a lane's part of a fragment is
-# a float4; of the vectors a lane takes VECTOR neighbouring columns at once, as columns of VECTOR
-# fragments: which column is which does not matter to a product as long as the result agrees.
+# One block makes a block of the product. Its warps share out rows, columns and, in DEPTH_WARPS
+# groups, the terms of the sums, which are then added in shared memory. Fragments are those of the
+# PTX manual's mma.m16n8k16 of .f16. Which term is which does not matter to a sum as long as both
+# factors agree: a lane takes eight neighbouring terms of a vector, and the matrix is packed so that
+# its lane's parts of the two fragments that go with them are a uint4 each.
 _PRODUCT = """
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
     const int group = lane >> 2, member = lane & 3;
-    const int part = warp / ROW_WARPS, rows_before = (warp % ROW_WARPS) * 16 * ROW_TILES;
-    const int columns = right.shape[1], steps = right.shape[0] / 8;
-    const int first_row = (block % row_blocks) * 16 * ROW_TILES * ROW_WARPS;
-    const int first_column = (block / row_blocks) * 8 * COLUMN_TILES;
-    const int first_tile = (first_row + rows_before) / 16;
-    const float4* packed = (const float4*)matrices.data;
-    packed += (size_t)which.data[0] * (right.shape[0] / 16) * steps * 32 + lane;
-    __shared__ float total[BUFFERS * TILE];
-    __shared__ float dots[8 * COLUMN_TILES];
+    const int row_warp = warp % ROW_WARPS, column_warp = warp / ROW_WARPS % COLUMN_WARPS;
+    const int part = warp / (ROW_WARPS * COLUMN_WARPS);
+    const int rows = right.shape[1], steps = rows / 32;
+    const int first_row = block % row_blocks * TILE_ROWS;
+    const int first_column = block / row_blocks * TILE_COLUMNS;
+    const int rows_before = 16 * ROW_TILES * row_warp;
+    const int columns_before = 8 * COLUMN_TILES * column_warp;
+    const uint4* packed = (const uint4*)matrices.data + lane;
+    packed += (size_t)(which.data[0] * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
+    const uint4* vectors = (const uint4*)right.data + member;
+    vectors += (size_t)(first_column + columns_before + group) * (rows / 8);
     float sum[ROW_TILES][COLUMN_TILES][4];
     #pragma unroll
     for (int i = 0; i < ROW_TILES; ++i)
@@ -49,37 +51,34 @@ _PRODUCT = """
         for (int j = 0; j < COLUMN_TILES; ++j)
             #pragma unroll
             for (int k = 0; k < 4; ++k) sum[i][j][k] = 0.f;
-    #pragma unroll 2
+    #pragma unroll UNROLLED
     for (int s = part; s < steps; s += DEPTH_WARPS) {
-        float4 a[ROW_TILES];
+        uint4 a[2][ROW_TILES], b[COLUMN_TILES];
         #pragma unroll
-        for (int i = 0; i < ROW_TILES; ++i)
-            a[i] = packed[((size_t)(first_tile + i) * steps + s) * 32];
-        const float* low = right.data + (size_t)(8 * s + member) * columns;
-        low += first_column + group * VECTOR;
-        const float* high = low + (size_t)4 * columns;
+        for (int j = 0; j < COLUMN_TILES; ++j) b[j] = vectors[(size_t)j * rows + 4 * s];
         #pragma unroll
-        for (int j = 0; j < COLUMN_TILES; j += VECTOR) {
-            const LOADED b0 = *(const LOADED*)(low + 8 * j), b1 = *(const LOADED*)(high + 8 * j);
+        for (int h = 0; h < 2; ++h)
             #pragma unroll
-            for (int v = 0; v < VECTOR; ++v)
+            for (int i = 0; i < ROW_TILES; ++i)
+                a[h][i] = packed[((size_t)i * steps + s) * 64 + 32 * h];
+        #pragma unroll
+        for (int h = 0; h < 2; ++h)
+            #pragma unroll
+            for (int j = 0; j < COLUMN_TILES; ++j)
                 #pragma unroll
                 for (int i = 0; i < ROW_TILES; ++i) {
-                    float* c = sum[i][j + v];
-                    asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
+                    float* c = sum[i][j];
+                    asm("mma.sync.aligned.m16n8k16.row.col.f32.f16.f16.f32 "
                         "{%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, %3};"
                         : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
-                        : "r"(__float_as_uint(a[i].x)), "r"(__float_as_uint(a[i].y)),
-                          "r"(__float_as_uint(a[i].z)), "r"(__float_as_uint(a[i].w)),
-                          "r"(__float_as_uint(((const float*)&b0)[v])),
-                          "r"(__float_as_uint(((const float*)&b1)[v])));
+                        : "r"(a[h][i].x), "r"(a[h][i].y), "r"(a[h][i].z), "r"(a[h][i].w),
+                          "r"(h ? b[j].z : b[j].x), "r"(h ? b[j].w : b[j].y));
                 }
-        }
     }
-    if (threadIdx.x < 8 * COLUMN_TILES) dots[threadIdx.x] = 0.f;
-    for (int round = 0; round < DEPTH_WARPS / BUFFERS; ++round) {
-        if (part / BUFFERS == round) {
-            float* mine = total + (part % BUFFERS) * TILE;
+    __shared__ float total[SHARED];
+    float* out_at = out.data + (size_t)first_column * rows + first_row;
+    for (int round = 0; round < DEPTH_WARPS; ++round) {
+        if (part == round) {
             #pragma unroll
             for (int i = 0; i < ROW_TILES; ++i)
                 #pragma unroll
@@ -87,28 +86,22 @@ _PRODUCT = """
                     #pragma unroll
                     for (int k = 0; k < 4; ++k) {
                         const int row = rows_before + 16 * i + group + 8 * (k / 2);
-                        const int column = 8 * (j / VECTOR) * VECTOR + j % VECTOR
-                            + (2 * member + k % 2) * VECTOR;
-                        float* at = mine + row * (8 * COLUMN_TILES) + column;
-                        *at = round == 0 ? sum[i][j][k] : *at + sum[i][j][k];
+                        const int column = columns_before + 8 * j + 2 * member + k % 2;
+                        if (DEPTH_WARPS == 1)
+                            out_at[(size_t)column * rows + row] = sum[i][j][k];
+                        else if (round == 0)
+                            total[column * (TILE_ROWS + 4) + row] = sum[i][j][k];
+                        else
+                            total[column * (TILE_ROWS + 4) + row] += sum[i][j][k];
                     }
         }
-        __syncthreads();
+        if (DEPTH_WARPS > 1) __syncthreads();
     }
-    const int column = threadIdx.x % (8 * COLUMN_TILES);
-    float dot = 0.f;
-    for (int k = threadIdx.x; k < TILE; k += blockDim.x) {
-        float z = total[k];
-        #pragma unroll
-        for (int buffer = 1; buffer < BUFFERS; ++buffer) z += total[buffer * TILE + k];
-        const size_t at = (size_t)(first_row + k / (8 * COLUMN_TILES)) * columns + first_column;
-        out.data[at + column] = z;
-        dot += z * right.data[at + column];
-    }
-    ::atomicAdd(dots + column, dot);
-    __syncthreads();
-    if (threadIdx.x < 8 * COLUMN_TILES)
-        ::atomicAdd(dots_out.data + first_column + threadIdx.x, (double)dots[threadIdx.x]);
+    if (DEPTH_WARPS > 1)
+        for (int k = threadIdx.x; k < TILE_ROWS * TILE_COLUMNS; k += blockDim.x) {
+            const int row = k % TILE_ROWS, column = k / TILE_ROWS;
+            out_at[(size_t)column * rows + row] = total[column * (TILE_ROWS + 4) + row];
+        }
 """
 
 
@@ -118,17 +111,17 @@ class Tiling:
 
     Attributes:
         row_tiles: Tiles of 16 rows that a warp makes.
-        column_tiles: Tiles of 8 columns that a block and each of its warps make.
-        row_warps: Warps beside each other.
+        column_tiles: Tiles of 8 columns that a warp makes.
+        row_warps: Warps beside each other along the rows.
+        column_warps: Warps beside each other along the columns.
         depth_warps: Warps that share the terms of a sum.
-        buffers: Partial sums in shared memory.
     """
 
     row_tiles: int
     column_tiles: int
-    row_warps: int
-    depth_warps: int
-    buffers: int
+    row_warps: int = 1
+    column_warps: int = 1
+    depth_warps: int = 1
 
     @property
     def rows(self) -> int:
@@ -138,22 +131,21 @@ class Tiling:
     @property
     def columns(self) -> int:
         """Columns of a block."""
-        return 8 * self.column_tiles
+        return 8 * self.column_tiles * self.column_warps
 
     @property
     def threads(self) -> int:
         """Threads of a block."""
-        return 32 * self.row_warps * self.depth_warps
+        return 32 * self.row_warps * self.column_warps * self.depth_warps
 
 
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
 _TILINGS = {
-    8: Tiling(row_tiles=1, column_tiles=1, row_warps=1, depth_warps=8, buffers=8),
-    32: Tiling(row_tiles=1, column_tiles=4, row_warps=1, depth_warps=8, buffers=4),
-    64: Tiling(row_tiles=2, column_tiles=8, row_warps=1, depth_warps=8, buffers=4),
-    256: Tiling(row_tiles=4, column_tiles=8, row_warps=1, depth_warps=8, buffers=2),
+    8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
+    64: Tiling(row_tiles=2, column_tiles=4, column_warps=2, depth_warps=4),
+    256: Tiling(row_tiles=3, column_tiles=8, column_warps=2, depth_warps=4),
 }
-_LARGEST = Tiling(row_tiles=4, column_tiles=8, row_warps=2, depth_warps=4, buffers=1)
+_LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
 
 
 def tiling(columns: int) -> Tiling:
@@ -181,37 +173,40 @@ class DenseProduct:
 
     Attributes:
         row_count: Rows of the padded vectors.
+        unit: What the product must be multiplied with: float16 holds nothing above 65,504.
     """
 
     def __init__(self, matrices: NDArray[np.float32], *, device: Device) -> None:
         count, rows, _ = matrices.shape
-        self.row_count = padded_rows(rows)
-        padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float32)
-        padded[:, :rows, :rows] = matrices
+        # At least a row more than there are: what is fixed reads it.
+        self.row_count = padded_rows(rows + 1)
+        self.unit = float(np.abs(matrices).max())
+        padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float16)
+        padded[:, :rows, :rows] = matrices / self.unit
         self._which = device.zeros(1, wp.int32)
         self._device = device
-        self._matrices = device.array(packed(padded).reshape(-1), wp.float32)
+        self._matrices = device.array(packed(padded).reshape(-1), wp.float16)
 
     def select(self, which: int) -> None:
         """Take another of the matrices from now on."""
         self._which.fill_(which)
 
-    def apply(self, right: Any, out: Any, dots_out: Any) -> None:
-        """Set ``out`` to the product of the matrix with ``right``, and add ``right . out``.
+    def apply(self, right: Any, out: Any, *, tiles: Tiling | None = None) -> None:
+        """Set ``out`` to the product of the matrix with ``right``, over ``unit``.
 
         Args:
-            right: Shape [row_count, environment_count].
-            out: The same shape.
-            dots_out: Shape [environment_count], float64.
+            right: Float16, shape [environment_count, row_count].
+            out: Float32, the same shape.
+            tiles: By default those for so many environments.
         """
-        chosen = tiling(right.shape[1])
+        chosen = tiles or tiling(right.shape[0])
         row_blocks = self.row_count // chosen.rows
-        blocks = row_blocks * (right.shape[1] // chosen.columns)
+        blocks = row_blocks * (right.shape[0] // chosen.columns)
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,
             inputs=[self._matrices, self._which, right, row_blocks],
-            outputs=[out, dots_out],
+            outputs=[out],
             block_dim=chosen.threads,
             device=self._device.name,
         )
@@ -220,58 +215,55 @@ class DenseProduct:
 @cache
 def product_kernel(chosen: Tiling) -> Any:
     """Build the kernel of a tiling; it launches over the threads of all its blocks."""
-    vector = 4 if chosen.column_tiles % 4 == 0 else 1
     snippet = _PRODUCT
+    is_shared = chosen.depth_warps > 1
     for name, value in (
         ("ROW_TILES", chosen.row_tiles),
         ("COLUMN_TILES", chosen.column_tiles),
         ("ROW_WARPS", chosen.row_warps),
+        ("COLUMN_WARPS", chosen.column_warps),
         ("DEPTH_WARPS", chosen.depth_warps),
-        ("BUFFERS", chosen.buffers),
-        ("TILE", chosen.rows * chosen.columns),
-        ("VECTOR", vector),
-        ("LOADED", "float4" if vector == 4 else "float"),
+        ("TILE_ROWS", chosen.rows),
+        ("TILE_COLUMNS", chosen.columns),
+        ("SHARED", (chosen.rows + 4) * chosen.columns if is_shared else 1),
+        ("UNROLLED", 2),
     ):
         snippet = re.sub(rf"\b{name}\b", str(value), snippet)
     threads = chosen.threads
 
     @wp.func_native(snippet)
     def block_product(
-        matrices: wp.array(dtype=wp.float32),
+        matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
-        right: wp.array2d(dtype=wp.float32),
+        right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         block: wp.int32,
         out: wp.array2d(dtype=wp.float32),
-        dots_out: wp.array(dtype=wp.float64),
     ): ...
 
     @wp.kernel(enable_backward=False, module="unique")
     def product(
-        matrices: wp.array(dtype=wp.float32),
+        matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
-        right: wp.array2d(dtype=wp.float32),
+        right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         product_out: wp.array2d(dtype=wp.float32),
-        dots_out: wp.array(dtype=wp.float64),
     ):
         block = wp.tid() // wp.static(threads)
-        block_product(matrices, which, right, row_blocks, block, product_out, dots_out)
+        block_product(matrices, which, right, row_blocks, block, product_out)
 
     return product
 
 
-def packed(matrices: np.ndarray) -> np.ndarray:
-    """Round to TF32 and order as the lanes of a warp take it.
+def packed(matrices: NDArray[np.float16]) -> NDArray[np.float16]:
+    """Order matrices as the lanes of a warp take them.
 
     Returns:
-        Shape [matrix_count, row_tile, step, 32, 4].
+        Shape [matrix_count, row_tile, step, half of it, 32, 8].
     """
     count, rows, _ = matrices.shape
-    bits = matrices.view(np.uint32)
-    rounded = ((bits + np.uint32(0x1000)) & np.uint32(0xFFFFE000)).view(np.float32)
-    tiles = rounded.reshape(count, rows // 16, 2, 8, rows // 8, 2, 4)
-    # [matrix, tile, upper or lower half, group, step, left or right half, member]
-    return np.ascontiguousarray(tiles.transpose(0, 1, 4, 3, 6, 5, 2)).reshape(
-        count, rows // 16, rows // 8, 32, 4
-    )
+    tiles = matrices.reshape(count, rows // 16, 2, 8, rows // 32, 4, 2, 2, 2)
+    # [matrix, tile, upper or lower, group, step, member, half, low or high, odd] becomes
+    # [matrix, tile, step, half, group, member, low or high, upper or lower, odd].
+    ordered = tiles.transpose(0, 1, 4, 6, 3, 5, 7, 2, 8)
+    return np.ascontiguousarray(ordered).reshape(count, rows // 16, rows // 32, 2, 32, 8)

@@ -74,7 +74,7 @@ class BatchOptions:
     """
 
     residual_relative: float = 1e-6
-    forcing: float = 0.4
+    forcing: float = 0.25
     extension: float = 1.0
     search_max: int = 100
     newton_max: int = 40

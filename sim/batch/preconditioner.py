@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
+import warp as wp
 
 from sim.arrays import FloatArray
 from sim.batch.dense import DenseProduct
@@ -18,21 +19,24 @@ class Preconditioner(Protocol):
 
     Attributes:
         row_count: Rows of the vectors it takes; those after the unknowns stay zero.
+        kind: Warp type of what it takes.
+        unit: What it gives must be multiplied with this.
     """
 
     row_count: int
+    kind: Any
+    unit: float
 
     def select(self, which: int) -> None:
         """Take another of the pilot's stiffnesses from now on."""
         ...
 
-    def apply(self, right: Any, out: Any, dots_out: Any) -> None:
-        """Set ``out`` to the inverse times ``right``, and add ``right . out``.
+    def apply(self, right: Any, out: Any) -> None:
+        """Set ``out`` to the inverse times ``right``.
 
         Args:
-            right: Shape [row_count, environment_count], float32.
-            out: The same shape.
-            dots_out: Shape [environment_count], float64.
+            right: Of its own kind, shape [environment_count, row_count].
+            out: Float32, the same shape.
         """
         ...
 
@@ -41,17 +45,34 @@ def preconditioner(pilot: Pilot, device: Device) -> Preconditioner:
     """Return the preconditioner that suits a device."""
     if not device.is_gpu:
         return FactoredStiffness(pilot)
-    pattern = pilot.model.pattern
-    inverses = np.stack([stiffness.inverse(pattern) for stiffness in pilot.stiffnesses])
-    return DenseProduct(inverses, device=device)
+    return InvertedStiffness(pilot, device)
+
+
+class InvertedStiffness:
+    """Dense inverses, for vectors on a GPU."""
+
+    def __init__(self, pilot: Pilot, device: Device) -> None:
+        pattern = pilot.model.pattern
+        inverses = np.stack([stiffness.inverse(pattern) for stiffness in pilot.stiffnesses])
+        self._product = DenseProduct(inverses, device=device)
+        self.row_count, self.unit = self._product.row_count, self._product.unit
+        self.kind = wp.float16
+
+    def select(self, which: int) -> None:
+        """Take another of the pilot's stiffnesses from now on."""
+        self._product.select(which)
+
+    def apply(self, right: Any, out: Any) -> None:
+        """Set ``out`` to the inverse times ``right``, over ``unit``."""
+        self._product.apply(right, out)
 
 
 class FactoredStiffness:
     """Sparse factors, for vectors on the CPU."""
 
     def __init__(self, pilot: Pilot) -> None:
-        self._count = pilot.model.pattern.dof_count
-        self.row_count = self._count + pilot.is_pushed
+        self.row_count = pilot.model.pattern.dof_count + pilot.is_pushed
+        self.kind, self.unit = wp.float32, 1.0
         self._factors = [_Factor(pilot, stiffness) for stiffness in pilot.stiffnesses]
         self._which = 0
 
@@ -59,15 +80,13 @@ class FactoredStiffness:
         """Take another of the pilot's stiffnesses from now on."""
         self._which = which
 
-    def apply(self, right: Any, out: Any, dots_out: Any) -> None:
-        """Set ``out`` to the inverse times ``right``, and add ``right . out``."""
-        given, found, dots = right.numpy(), out.numpy(), dots_out.numpy()
-        for column in range(given.shape[1]):
-            vector = given[:, column].astype(np.float64)
-            # An environment that searches nothing has no residual.
-            if vector.any():
-                found[:, column] = solution = self._factors[self._which].solve(vector)
-                dots[column] += vector @ solution
+    def apply(self, right: Any, out: Any) -> None:
+        """Set ``out`` to the inverse times ``right``."""
+        factor, count = self._factors[self._which], self.row_count
+        for given, found in zip(right.numpy(), out.numpy(), strict=True):
+            # An environment that searches nothing asks for nothing.
+            if given.any():
+                found[:count] = factor.solve(given[:count].astype(np.float64))
 
 
 class _Factor:

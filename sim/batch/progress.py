@@ -63,8 +63,10 @@ class Progress:
         first_scaled: The latter.
         act: What an environment does after an evaluation.
         length: Of the step along the direction, while conjugate gradients advance.
-        turn: What ``turn`` does.
-        ratio: Of the new direction, the old one's share.
+        norm: Of the last forces [N].
+        vertical: Sum of the last forces along z [N].
+        push: Force on the indenter, modelled part [N].
+        gap: The smallest [m].
         changed: 1 where the preconditioner has changed: a search's directions then begin anew.
         spent: Evaluations so far.
     """
@@ -81,8 +83,10 @@ class Progress:
     first_scaled: wp.array(dtype=wp.float64)
     act: wp.array(dtype=wp.int32)
     length: wp.array(dtype=wp.float64)
-    turn: wp.array(dtype=wp.int32)
-    ratio: wp.array(dtype=wp.float64)
+    norm: wp.array(dtype=wp.float64)
+    vertical: wp.array(dtype=wp.float64)
+    push: wp.array(dtype=wp.vec3d)
+    gap: wp.array(dtype=wp.float64)
     changed: wp.array(dtype=wp.int32)
     spent: wp.array(dtype=wp.int32)
 
@@ -90,9 +94,11 @@ class Progress:
 def new_progress(count: int, device: Device) -> Any:
     """Return the arrays for so many environments."""
     progress = Progress()
-    names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act", "turn")
+    names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act")
     for name in (*names, "changed", "spent"):
         setattr(progress, name, device.zeros(count, wp.int32))
-    for name in ("length", "fraction", "slope", "scaled", "first_scaled", "ratio"):
+    names = ("length", "fraction", "slope", "scaled", "first_scaled")
+    for name in (*names, "norm", "vertical", "gap"):
         setattr(progress, name, device.zeros(count, wp.float64))
+    progress.push = device.zeros(count, wp.vec3d)
     return progress

@@ -3,37 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
 
-from sim.batch.contact_kernel import batch_contact, batch_surface, touchable
-from sim.batch.control_kernels import (
-    PRECONDITIONED,
-    SUM_COUNT,
-    begin,
-    change_vectors,
-    commit,
-    decide,
-    sum_up,
-    turn,
-)
+from sim.batch.contact_forces import batch_contact, batch_surface, contact_points, touchable
 from sim.batch.courses import extrapolation, touch_point
+from sim.batch.element_forces import batch_gel, new_tangents
 from sim.batch.environment import BatchOptions, Environment
-from sim.batch.force_kernel import batch_gel, force_kernel
+from sim.batch.evaluate_kernel import evaluate_kernel
+from sim.batch.layout import evaluating, searching
+from sim.batch.numbering import numbering
 from sim.batch.phases import EVALUATE, FAILED
 from sim.batch.pilot import Pilot
 from sim.batch.preconditioner import preconditioner
 from sim.batch.progress import iteration_limits, new_progress
+from sim.batch.search_kernel import search_kernel
+from sim.batch.turn_kernel import Found, begin, turn
+from sim.batch.vectors import clear, new_vectors
 from sim.device import Device
 
-# From so many environments on, an element is one thread's instead of its quadrature points.
-_CROWDED = 32
 _FLOOR_SHARE = 1e-9
-_EXACT = ("forces", "trials", "accepted", "before", "long_before")
-_ROUGH = ("steps", "residuals", "preconditioned", "directions")
-_CHANGED = (*_EXACT, "steps", "residuals")
 
 
 class Tick:
@@ -47,10 +37,9 @@ class Tick:
         stretch_end: Frame at which the stretch ends, shape [1].
         progress: Where every environment is.
         depths: Depth of every frame where it is given [m], shape [frame_count, column_count].
-        vectors: Over the unknowns, each of shape [row_count, column_count].
-        push: Force on the indenter, modelled part [N], shape [frame_count, column_count].
-        lifts: Of the indenter where it is pushed [m], the same shape.
-        found: Residual, imbalance and smallest gap [m], each of that shape.
+        vectors: Over the unknowns.
+        lifts: Of the indenter where it is pushed [m], shape [frame_count, column_count].
+        found: What every frame gives.
     """
 
     def __init__(
@@ -65,7 +54,7 @@ class Tick:
         self._pilot, self._environments, self._count = pilot, environments, count
         self._options, self._device = options, device
         self._columns = len(environments)
-        self._row_count = pilot.model.pattern.dof_count + pilot.is_pushed
+        self._aside = wp.Stream(device.name) if device.is_gpu else None
         self._preconditioner = preconditioner(pilot, device)
         self._upload_pad()
         self._upload_courses()
@@ -75,145 +64,116 @@ class Tick:
     def launches(self) -> dict[str, Callable[[], None]]:
         """The launches of a tick in their order, by what they do."""
         return {
-            "forces": self._add_forces,
-            "sums": self._sum_up,
-            "decision": self._decide,
-            "vectors": self._change_vectors,
+            "forces": self._evaluate,
+            "search": self._search,
             "preconditioner": self._precondition,
-            "record": self._commit,
-            "direction": self._turn,
+            "turn": self._turn,
         }
 
     def run(self) -> None:
-        """Launch a tick."""
-        for launch in self.launches.values():
-            launch()
+        """Launch a tick; on a GPU forces and searches, of unlike environments, side by side."""
+        if self._aside is None:
+            self._evaluate()
+            self._search()
+        else:
+            main = wp.get_stream(self._device.name)
+            self._aside.wait_stream(main)
+            with wp.ScopedStream(self._aside, sync_enter=False):
+                self._evaluate()
+            self._search()
+            main.wait_stream(self._aside)
+        self._precondition()
+        self._turn()
 
     def begin(self, which: int, end: int) -> None:
         """Begin a stretch with one of the pilot's stiffnesses, up to a frame."""
         self._preconditioner.select(which)
         self.stretch_end.fill_(end)
-        self._launch(begin, [self.progress, self.stretch_end], [self.busy])
+        self._device.launch(begin, (self._columns,), [self.progress, self.stretch_end], [self.busy])
 
     def reset(self) -> None:
         """Put every environment back to the untouched gel."""
-        progress = self.progress
+        progress, found = self.progress, self.found
+        clear(self.vectors)
         for array in (
-            *self.vectors.values(),
-            *(self._sums, self._push, self.lifts),
+            *(self.sources, self.lifts, progress.gap),
             *(progress.frame, progress.newton, progress.trying, progress.spent),
             *(progress.halvings, progress.searches),
         ):
             array.zero_()
-        for array in self.found:
+        for array in (found.residual, found.imbalance, found.gap):
             array.fill_(float("nan"))
-        self.push.fill_(wp.vec3d(float("nan"), float("nan"), float("nan")))
-        self._gaps.fill_(1.0)
+        found.push.fill_(wp.vec3d(float("nan"), float("nan"), float("nan")))
         self._tips.assign(self._first_tips)
         phases = np.full(self._columns, EVALUATE, dtype=np.int32)
         phases[self._count :] = FAILED
         progress.phase.assign(phases)
 
-    def _launch(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> None:
-        self._device.launch(kernel, (self._columns,), inputs, outputs)
-
-    def _add_forces(self) -> None:
-        vectors, progress = self.vectors, self.progress
-        self._device.launch(
-            self._force_kernel,
-            (self._force_threads, self._columns),
+    def _evaluate(self) -> None:
+        self._device.launch_blocks(
+            self._evaluate_kernel,
+            self._columns,
             [
-                *self._force_inputs,
-                progress.phase,
-                progress.frame,
-                self._tips,
-                vectors["trials"],
-                vectors["directions"],
+                *(self._limits, self._gel, self._surface, self._contact_settings),
+                *(self._evaluate_gathering, self._shares, self._loads, self._tips),
             ],
-            [self._touching, vectors["forces"], self._push, self._gaps],
+            [
+                *(self.progress, self.vectors, self._contact, self._tangents),
+                *(self.sources, self.lifts, self.busy),
+            ],
+            threads=self._evaluating.threads,
         )
 
-    def _sum_up(self) -> None:
-        vectors = self.vectors
-        self._device.launch(
-            sum_up,
-            (self._parts, self._columns),
-            [
-                self._row_count,
-                self._parts,
-                self._vertical,
-                self.progress,
-                vectors["forces"],
-                vectors["steps"],
-                vectors["directions"],
-            ],
-            [self._sums, self.busy],
-        )
-
-    def _decide(self) -> None:
-        self._launch(decide, [self._limits, self._sums, self._push], [self.progress])
-
-    def _change_vectors(self) -> None:
-        self._device.launch(
-            change_vectors,
-            (self._row_count, self._columns),
-            [self.progress, self._shares, self._tip_row, self.vectors["directions"]],
-            [*(self.vectors[name] for name in _CHANGED), self.lifts],
+    def _search(self) -> None:
+        self._device.launch_blocks(
+            self._search_kernel,
+            self._columns,
+            [self._gel, self._surface, self._search_gathering, self._tangents],
+            [self.progress, self.vectors, self._contact, self.sources],
+            threads=self._searching.threads,
         )
 
     def _precondition(self) -> None:
-        vectors = self.vectors
-        self._preconditioner.apply(
-            vectors["residuals"], vectors["preconditioned"], self._sums[PRECONDITIONED]
-        )
-
-    def _commit(self) -> None:
-        inputs = [self._limits, self.depths, self._touch, self.stretch_end, self.progress]
-        inputs += [self._sums, self._push, self._gaps]
-        self._launch(commit, inputs, [self._tips, self.busy, self.push, *self.found])
+        self._preconditioner.apply(self.sources, self.vectors.preconditioned)
 
     def _turn(self) -> None:
-        vectors = self.vectors
-        self._device.launch(
+        self._device.launch_blocks(
             turn,
-            (self._row_count, self._columns),
-            [self.progress, vectors["preconditioned"], vectors["accepted"], vectors["steps"]],
-            [vectors["directions"], vectors["trials"]],
+            self._columns,
+            [
+                *(self._limits, self._row_count, self._preconditioner.unit),
+                *(self.depths, self._touch, self.stretch_end),
+            ],
+            [
+                *(self.progress, self.vectors, self._tips, self.found, self.busy),
+            ],
+            threads=self._searching.threads,
         )
 
     def _upload_pad(self) -> None:
-        model, device = self._pilot.model, self._device
+        pilot, device = self._pilot, self._device
+        model, filled = pilot.model, self._environments
         pad = model.discretisation
-        rows = np.full(3 * len(model.nodes), -1, dtype=np.int32)
-        rows[model.pattern.free_dofs] = np.arange(model.pattern.dof_count, dtype=np.int32)
-        device_rows = device.array(rows.reshape(-1, 3), wp.int32)
-        vertical = np.append(model.pattern.free_dofs % 3 == 2, [False] * self._pilot.is_pushed)
-        self._vertical = device.array(vertical, wp.int32)
-        self._tip_row = model.pattern.dof_count if self._pilot.is_pushed else -1
-        filled = self._environments
-        constants = np.array([model.law.parameters(e.young_pa, e.poisson) for e in filled])
-        alone = not device.is_gpu or self._columns >= _CROWDED
-        shares = 1 if alone else len(pad.reference.weights)
-        self._force_kernel = force_kernel(model.law, pad.reference.node_count)
-        centres = np.array([np.add(self._pilot.centre_m, e.offset_m) for e in filled])
-        kept = touchable(pad, self._pilot.indenter, np.unique(centres, axis=0))
-        contact_points = int(kept.sum()) * len(pad.reference.face_weights)
-        self._touching = device.zeros((contact_points, self._columns), wp.int32)
-        self._force_threads = contact_points + len(pad.elements) * shares
-        self._force_inputs = [
-            batch_gel(pad, device_rows, constants, shares=shares, device=device),
-            batch_surface(
-                pad,
-                device_rows,
-                self._pilot.indenter,
-                kept=kept,
-                tip_row=self._tip_row,
-                device=device,
-            ),
-            batch_contact(model.contact_options, extension=self._options.extension),
-            device.array([e.young_pa for e in filled], wp.float64),
-            device.array(np.stack([e.rotation for e in filled]), wp.mat33d),
-        ]
+        centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in filled])
+        kept = touchable(pad, pilot.indenter, np.unique(centres, axis=0))
+        numbered = numbering(pilot)
+        self._row_count = numbered.row_count
+        self._evaluating = evaluating(self._columns, self._row_count)
+        self._searching = searching(self._columns, self._row_count)
+        self._evaluate_gathering, self._search_gathering = (
+            numbered.gathering(pad.elements, pad.faces[kept], chunk=layout.chunk, device=device)
+            for layout in (self._evaluating, self._searching)
+        )
+        self._gel = batch_gel(pad, numbered, model.law, filled, device)
+        self._tangents = new_tangents(self._columns, self._gel, device)
+        self._surface = batch_surface(pad, numbered, pilot, filled, kept=kept, device=device)
+        self._contact = contact_points(self._columns, self._surface, device)
+        self._contact_settings = batch_contact(
+            model.contact_options, extension=self._options.extension
+        )
+        order = pad.reference.order
+        self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)
+        self._search_kernel = search_kernel(order, self._searching)
 
     def _upload_courses(self) -> None:
         pilot, device = self._pilot, self._device
@@ -224,7 +184,7 @@ class Tick:
         depths = np.zeros_like(courses) if pilot.is_pushed else courses
         loads = courses if pilot.is_pushed else np.zeros_like(courses)
         self.depths = device.array(depths, wp.float64)
-        self._force_inputs.append(device.array(loads, wp.float64))
+        self._loads = device.array(loads, wp.float64)
         self._first_tips = np.array([touch_point(pilot, e) for e in self._environments])
         self._touch = device.array(self._first_tips, wp.vec3d)
         self._first_tips[:, 2] -= depths[0]
@@ -233,17 +193,16 @@ class Tick:
         device, columns, model = self._device, self._columns, self._pilot.model
         floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._limits = iteration_limits(self._options, floor_n=floor_n)
-        self._parts = 256 if columns <= 64 else (64 if columns <= 256 else 32)
-        size = (self._preconditioner.row_count, columns)
-        self.vectors = {name: device.zeros(size, wp.float64) for name in _EXACT}
-        self.vectors |= {name: device.zeros(size, wp.float32) for name in _ROUGH}
-        self._sums = device.zeros((SUM_COUNT, columns), wp.float64)
+        # A row more than there are unknowns stays zero, for what is fixed.
+        rows = max(self._preconditioner.row_count, self._row_count + 1)
+        self.vectors = new_vectors(columns, rows, device)
+        self.sources = device.zeros((columns, rows), self._preconditioner.kind)
         self.progress = new_progress(columns, device)
-        self._tips, self._push = (device.zeros(columns, wp.vec3d) for _ in range(2))
-        self._gaps = device.zeros(columns, wp.float64)
+        self._tips = device.zeros(columns, wp.vec3d)
         self.busy, self.stretch_end = (device.zeros(1, wp.int32) for _ in range(2))
         shape = (len(self._environments[0].course), columns)
-        self.push = device.zeros(shape, wp.vec3d)
         self.lifts = device.zeros(shape, wp.float64)
-        # Residual, imbalance and gap, as ``commit`` takes them.
-        self.found = [device.zeros(shape, wp.float64) for _ in range(3)]
+        self.found = Found()
+        self.found.push = device.zeros(shape, wp.vec3d)
+        for name in ("residual", "imbalance", "gap"):
+            setattr(self.found, name, device.zeros(shape, wp.float64))

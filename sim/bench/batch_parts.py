@@ -12,9 +12,8 @@ from sim.batch.batch import Batch
 from sim.batch.phases import ADVANCE_SEARCH, EVALUATE, SEARCH, START
 
 _REPEATS = 50
-_NEW_DIRECTION = 1
 # Any but zero, which would be no work on the CPU.
-_RESIDUAL_N = 1e-3
+_SOURCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,8 +40,7 @@ def batch_parts(batch: Batch, *, repeats: int = _REPEATS) -> list[BatchPartsRow]
             progress = batch.tick.progress
             progress.phase.fill_(phase)
             progress.act.fill_(act)
-            progress.turn.fill_(_NEW_DIRECTION)
-            batch.tick.vectors["residuals"].fill_(_RESIDUAL_N)
+            batch.tick.sources.fill_(_SOURCE)
             parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
         rows.append(BatchPartsRow(environments=len(batch.environments), doing=doing, parts_s=parts))
     batch.tick.reset()

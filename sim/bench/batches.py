@@ -14,12 +14,14 @@ from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
 from sim.bench.batch_parts import BatchPartsRow, batch_parts
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
-from sim.scene import Scene, Target
+from sim.press import press
+from sim.scene import Preset, Scene, Target
 
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
 BALANCE = 1e-5
-_PILOTS = 16
+# Two for every frame: one is at each frame's depth, for which the first environment is made.
+_PILOTS = 40
 _REPEATS = 3
 # The environments after the first differ by so much in modulus, and are pressed so much less deep.
 _SPREAD = 0.1
@@ -75,21 +77,30 @@ def measure_batches(
     scene: Scene,
     *,
     device: str,
-    exact_n: float,
     counts: Sequence[int] | None = None,
+    exact_n: float | None = None,
 ) -> Iterator[BatchRow]:
     """Press 1 mm deep in 20 frames, in more and more environments.
 
     Args:
         scene: Pad, gel and indenter; gels and depths differ from environment to environment.
-        exact_n: F_z that the first environment's is compared with [N].
         counts: Environments; by default as many as the device is for.
+        exact_n: Force that the first environment's is compared with [N]; None takes
+            ``exact_force``.
     """
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
+    if exact_n is None:
+        exact_n = exact_force(scene)
     pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
     for count in counts:
         yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)
+
+
+def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
+    """Return F_z at the end of the travel by one press of a preset [N]."""
+    deep = replace(scene, target=Target(depth_m=TRAVEL_M), preset=preset)
+    return float(press(deep).force_n[2])
 
 
 def environments(scene: Scene, count: int) -> list[Environment]:

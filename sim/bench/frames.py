@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from sim.bench.memory import peak_memory_mib
 from sim.effects import plan_effects
-from sim.press import path_for, press
+from sim.press import path_for
 from sim.scene import Preset, Scene, Target
 from sim.settings import FAST, Setting
 
@@ -56,16 +56,6 @@ class FrameRow:
     def frames_per_s(self) -> float:
         """Frames a second [1/s]."""
         return FRAME_COUNT / self.wall_s
-
-
-def exact_force_n(scene: Scene, preset: Preset) -> float:
-    """Return F_z at the end of the travel [N].
-
-    Raises:
-        ConvergenceError: The gel cannot be pressed that far.
-    """
-    deep = replace(scene, preset=preset, refinement=1.0, target=Target(depth_m=TRAVEL_M))
-    return press(deep).force_n[2]
 
 
 def travels(

@@ -6,10 +6,19 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from sim.bench.batches import ENVIRONMENTS_ON_CPU, BatchRow, batch_device, measure_batches
-from sim.bench.frames import TRAVEL_M, FrameRow, exact_force_n, travels
+from sim.bench.batches import (
+    BALANCE,
+    ENVIRONMENTS_ON_CPU,
+    BatchRow,
+    batch_device,
+    exact_force,
+    measure_batches,
+)
+from sim.bench.frames import TRAVEL_M, FrameRow, travels
 from sim.bench.growth import GrowthRow, growth
+from sim.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
 from sim.bench.phases import PhaseRow, Render, phases
+from sim.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.bench.replays import ImageOf, ReplayRow, measure_replay
 from sim.bench.reuse import ReuseRow, measure_reuse
 from sim.effects import plan_effects
@@ -20,7 +29,6 @@ from sim.scene import Preset, Scene, Target
 PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
-_NO_GPU = "more than {count} environments side by side, which is done on a GPU: there is none here"
 
 Progress = Callable[[str], None]
 
@@ -32,8 +40,21 @@ class Part(StrEnum):
     REUSE = "reuse"
     BATCHES = "batches"
     PHASES = "phases"
+    RENDERING = "rendering"
     REPLAY = "replay"
     GROWTH = "growth"
+
+
+class Peer(StrEnum):
+    """Other engines that can be measured beside the batches."""
+
+    LIBUIPC = "libuipc"
+
+
+_NO_GPU = {
+    Part.BATCHES: f"more than {max(ENVIRONMENTS_ON_CPU)} environments side by side",
+    Part.RENDERING: f"{BATCH} images at once",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +68,9 @@ class Bench:
     frames: tuple[FrameRow, ...] = ()
     reuse: tuple[ReuseRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
+    peers: tuple[PeerRow, ...] = ()
     phases: tuple[PhaseRow, ...] = ()
+    rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
     absent: tuple[str, ...] = ()
@@ -63,6 +86,7 @@ def run_bench(
     parts: Collection[Part] = tuple(Part),
     presets: Sequence[Preset] = PRESETS,
     against: Preset = Preset.ACCURATE,
+    peer: Peer | None = None,
     on_progress: Progress = lambda _text: None,
 ) -> Bench:
     """Measure everything that this machine can.
@@ -76,6 +100,7 @@ def run_bench(
         parts: What to measure.
         presets: For the parts of the work and the replay.
         against: Whose force at the end of the travel is taken for exact.
+        peer: Run the batches' press by this engine too, after the batches.
 
     Raises:
         ConvergenceError: A press does not go through.
@@ -83,9 +108,9 @@ def run_bench(
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
     exact_n = 0.0
-    if {Part.FRAMES, Part.BATCHES} & set(parts):
+    if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
         on_progress(f"F_z with preset {against}")
-        exact_n = exact_force_n(scene, against)
+        exact_n = exact_force(scene, preset=against)
     frames: list[FrameRow] = []
     if Part.FRAMES in parts:
         on_progress("frames")
@@ -105,27 +130,58 @@ def run_bench(
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
             replays.append(measure_replay(scene, preset, forces_n, image_of))
+    batches, peers, absent = _side_by_side(scene, exact_n, parts, peer, on_progress)
+    grown: Sequence[GrowthRow] = ()
+    if Part.GROWTH in parts:
+        on_progress("growth with elements")
+        grown = growth(scene, depth_m=_PHASE_DEPTH_M)
+    rendering: list[RenderingRow] = []
+    if Part.RENDERING in parts:
+        on_progress(f"rendering, batches on {batch_device()}")
+        rendering += measure_rendering(scene)
+    without_gpu = [what for part, what in _NO_GPU.items() if part in parts]
+    if batch_device() == "cpu":
+        absent += [f"{what}, which is done on a GPU: there is none here" for what in without_gpu]
+    return Bench(
+        frames=tuple(frames),
+        reuse=tuple(reuse),
+        batches=tuple(batches),
+        peers=tuple(peers),
+        phases=tuple(phase_rows),
+        rendering=tuple(rendering),
+        replays=tuple(replays),
+        growth=tuple(grown),
+        absent=tuple(absent),
+    )
+
+
+def _side_by_side(
+    scene: Scene,
+    exact_n: float,
+    parts: Collection[Part],
+    peer: Peer | None,
+    on_progress: Progress,
+) -> tuple[list[BatchRow], list[PeerRow], list[str]]:
+    """Measure batches, and the peer after them; return what could not be measured too."""
+    device, absent = batch_device(), []
     batches: list[BatchRow] = []
-    device = batch_device()
+    peers: list[PeerRow] = []
+    without = "" if peer is None else why_no_libuipc(scene, device=device)
+    if without:
+        on_progress(f"not measured: {without}")
+        absent.append(without)
+    has_peer = peer is not None and not without
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
         for row in measure_batches(scene, device=device, exact_n=exact_n):
             on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
             batches.append(row)
-    grown: Sequence[GrowthRow] = ()
-    if Part.GROWTH in parts:
-        on_progress("growth with elements")
-        grown = growth(scene, depth_m=_PHASE_DEPTH_M)
-    short = Part.BATCHES in parts and device == "cpu"
-    return Bench(
-        frames=tuple(frames),
-        reuse=tuple(reuse),
-        batches=tuple(batches),
-        phases=tuple(phase_rows),
-        replays=tuple(replays),
-        growth=tuple(grown),
-        absent=(_NO_GPU.format(count=max(ENVIRONMENTS_ON_CPU)),) if short else (),
-    )
+    if has_peer:
+        on_progress(f"libuipc on {device}")
+        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
+            on_progress(f"  {found.summary}")
+            peers.append(found)
+    return batches, peers, absent
 
 
 def _warm_up(scene: Scene) -> None:

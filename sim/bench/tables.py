@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from sim.bench.batches import BALANCE
 from sim.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.bench.growth import EXPONENT_WANTED, exponent, local_exponents
+from sim.bench.peer.table import peer_section
+from sim.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.bench.suite import Bench
@@ -15,6 +17,8 @@ from sim.verification.section import Section
 # To which times are to grow less than the environments.
 _FEW = 60
 FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
+# Of an image [ms].
+_ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 _TIMES = "none: a time belongs to the machine and what else it does"
 
 
@@ -25,7 +29,9 @@ def sections(found: Bench) -> list[Section]:
         _reuse: found.reuse,
         _batches: found.batches,
         _batch_parts: found.batches,
+        _peers: found.peers,
         _phases: found.phases,
+        _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,
     }
@@ -159,7 +165,7 @@ def _batches(found: Bench) -> Section:
         "is one of the forces, or of the stiffness times a direction; their number is the mean for "
         f"a frame. Set-up, once for all: {rows[0].setup_s:.1f} s."
         + growth
-        + "".join(f" Not measured: {text}." for text in found.absent),
+        + "".join(f" Not measured: {text}." for text in found.absent if "images" not in text),
     )
 
 
@@ -184,6 +190,10 @@ def _batch_parts(found: Bench) -> Section:
         "evaluating forces, or the stiffness along a direction of the search. In a batch each "
         "environment does what it needs, all in the same launches.",
     )
+
+
+def _peers(found: Bench) -> Section:
+    return peer_section(found.batches, found.peers)
 
 
 def _phases(found: Bench) -> Section:
@@ -213,6 +223,51 @@ def _phases(found: Bench) -> Section:
         "Newton matrix of the elements. Contact: gaps, energy, forces and their sum at the nodes. "
         "Solution: one right side. These are done about once a Newton iteration; the stress on the "
         "surface, the height map and the image once a frame.",
+    )
+
+
+def _rendering(found: Bench) -> Section:
+    limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS}
+    first = found.rendering[0]
+    judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
+    return Section(
+        title="Rendering",
+        columns=(
+            "sensor",
+            "renderer",
+            "device",
+            "images",
+            "shadows",
+            "image [ms]",
+            "least [ms]",
+            "apart [levels]",
+            "apart [%]",
+        ),
+        rows=tuple(
+            (
+                row.sensor,
+                row.renderer,
+                row.device,
+                row.image_count,
+                row.lamp_count,
+                row.image_ms,
+                1e3 * row.least_s / row.image_count,
+                row.apart_levels,
+                1e2 * row.apart_share,
+            )
+            for row in found.rendering
+        ),
+        criterion=f"an image alone in {_ONE_MS:g} ms on two cores, one of a batch of {BATCH} on a "
+        f"GPU in {_OF_A_BATCH_MS:g} ms, no value more than one level from the image alone",
+        passed=all(row.image_ms < limits[row.renderer] for row in judged)
+        and all(row.apart_levels <= 1 for row in found.rendering),
+        note="From a height map to bytes, as a replay renders: "
+        f"{first.width_px} x {first.height_px} pixels of {SAMPLES} x {SAMPLES} samples, slopes, a "
+        f"polynomial of {first.term_count} terms, the shadows of as many lamps as the sensor's "
+        f"file asks for, a blur of {BLUR_PX:g} px, rounding. A time is the median over repeats. "
+        "Dents and images of a batch stay on its device; how far its images are apart from those "
+        "rendered one by one is the largest difference, and the share of values that differ."
+        + "".join(f" Not measured: {text}." for text in found.absent if "images" in text),
     )
 
 

@@ -60,13 +60,9 @@ def read_rgb(path: Path) -> ImageArray:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def read_grey(path: Path) -> ImageArray:
-    """Read an image file as grey levels, uint8, shape [height, width].
-
-    Raises:
-        ConfigError: The file is missing or no image.
-    """
-    return np.asarray(cv2.cvtColor(read_rgb(path), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+def grey_levels(image: ImageArray) -> ImageArray:
+    """Return an RGB image as grey levels, uint8, shape [height, width]."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:

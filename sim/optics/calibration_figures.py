@@ -25,8 +25,8 @@ def draw_coverage(
     coverage: SlopeCoverage, circles: Sequence[Circle], scene: PressScene, path: Path
 ) -> None:
     """Draw which tilts were seen by how many presses, and where the contacts lay, as PNG."""
-    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
-    slopes, places = figure.subplots(1, 2)
+    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    slopes, places = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     shown = np.ma.masked_equal(coverage.presses_seen, 0)
     mesh = slopes.pcolormesh(coverage.edges, coverage.edges, shown, cmap="viridis", vmin=0)
     slopes.add_patch(Outline((0, 0), coverage.tilt_limit, fill=False, color="#777777"))
@@ -46,7 +46,7 @@ def draw_coverage(
     places.set(
         xlabel="column [px]",
         ylabel="row [px]",
-        title=f"{len(circles)} contacts on {coverage.image_share:.0%} of the image",
+        title=f"{len(circles)} contacts, {coverage.image_share:.0%} of the image",
     )
     figure.savefig(path, dpi=_DPI)
 

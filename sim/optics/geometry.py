@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,31 +107,3 @@ class CameraGeometry:
         rows, columns = np.mgrid[: self.height, : self.width].astype(np.float64)
         grid = self.to_pad(np.stack([columns, rows], axis=-1))
         return grid[..., 0], grid[..., 1]
-
-
-def crop_and_resize(frame: ImageArray, geometry: CameraGeometry) -> ImageArray:
-    """Cut the borders off a raw frame and bring it to the size that is scored.
-
-    Args:
-        frame: Raw image, shape [raw_height, raw_width] or [raw_height, raw_width, channels].
-        geometry: Size and crop fraction.
-
-    Returns:
-        Image of shape [geometry.height, geometry.width, ...], area-averaged.
-
-    Raises:
-        ConfigError: The crop leaves fewer pixels than the image needs.
-    """
-    raw_height, raw_width = frame.shape[:2]
-    left = math.floor(raw_width * geometry.crop_fraction)
-    top = math.floor(raw_height * geometry.crop_fraction)
-    cropped = frame[top : raw_height - top, left : raw_width - left]
-    if cropped.shape[0] < geometry.height or cropped.shape[1] < geometry.width:
-        raise ConfigError(
-            f"a {raw_width} x {raw_height} px frame cropped by {geometry.crop_fraction:g} at each "
-            f"border is smaller than the {geometry.width} x {geometry.height} px that are scored",
-            remedy="choose a larger camera mode or a smaller image in the sensor's file",
-        )
-    size = (geometry.width, geometry.height)
-    resized = cv2.resize(np.ascontiguousarray(cropped), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(resized, dtype=np.uint8)

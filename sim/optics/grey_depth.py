@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.optics.polynomial import RealArray, polynomial_exponents
+from sim.optics.polynomial import PixelColours, RealArray, polynomial_exponents
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
@@ -44,6 +44,16 @@ class GreyDepthModel:
         del position
         level = np.interp(indentation_m, self.depth_m, self.change).astype(tilt.dtype)
         return np.broadcast_to(level, (3, len(level)))
+
+    def of_pixels(self) -> PixelColours:
+        """Return the mean colour change of pixels' samples."""
+
+        def colours(tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+            samples = indentation_m.shape[0]
+            change = self.evaluate(tilt[0], position, indentation_m.reshape(-1))
+            return np.asarray(change.reshape(3, samples, -1).mean(axis=1))
+
+        return colours
 
 
 def nominal_grey(depth_m: Sequence[float], change: Sequence[float]) -> GreyDepthModel:

@@ -17,7 +17,13 @@ from zipfile import BadZipFile
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.polynomial import RealArray, evaluate_polynomial
+from sim.optics.polynomial import (
+    PixelColours,
+    RealArray,
+    evaluate_polynomial,
+    pixel_means,
+    polynomial_plan,
+)
 from sim.optics.tilt import Float32Array
 from tacauchy_rig.errors import ConfigError
 
@@ -69,6 +75,16 @@ class PhotometricModel:
         depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
         return evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
 
+    def of_pixels(self) -> PixelColours:
+        """Return the mean colour change of pixels' samples, made ready for many images."""
+        plan = polynomial_plan(self.exponents, self.coefficients, np.dtype(np.float32))
+
+        def colours(tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+            depth = np.minimum(indentation_m, np.float32(self.indentation_limit_m))
+            return pixel_means(plan, _bounded(tilt, self.tilt_limit), position, depth)
+
+        return colours
+
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
         np.savez(
@@ -108,24 +124,18 @@ def load_photometric(path: Path) -> PhotometricModel:
         ) from error
 
 
-def normalised_positions(height: int, width: int, *, samples: int = 1) -> Float32Array:
+def normalised_positions(height: int, width: int) -> Float32Array:
     """Return u, v over columns and rows, -1 and 1 in the middle of the first and last pixel.
 
     Args:
         height: Rows of the image.
         width: Columns of the image.
-        samples: Into how many samples each pixel is divided both ways.
 
     Returns:
-        Shape [2, height * width * samples^2].
+        Shape [2, height * width].
     """
-    v, u = np.meshgrid(_places(height, samples), _places(width, samples), indexing="ij")
+    v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)
-
-
-def _places(count: int, samples: int) -> FloatArray:
-    beyond = (0.5 - 0.5 / samples) * 2.0 / max(count - 1, 1)
-    return np.linspace(-1.0 - beyond, 1.0 + beyond, count * samples)
 
 
 def _bounded(tilt: RealArray, limit: float) -> RealArray:

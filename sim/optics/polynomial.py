@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 
 RealArray = NDArray[np.floating]
+# Tilt [2, sample_count, pixel_count], position of the pixels [2, pixel_count] and indentation [m]
+# [sample_count, pixel_count] to the mean change of red, green and blue [3, pixel_count].
+PixelColours = Callable[[RealArray, RealArray, RealArray], RealArray]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
 _ROWS = 8  # taller products of this kind take twice as long a row
@@ -50,19 +54,12 @@ def monomials(
 ) -> RealArray:
     """Return the terms' values, shape [term_count, point_count]; arguments as in ``evaluate``."""
     depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
-    powers = [
-        _powers(variable, int(exponents[:, i].max(initial=0)))
-        for i, variable in enumerate((*tilt, *position, depth))
-    ]
+    powers = _all_powers((*tilt, *position, depth), exponents)
     features = np.empty((len(exponents), tilt.shape[1]), dtype=tilt.dtype)
     for row, term in zip(features, exponents.tolist(), strict=True):
-        factors = [powers[i][power] for i, power in enumerate(term) if power]
-        if len(factors) < 2:
-            row[...] = factors[0] if factors else 1.0
-            continue
-        np.multiply(factors[0], factors[1], out=row)
-        for factor in factors[2:]:
-            row *= factor
+        product = _product(powers, term, row)
+        if product is not row:
+            row[...] = product
     return features
 
 
@@ -85,7 +82,7 @@ def evaluate_polynomial(
     Returns:
         Shape [3, point_count], in the precision of ``tilt``.
     """
-    plan = _plan(exponents, coefficients, tilt.dtype)
+    plan = polynomial_plan(exponents, coefficients, tilt.dtype)
     values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
     for start in range(0, tilt.shape[1], _BAND):
         band = slice(start, start + _BAND)
@@ -94,33 +91,79 @@ def evaluate_polynomial(
 
 
 @dataclass(frozen=True, slots=True)
-class _Plan:
-    """Terms sorted by their power of place: weights [place_count * 3, surface_term_count]."""
+class PolynomialPlan:
+    """Terms sorted by their power of place.
+
+    Attributes:
+        surface: Exponents without place, shape [surface_term_count, 5].
+        places: Exponents of place.
+        weights: Of each place's red, green and blue, shape [place_count * 3, surface_term_count].
+    """
 
     surface: IntArray
     places: list[tuple[int, int]]
     weights: RealArray
 
 
-def _plan(exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]) -> _Plan:
+def polynomial_plan(
+    exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]
+) -> PolynomialPlan:
+    """Sort a polynomial's terms; arguments as in ``evaluate_polynomial``."""
     surface, surface_of = np.unique(exponents[:, [0, 1, 4]], axis=0, return_inverse=True)
     places, place_of = np.unique(exponents[:, [2, 3]], axis=0, return_inverse=True)
     weights = np.zeros((len(places), 3, len(surface)), dtype=dtype)
     weights[place_of, :, surface_of] = coefficients
     level = np.zeros((len(surface), 5), dtype=np.int32)
     level[:, [0, 1, 4]] = surface
-    return _Plan(level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface)))
+    return PolynomialPlan(
+        level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface))
+    )
+
+
+def pixel_means(
+    plan: PolynomialPlan, tilt: RealArray, position: RealArray, indentation_m: RealArray
+) -> RealArray:
+    """Return the polynomials' means over the samples of pixels, each seen from its pixel's place.
+
+    Args:
+        plan: Terms, in the precision of ``tilt``.
+        tilt: Shape [2, sample_count, pixel_count].
+        position: Of the pixels, shape [2, pixel_count].
+        indentation_m: Shape [sample_count, pixel_count].
+
+    Returns:
+        Shape [3, pixel_count].
+    """
+    samples, pixels = indentation_m.shape
+    depth = indentation_m.reshape(-1) / tilt.dtype.type(INDENTATION_UNIT_M)
+    surface = plan.surface[:, [0, 1, 4]]
+    powers = _all_powers((*tilt.reshape(2, -1), depth), surface)
+    features = np.empty((len(surface), pixels), dtype=tilt.dtype)
+    scratch = np.empty(samples * pixels, dtype=tilt.dtype)
+    for row, term in zip(features, surface.tolist(), strict=True):
+        product = _product(powers, term, scratch)
+        np.add.reduce(product.reshape(samples, pixels), axis=0, out=row)
+    features *= tilt.dtype.type(1.0 / samples)
+    means = np.empty((3, pixels), dtype=tilt.dtype)
+    _sum_places(plan, features, position, means)
+    return means
 
 
 def _sum_terms(
-    plan: _Plan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
+    plan: PolynomialPlan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
 ) -> None:
-    """Sum place monomial x (weights @ surface monomials) over one band of pixels.
+    """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
+    _sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
+
+
+def _sum_places(
+    plan: PolynomialPlan, features: RealArray, position: RealArray, out: RealArray
+) -> None:
+    """Sum place monomial x (weights @ features).
 
     Places are summed from the highest power down, each once multiplied by what it has more than
     the place it falls back to.
     """
-    features = monomials(tilt, position, depth, plan.surface)
     parts = np.empty((len(plan.weights), features.shape[1]), dtype=features.dtype)
     for row in range(0, len(parts), _ROWS):
         np.matmul(plan.weights[row : row + _ROWS], features, out=parts[row : row + _ROWS])
@@ -137,8 +180,30 @@ def _sum_terms(
     out[...] = by_place[0, 0]
 
 
+def _product(powers: list[list[RealArray]], term: list[int], scratch: RealArray) -> RealArray:
+    """Return a term's value, in ``scratch`` unless it is one of the powers."""
+    factors = [powers[i][power] for i, power in enumerate(term) if power]
+    if len(factors) == 1:
+        return factors[0]
+    if not factors:
+        scratch[...] = 1.0
+        return scratch
+    np.multiply(factors[0], factors[1], out=scratch)
+    for factor in factors[2:]:
+        scratch *= factor
+    return scratch
+
+
+def _all_powers(variables: Iterable[RealArray], exponents: IntArray) -> list[list[RealArray]]:
+    """Return the powers of each variable up to the highest that its column asks for."""
+    return [
+        _powers(variable, int(exponents[:, column].max(initial=0)))
+        for column, variable in enumerate(variables)
+    ]
+
+
 def _powers(variable: RealArray, degree: int) -> list[RealArray]:
-    powers = [np.ones_like(variable)]
-    for _ in range(degree):
+    powers = [variable, variable]  # the first is asked for by no product
+    for _ in range(degree - 1):
         powers.append(powers[-1] * variable)
     return powers

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.optics.gaussian import gaussian_weights, inner_blurred
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.photometric import normalised_positions
-from sim.optics.polynomial import RealArray
+from sim.optics.polynomial import PixelColours, RealArray
 from sim.optics.shadow import ShadowCaster
-from sim.optics.tilt import surface_tilt
+from sim.optics.tilt import Float32Array, surface_tilt
 from tacauchy_rig.errors import ConfigError
+
+# So much of every array stays in the cache together.
+_BAND_SAMPLES = 25_600
+_THREADS = 2
+# Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
+_LEVEL_TILT = 0.01
 
 
 class ColourModel(Protocol):
@@ -21,6 +28,10 @@ class ColourModel(Protocol):
 
     def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
         """Return red, green, blue [grey levels], [3, n], from [2, n], [2, n] and [n]."""
+        ...
+
+    def of_pixels(self) -> PixelColours:
+        """Return the mean of pixels' samples, made ready for many images."""
         ...
 
 
@@ -58,54 +69,105 @@ class TactileRenderer:
     ) -> None:
         self._geometry = geometry
         self._fine = geometry.refined(samples)
-        self._samples, self._blur_px = samples, blur_px
+        self._samples, self._weights = samples, gaussian_weights(blur_px)
         self._shadows = shadows
-        self._model = model
+        self._colours = model.of_pixels()
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
-        self._position = normalised_positions(geometry.height, geometry.width, samples=samples)
+        self._position = normalised_positions(geometry.height, geometry.width)
         _check_shape(
             "unloaded height map", rest_height.shape, (self._fine.height, self._fine.width)
         )
         self._rest_height = rest_height
-        levels = background.astype(np.float32).reshape(-1, 3).T
-        self._base = levels - self._colour(rest_height)
+        band = max(1, _BAND_SAMPLES // (samples**2 * geometry.width))
+        self._bands = [
+            slice(start, min(start + band, geometry.height))
+            for start in range(0, geometry.height, band)
+        ]
+        self._base = background.astype(np.float32).transpose(2, 0, 1)
+        with ThreadPoolExecutor(_THREADS) as threads:
+            change = self._change(rest_height, threads)
+            inner = inner_blurred(change, self._weights)
+        self._base = self._base - inner
 
     @property
-    def base(self) -> RealArray:
-        """No-contact frame less the unloaded gel's colour [grey levels], shape [3, pixel_count]."""
+    def base(self) -> Float32Array:
+        """No-contact frame less the unloaded gel's colour [grey levels], [3, height, width]."""
         return self._base
 
     def render(self, height: NDArray[np.floating]) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
-        levels = self._base + self._colour(height)
+        image = np.empty((self._geometry.height, self._geometry.width, 3), dtype=np.uint8)
+        with ThreadPoolExecutor(_THREADS) as threads:
+            change = self._change(height, threads)
+            list(threads.map(lambda rows: self._expose(rows, change, image), self._bands))
+        return image
+
+    def _change(self, height: NDArray[np.floating], threads: ThreadPoolExecutor) -> Float32Array:
+        """Return the mean change of colour of each pixel's samples, with room for the blur.
+
+        Returns:
+            Shape [3, height + 2 reach, width + 2 reach], mirrored at the border.
+        """
+        rows, columns = self._geometry.height, self._geometry.width
+        change = np.empty((3, rows, columns), dtype=np.float32)
+        surface = np.empty((3, *height.shape), dtype=np.float32)
+        list(threads.map(lambda band: self._colour(band, height, surface, change), self._bands))
+        if self._shadows is not None:
+            change += self._shadows.darkening(
+                surface[2], surface[:2], self._fine, samples=self._samples
+            )
+        reach = len(self._weights) // 2
+        return np.pad(change, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
+
+    def _colour(
+        self,
+        rows: slice,
+        height: NDArray[np.floating],
+        surface: Float32Array,
+        change: Float32Array,
+    ) -> None:
+        """Fill in tilt, indentation and colour of a band of pixels."""
+        samples, columns = self._samples, self._geometry.width
+        count = rows.stop - rows.start
+        fine = slice(rows.start * samples, rows.stop * samples)
+        above = max(fine.start - 1, 0)
+        tilt = surface_tilt(height[above : fine.stop + 1], self._fine)
+        surface[:2, fine] = tilt[:, fine.start - above :][:, : count * samples]
+        surface[2, fine] = self._rest_height[fine] - height[fine]
+        split = surface[:, fine].reshape(3, count, samples, columns, samples)
+        planes = np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
+        planes = planes.reshape(3, samples**2, count * columns)
+        place = self._position[:, rows.start * columns : rows.stop * columns]
+        change[:, rows] = self._mean_colour(planes, place).reshape(3, count, columns)
+
+    def _mean_colour(self, planes: Float32Array, place: Float32Array) -> RealArray:
+        """Return the mean change of colour of pixels, shape [3, pixel_count].
+
+        Args:
+            planes: Tilt and indentation, shape [3, sample_count, pixel_count].
+            place: Shape [2, pixel_count].
+        """
+        count = planes.shape[1]
+        middle = np.add.reduce(planes, axis=1, keepdims=True)
+        middle *= np.float32(1.0 / count)
+        found = self._colours(middle[:2], place, middle[2])
+        if count > 1:
+            apart = np.abs(planes[:2] - middle[:2]).reshape(2 * count, -1)
+            bent = np.flatnonzero(np.maximum.reduce(apart, axis=0) > _LEVEL_TILT)
+            if len(bent):
+                samples = planes[:, :, bent]
+                found[:, bent] = self._colours(samples[:2], place[:, bent], samples[2])
+        return found
+
+    def _expose(self, rows: slice, change: Float32Array, image: ImageArray) -> None:
+        """Blur a band of pixels, add what does not change, and round."""
+        reach = len(self._weights) // 2
+        levels = inner_blurred(change[:, rows.start : rows.stop + 2 * reach], self._weights)
+        levels += self._base[:, rows]
         levels += np.float32(0.5)
         np.clip(levels, 0.0, 255.0, out=levels)
-        shape = (self._geometry.height, self._geometry.width, 3)
-        return np.ascontiguousarray(levels.T.astype(np.uint8).reshape(shape))
-
-    def _colour(self, height: NDArray[np.floating]) -> RealArray:
-        tilt = surface_tilt(height, self._fine).reshape(2, -1)
-        indentation = (self._rest_height - height).astype(np.float32).ravel()
-        change = self._model.evaluate(tilt, self._position, indentation)
-        if self._shadows is not None:
-            shape = self._rest_height.shape
-            taken = self._shadows.darkening(
-                indentation.reshape(shape), tilt.reshape(2, *shape), self._fine
-            )
-            change = np.asarray(change + taken.reshape(3, -1))
-        return self._gathered(change)
-
-    def _gathered(self, change: RealArray) -> RealArray:
-        """Average the samples of each pixel and blur, shape [3, pixel_count]."""
-        height, width = self._geometry.height, self._geometry.width
-        if self._samples > 1:
-            split = change.reshape(3, height, self._samples, width, self._samples)
-            change = split.mean(axis=(2, 4))
-        if self._blur_px > 0.0:
-            planes = change.reshape(3, height, width)
-            change = np.stack([cv2.GaussianBlur(p, (0, 0), self._blur_px) for p in planes])
-        return np.asarray(change.reshape(3, -1))
+        image[rows] = levels.transpose(1, 2, 0)
 
 
 def render_tactile_image(
@@ -135,5 +197,5 @@ def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -
     if shape != expected:
         raise ConfigError(
             f"{name} has the shape {shape}, the sensor's camera {expected}",
-            remedy="crop and resize frames with crop_and_resize, and use one geometry throughout",
+            remedy="bring frames to the sensor's size, and use one geometry throughout",
         )

@@ -2,17 +2,41 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.optics.gaussian import gaussian_weights
 from sim.optics.geometry import CameraGeometry, ImageArray
+from sim.optics.horizon import Sweep, sweep_places, sweep_towards
+from sim.optics.nominal import Lamp
 from sim.optics.photometric import PhotometricModel
+from sim.optics.polynomial import polynomial_plan
 from sim.optics.render import TactileRenderer
-from sim.optics.render_kernel import MOST_POWERS, Term, render_images
+from sim.optics.render_kernel import (
+    MOST_POWERS,
+    SurfaceTerm,
+    blur_across,
+    colour_pixels,
+    darken_pixels,
+    expose_pixels,
+    sweep_rays,
+)
+from sim.optics.shadow import ShadowCaster, rise_in_a_step_m
 from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class _LampOnDevice:
+    """A lamp's sweep, and what its two kernels take of it."""
+
+    sweep: Sweep
+    rays: list[Any]
+    light: list[Any]
 
 
 class BatchRenderer:
@@ -20,9 +44,12 @@ class BatchRenderer:
 
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
-        rest_height: Height map of the unloaded gel [m], shape [height, width].
+        rest_height: Height map of the unloaded gel [m], of ``geometry.refined(samples)``.
         model: Colour of a surface.
         geometry: Pixels.
+        shadows: Lamps that the dent hides; None where the sensor shows no shadows.
+        samples: Into how many samples each pixel is divided both ways.
+        blur_px: Standard deviation of the camera's blur [px].
         device: Warp's name of the device, such as ``cuda:0``; None takes its default.
 
     Raises:
@@ -36,6 +63,9 @@ class BatchRenderer:
         model: PhotometricModel,
         geometry: CameraGeometry,
         *,
+        shadows: ShadowCaster | None = None,
+        samples: int = 1,
+        blur_px: float = 0.0,
         device: str | None = None,
     ) -> None:
         if int(model.exponents.max(initial=0)) >= MOST_POWERS:
@@ -43,39 +73,92 @@ class BatchRenderer:
                 f"a model of degree {model.exponents.max()} is too high for batches",
                 remedy=f"fit one of degree {MOST_POWERS - 1} at most",
             )
-        single = TactileRenderer(background, rest_height, model, geometry)
-        relative = rest_height - rest_height.flat[0]
-        base = single.base.T.reshape(*rest_height.shape, 3)
+        single = TactileRenderer(
+            background,
+            rest_height,
+            model,
+            geometry,
+            shadows=shadows,
+            samples=samples,
+            blur_px=blur_px,
+        )
+        fine = geometry.refined(samples)
         self._device = device
-        self._shape = rest_height.shape
-        self._inputs: list[Any] = [
-            self._array(model.exponents.astype(np.int32), Term),
-            self._array(model.coefficients.astype(np.float32), wp.vec3f),
-            float(model.tilt_limit),
-            float(min(model.indentation_limit_m, 1e3)),
-            wp.vec2f(geometry.scale_x_m, geometry.scale_y_m),
-            self._array(relative.astype(np.float32), wp.float32),
-            self._array(np.ascontiguousarray(base, dtype=np.float32), wp.vec3f),
+        self._pixels = (geometry.height, geometry.width)
+        relative = self._array((rest_height - rest_height.flat[0]).astype(np.float32), wp.float32)
+        self._surface: list[Any] = [
+            wp.vec2f(fine.scale_x_m, fine.scale_y_m),
+            samples,
+            relative,
         ]
+        self._colours = [*self._polynomial(model), *self._surface]
+        weights = self._array(gaussian_weights(blur_px), wp.float32)
+        base = single.base.transpose(1, 2, 0)
+        self._across = [weights]
+        self._exposure = [weights, self._array(base.astype(np.float32), wp.vec3f)]
+        self._lamps: list[_LampOnDevice] = []
+        if shadows is not None:
+            self._lamps = [self._lamp(lamp, shadows.softness_m, fine) for lamp in shadows.lamps]
 
     def render(self, indentation_m: Any) -> Any:
         """Return the images as a Warp array of uint8, shape [batch, height, width, 3].
 
         Args:
             indentation_m: Unloaded minus loaded height [m], a Warp float32 array on the renderer's
-                device or a NumPy array, shape [batch, height, width].
+                device or a NumPy array, shape [batch, height, width], of the samples.
         """
-        if isinstance(indentation_m, np.ndarray):
-            indentation_m = self._array(indentation_m.astype(np.float32), wp.float32)
-        images = wp.empty((*indentation_m.shape, 3), dtype=wp.uint8, device=self._device)
-        wp.launch(
-            render_images,
-            dim=indentation_m.shape,
-            inputs=[*self._inputs, indentation_m],
-            outputs=[images],
-            device=self._device,
-        )
+        dent = indentation_m
+        if isinstance(dent, np.ndarray):
+            dent = self._array(dent.astype(np.float32), wp.float32)
+        shape = (dent.shape[0], *self._pixels)
+        change, blurred = (wp.empty(shape, dtype=wp.vec3f, device=self._device) for _ in range(2))
+        images = wp.empty((*shape, 3), dtype=wp.uint8, device=self._device)
+        self._launch(colour_pixels, shape, [*self._colours, dent], change)
+        for lamp in self._lamps:
+            rays = (shape[0], lamp.sweep.step_count, lamp.sweep.ray_count)
+            highest = wp.empty(rays, dtype=wp.float32, device=self._device)
+            self._launch(sweep_rays, rays[::2], [*lamp.rays, dent], highest)
+            inputs = [*lamp.rays, *lamp.light, *self._surface, dent, highest]
+            self._launch(darken_pixels, shape, inputs, change)
+        self._launch(blur_across, shape, [*self._across, change], blurred)
+        self._launch(expose_pixels, shape, [*self._exposure, blurred], images)
         return images
+
+    def _polynomial(self, model: PhotometricModel) -> list[Any]:
+        plan = polynomial_plan(model.exponents, model.coefficients, np.dtype(np.float32))
+        places, surfaces = len(plan.places), len(plan.surface)
+        weights = plan.weights.reshape(places, 3, surfaces).transpose(0, 2, 1)
+        return [
+            self._array(plan.surface[:, [0, 1, 4]].astype(np.int32), SurfaceTerm),
+            self._array(np.array(plan.places, dtype=np.int32), wp.vec2i),
+            self._array(weights.astype(np.float32), wp.vec3f),
+            float(model.tilt_limit),
+            float(min(model.indentation_limit_m, 1e3)),
+        ]
+
+    def _lamp(self, lamp: Lamp, softness_m: float, fine: CameraGeometry) -> _LampOnDevice:
+        sweep = sweep_towards(lamp.azimuth_rad, (fine.height, fine.width))
+        places = sweep_places(sweep, rise_in_a_step_m(lamp, sweep, fine))
+        level = math.cos(lamp.elevation_rad)
+        towards = (
+            level * math.cos(lamp.azimuth_rad),
+            level * math.sin(lamp.azimuth_rad),
+            math.sin(lamp.elevation_rad),
+        )
+        return _LampOnDevice(
+            sweep,
+            [
+                int(sweep.along_columns),
+                int(sweep.forward),
+                self._array(places.whole.astype(np.int32), wp.int32),
+                self._array(places.part, wp.float32),
+                self._array(places.sunk_m, wp.float32),
+            ],
+            [wp.vec3f(*towards), wp.vec3f(*lamp.colour), float(softness_m)],
+        )
 
     def _array(self, values: NDArray[Any], dtype: Any) -> Any:
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
+
+    def _launch(self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], output: Any) -> None:
+        wp.launch(kernel, dim=shape, inputs=inputs, outputs=[output], device=self._device)

@@ -1,10 +1,14 @@
-"""The lamps of a sensor's file, as the renderer wants them."""
+"""The optics of a sensor's file, as the renderer wants them."""
 
 from __future__ import annotations
 
-from sim.optics.nominal import Lamp
+from sim.optics.grey_depth import GreyDepthModel, nominal_grey
+from sim.optics.nominal import Lamp, nominal_photometric
+from sim.optics.photometric import PhotometricModel
 from sim.optics.shadow import ShadowCaster
 from sim.sensor import Sensor
+from sim.sensor_optics import OpticsKind
+from tacauchy_rig.errors import ConfigError
 
 
 def lamps_of(sensor: Sensor) -> list[Lamp]:
@@ -19,3 +23,20 @@ def shadows_of(sensor: Sensor) -> ShadowCaster | None:
     """Return the lamps that cast shadows; None unless the sensor's file asks for shadows."""
     softness = sensor.optics.shadow_softness_m
     return None if softness is None else ShadowCaster(lamps=lamps_of(sensor), softness_m=softness)
+
+
+def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
+    """Return the optics that a sensor's file gives.
+
+    Raises:
+        ConfigError: It gives none.
+    """
+    optics = sensor.optics
+    if optics.kind is OpticsKind.GREY_DEPTH:
+        return nominal_grey(optics.grey_depth_m, optics.grey_change)
+    if not optics.lamps:
+        raise ConfigError(
+            f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
+            remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
+        )
+    return nominal_photometric(lamps_of(sensor))

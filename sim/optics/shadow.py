@@ -1,26 +1,27 @@
 """Shadows that the pressed gel casts on itself, for sensors whose file asks for them.
 
 A lamp at the gel's side grazes it; what bulges towards the camera hides the lamp from the gel
-behind it. Each pixel looks along the lamp's direction for the highest thing above its ray.
+behind it. What counts is the highest thing over each pixel's ray to the lamp.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.optics.geometry import CameraGeometry
+from sim.optics.horizon import Sweep, rise_over, sweep_towards
 from sim.optics.nominal import Lamp
 from sim.optics.tilt import Float32Array
 
+_THREADS = 2
 SHADOWS = "shadows"  # its name in a calibration's provenance
-_STEPS_AT_MOST = 96
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,20 +45,28 @@ class ShadowCaster:
         indentation_m: NDArray[np.floating],
         tilt: Float32Array,
         geometry: CameraGeometry,
+        *,
+        samples: int = 1,
     ) -> Float32Array:
         """Return the light taken away [grey levels, not positive], shape [3, height, width].
 
         Args:
-            indentation_m: Unloaded minus loaded height [m], shape [height, width].
-            tilt: Of the loaded gel, shape [2, height, width].
+            indentation_m: Unloaded minus loaded height [m], of the geometry's size.
+            tilt: Of the loaded gel, shape [2, ...] of the same.
             geometry: Pixels.
+            samples: The mean is taken of so many pixels both ways, to a smaller image.
         """
         bulge = np.asarray(indentation_m, dtype=np.float32)
-        taken = np.zeros((3, *bulge.shape), dtype=np.float32)
-        for lamp in self.lamps:
-            lost = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
-            for channel, level in enumerate(lamp.colour):
-                taken[channel] -= np.float32(level) * lost
+
+        def lost(lamp: Lamp) -> Float32Array:
+            share = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
+            return _mean_of(share, samples)
+
+        taken = np.zeros((3, *(size // samples for size in bulge.shape)), dtype=np.float32)
+        with ThreadPoolExecutor(_THREADS) as threads:
+            for lamp, share in zip(self.lamps, threads.map(lost, self.lamps), strict=True):
+                for channel, level in enumerate(lamp.colour):
+                    taken[channel] -= np.float32(level) * share
         return taken
 
 
@@ -68,6 +77,17 @@ def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
         return None
     lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
     return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))
+
+
+def _mean_of(values: Float32Array, samples: int) -> Float32Array:
+    """Return the mean of every ``samples`` x ``samples`` values."""
+    if samples == 1:
+        return values
+    total = np.zeros([size // samples for size in values.shape], dtype=np.float32)
+    for row in range(samples):
+        for column in range(samples):
+            total += values[row::samples, column::samples]
+    return np.asarray(total * np.float32(1.0 / samples**2))
 
 
 def lost_share(
@@ -95,24 +115,15 @@ def lost_share(
     return np.asarray(hidden * np.maximum(facing, 0.0), dtype=np.float32)
 
 
+def rise_in_a_step_m(lamp: Lamp, sweep: Sweep, geometry: CameraGeometry) -> float:
+    """Return by how much a ray to a lamp rises in a step of a sweep [m]."""
+    return math.tan(lamp.elevation_rad) * geometry.mean_scale_m * sweep.step_px
+
+
 def _hidden(
     bulge: Float32Array, lamp: Lamp, geometry: CameraGeometry, softness_m: float
 ) -> Float32Array:
     """Return how much of the lamp is hidden, 0 to 1, shape [height, width]."""
-    rise = math.tan(lamp.elevation_rad) * geometry.mean_scale_m
-    highest = float(bulge.max())
-    reach = min(math.ceil(highest / max(rise, 1e-12)), max(bulge.shape))
-    step = max(1, math.ceil(reach / _STEPS_AT_MOST))
-    above = np.zeros_like(bulge)
-    size = bulge.shape[::-1]
-    for distance in range(step, reach + 1, step):
-        shift = np.array(
-            [
-                [1.0, 0.0, distance * math.cos(lamp.azimuth_rad)],
-                [0.0, 1.0, distance * math.sin(lamp.azimuth_rad)],
-            ],
-            dtype=np.float32,
-        )
-        towards = cv2.warpAffine(bulge, shift, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        np.maximum(above, towards - bulge - np.float32(distance * rise), out=above)
-    return np.asarray(np.clip(above / np.float32(softness_m), 0.0, 1.0), dtype=np.float32)
+    sweep = sweep_towards(lamp.azimuth_rad, bulge.shape)
+    over = rise_over(bulge, sweep, rise_in_a_step_m(lamp, sweep, geometry))
+    return np.asarray(np.clip(over / np.float32(softness_m), 0.0, 1.0))

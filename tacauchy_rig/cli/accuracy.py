@@ -25,15 +25,15 @@ from sim.accuracy.tables import study_section
 from sim.elements import ElementOrder
 from sim.optics.geometry import ImageArray
 from sim.optics.height_map import HeightMaps
+from sim.optics.nominal_renderer import GREY_LEVEL, NominalRenderer
+from sim.optics.sensor_camera import camera_geometry
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.accuracy_page import PROMISES, study_name, write_page
-from tacauchy_rig.cli.nominal_renderer import GREY_LEVEL, NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
-from tacauchy_rig.cli.views import camera_geometry
 
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 _SEEN = 0.9

@@ -10,19 +10,19 @@ import typer
 
 from reports.figures.bench import Growth, draw_bench
 from sim.bench.growth import EXPONENT_WANTED, exponent
-from sim.bench.suite import Bench, Part, run_bench
+from sim.bench.suite import Bench, Part, Peer, run_bench
 from sim.bench.tables import sections
+from sim.optics.nominal_renderer import NominalRenderer
+from sim.optics.sensor_camera import camera_geometry
 from sim.scene import Preset
 from sim.sensor import load_sensor
 from sim.verification.page import markdown
-from tacauchy_rig.cli.nominal_renderer import NominalRenderer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
 from tacauchy_rig.cli.replay_images import ReplayImages
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
-from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.config.load import load_config
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -37,6 +37,14 @@ def bench(
     parts: Annotated[
         list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
     ] = None,
+    peer: Annotated[
+        Peer | None,
+        typer.Option(
+            "--peer",
+            help="Run the batches' press by this engine too, on the same GPU after ours, with its "
+            "force and balance beside its time; libuipc comes with pip install pyuipc.",
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
@@ -50,6 +58,7 @@ def bench(
         ReplayImages(gel),
         load_config(None).config.protocol.force_targets,
         parts=tuple(parts or Part),
+        peer=peer,
         on_progress=lambda text: complain(f"  {text}"),
     )
     tables = sections(found)
@@ -69,6 +78,7 @@ def bench(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
                 *(f"--part {part}" for part in parts or ()),
+                *([f"--peer {peer}"] if peer else []),
                 f"--out {out}",
             ]
         ),

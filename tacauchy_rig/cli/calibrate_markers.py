@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from sim.optics.marker_fidelity import compare_marker_fidelities
+from sim.optics.sensor_camera import camera_geometry
 from sim.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.press_terms import parse_indenter
-from tacauchy_rig.cli.views import camera_geometry
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 

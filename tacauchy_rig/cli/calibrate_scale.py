@@ -9,12 +9,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from sim.optics.ball_press import read_ball_presses, read_grey, read_rgb
+from reports.extraction import crop_and_resize
+from sim.optics.ball_press import grey_levels, read_ball_presses, read_rgb
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
 from sim.optics.scale_target import find_target
 from sim.optics.target_terms import parse_target
+from sim.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.views import scored_geometry
 from tacauchy_rig.errors import ConfigError
 
 
@@ -37,13 +40,21 @@ def scale(
             help="Folder with positions.csv (image, x_m, y_m), circles.csv and the images.",
         ),
     ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            "--sensor",
+            help="Bring a raw image of a target to the crop and size of this sensor's camera; "
+            "without it the image is taken as it is.",
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Fit mm per pixel in x and y, rotation and centre of a camera."""
     if presses is not None and image is None and target is None:
         fit, wanted = _from_presses(presses)
     elif presses is None and image is not None and target is not None:
-        fit, wanted = _from_target(image, target)
+        fit, wanted = _from_target(image, target, None if sensor is None else load_sensor(sensor))
     else:
         raise ConfigError(
             "calibrate scale needs an image with --target, or --presses",
@@ -54,8 +65,11 @@ def scale(
     write_json(json_file, {**_as_json(fit), "points": wanted})
 
 
-def _from_target(image: Path, text: str) -> tuple[ScaleFit, str]:
-    grey = read_grey(image)
+def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
+    seen = read_rgb(image)
+    if sensor is not None:
+        seen = crop_and_resize(seen, scored_geometry(sensor))
+    grey = grey_levels(seen)
     found = find_target(parse_target(text), grey, name=str(image))
     fit = fit_scale(found.positions_m, found.pixels, width=grey.shape[1], height=grey.shape[0])
     return fit, f"{len(found.pixels)} of {found.wanted} points of the target"
@@ -83,7 +97,8 @@ def _show(fit: ScaleFit, points: str) -> None:
     geometry = fit.geometry
     off_x = geometry.centre_x_px - 0.5 * (geometry.width - 1)
     off_y = geometry.centre_y_px - 0.5 * (geometry.height - 1)
-    say(f"from {points}, residual {fit.residual_px:.2f} px rms")
+    size = f"{geometry.width} x {geometry.height} px"
+    say(f"from {points}, residual {fit.residual_px:.2f} px rms in an image of {size}")
     for axis, value, error in (
         ("x", geometry.scale_x_m, fit.scale_error_m[0]),
         ("y", geometry.scale_y_m, fit.scale_error_m[1]),
@@ -102,11 +117,10 @@ def _show(fit: ScaleFit, points: str) -> None:
         f"(+- {fit.centre_error_px:.2f} px), {off_x:.2f}, {off_y:.2f} px from the image's middle"
     )
     say("for the sensor's file:")
-    for axis, scale, error, off in (
-        ("x", geometry.scale_x_m, fit.scale_error_m[0], off_x),
-        ("y", geometry.scale_y_m, fit.scale_error_m[1], off_y),
-    ):
+    scales = {"x": geometry.scale_x_m, "y": geometry.scale_y_m}
+    for (axis, scale), error in zip(scales.items(), fit.scale_error_m, strict=True):
         say(_line(f"pixel_{axis}", scale, error))
+    for (axis, scale), off in zip(scales.items(), (off_x, off_y), strict=True):
         say(_line(f"centre_{axis}", -off * scale, fit.centre_error_px * scale))
 
 

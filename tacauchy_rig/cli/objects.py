@@ -10,35 +10,53 @@ import typer
 from sim.object_figures import draw_objects
 from sim.object_runs import DEPTH_M, ObjectPress, press_object
 from sim.object_shapes import OBJECTS
-from sim.optics.sensor_lamps import shadows_of
+from sim.optics.sensor_camera import camera_geometry
+from sim.optics.sensor_lamps import nominal_model, shadows_of
 from sim.scene import Preset
 from sim.sensor import load_sensor
-from tacauchy_rig.cli.optics import nominal_model
+from tacauchy_rig.cli.objects_page import markdown
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import say, writable_folder, write_json
-from tacauchy_rig.cli.views import camera_geometry
+from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
+
+_SENSORS = "gelsight-mini,digit"
 
 
 def objects(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figure goes.")],
     sensors: Annotated[
         str, typer.Option("--sensors", help="Names or files, with commas between.")
-    ] = "gelsight-mini,digit",
+    ] = _SENSORS,
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page, such as docs/objects.md; its figure goes to images beside it.",
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images."""
     writable_folder(out)
+    images = None if page is None else writable_folder(page.parent / "images")
     say(f"{DEPTH_M * 1e3:g} mm deep, preset {preset.value}, nominal optics")
     runs = [_on_sensor(name.strip(), preset) for name in sensors.split(",") if name.strip()]
-    for path in draw_objects(runs, out):
+    for path in draw_objects(runs, out, page_folder=images):
         say(f"figure {path}")
+    if page is not None:
+        command = f"tacauchy-rig objects --out {out} --page {page}"
+        command += f" --sensors {sensors}" if sensors != _SENSORS else ""
+        command += f" --preset {preset}" if preset is not Preset.FAST else ""
+        write_text(page, markdown(runs, command=command, preset=preset))
+        say(f"page {page}")
     rows = [
         {
             "sensor": run.sensor,
             "object": run.name,
             "force_n": run.force_n,
             "highest_over_object_m": run.highest_over_m,
+            "processor_s": run.processor_s,
         }
         for sensor in runs
         for run in sensor
@@ -52,5 +70,6 @@ def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
     found = []
     for label in OBJECTS:
         found.append(press_object(label, sensor, geometry, model, shadows=shadows, preset=preset))
-        say(f"  {sensor.title}, {label}: {found[-1].force_n:.3f} N")
+        run = found[-1]
+        say(f"  {run.sensor}, {label}: {run.force_n:.3f} N [{run.processor_s:.0f} s]")
     return found

@@ -22,19 +22,16 @@ from sim.optics.blur import BLUR_PX, fit_blur
 from sim.optics.calibrate import Calibration
 from sim.optics.calibration_run import exponents_for
 from sim.optics.geometry import CameraGeometry
-from sim.optics.grey_depth import GreyDepthModel, nominal_grey
-from sim.optics.nominal import nominal_photometric
+from sim.optics.grey_depth import GreyDepthModel
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
 from sim.optics.printed_markers import marker_mask
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
-from sim.optics.sensor_lamps import lamps_of, shadows_of
+from sim.optics.sensor_lamps import nominal_model, shadows_of
 from sim.optics.shadow import SHADOWS, ShadowCaster, read_shadows
 from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.sensor import Sensor
-from sim.sensor_optics import OpticsKind
 from tacauchy_rig.cli.output import say
-from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.store.run_store import RunStore
 
 
@@ -141,23 +138,6 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     return OpticalCalibration(
         model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
     )
-
-
-def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
-    """Return the optics that a sensor's file gives.
-
-    Raises:
-        ConfigError: It gives none.
-    """
-    optics = sensor.optics
-    if optics.kind is OpticsKind.GREY_DEPTH:
-        return nominal_grey(optics.grey_depth_m, optics.grey_change)
-    if not optics.lamps:
-        raise ConfigError(
-            f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
-            remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
-        )
-    return nominal_photometric(lamps_of(sensor))
 
 
 def calibrate_emulated(

@@ -11,6 +11,7 @@ from reports.comparison import compare
 from reports.loading import load_evidence
 from reports.writing import write_report
 from sim.indenter import Cylinder, Indenter, Sphere
+from sim.optics.sensor_camera import camera_geometry
 from sim.replay import replay_forces, replay_scene
 from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
@@ -19,7 +20,7 @@ from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.cli.rendering import render_trial
-from tacauchy_rig.cli.views import camera_geometry, scored_geometry
+from tacauchy_rig.cli.views import scored_geometry
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.run import Replay, TrialRecord

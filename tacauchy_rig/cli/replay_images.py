@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from sim.optics.geometry import ImageArray
-from sim.optics.sensor_lamps import shadows_of
+from sim.optics.nominal_renderer import GREY_LEVEL
+from sim.optics.sensor_camera import camera_geometry
+from sim.optics.sensor_lamps import nominal_model, shadows_of
 from sim.sensor import Sensor
 from sim.surface import SurfaceState
-from tacauchy_rig.cli.nominal_renderer import GREY_LEVEL
-from tacauchy_rig.cli.optics import OpticalCalibration, nominal_model
+from tacauchy_rig.cli.optics import OpticalCalibration
 from tacauchy_rig.cli.rendering import image_of
-from tacauchy_rig.cli.views import camera_geometry
 
 
 class ReplayImages:

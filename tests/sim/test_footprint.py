@@ -19,6 +19,7 @@ from sim.footprint import footprint
 from sim.footprint_presets import FOOTPRINT_RESOLUTIONS, footprint_mesh
 from sim.graded_plane import Grading
 from sim.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.layers import interface_shares
 from sim.loading import LoadingPath
 from sim.mesh import TetMesh, mesh_statistics
 from sim.mesh_choice import MeshKind, mesh_choice
@@ -27,6 +28,7 @@ from sim.pad import BoxPad
 from sim.presets import build_model, mesh_for
 from sim.revolved_mesh import revolved_mesh
 from sim.scene import Effect, Material, Motion, Preset, Scene, Target
+from sim.sensor import load_sensor, sensor_names
 from sim.triangle_surface import closed_surface
 from sim.turned_indenter import TurnedIndenter, cylinder_triangles, tilted
 from tacauchy_rig.errors import ConfigError
@@ -52,6 +54,21 @@ def stl_punch() -> Indenter:
 def upright(indenter: Indenter) -> TurnedIndenter:
     """Return an indenter that is not turned."""
     return TurnedIndenter(indenter=indenter, rotation=UPRIGHT)
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_built_in_sensors_bring_their_coarse_mesh(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A footprint mesh on a built-in sensor's pad asks nothing of fTetWild."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sensor = load_sensor(name)
+    scene = replace(
+        SCENE, pad=sensor.pad, layers=sensor.layers, filling=sensor.filling, sensor=name
+    )
+    mesh = footprint_mesh(scene, shares=interface_shares(sensor.layers))
+    assert len(mesh.tets) > 500
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("indenter", [PUNCH, stl_punch()])

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.bench.batches import BALANCE, environments, measure_batches
-from sim.bench.frames import FRAME_COUNT, exact_force_n, travel, travels
+from sim.bench.batches import BALANCE, environments, exact_force, measure_batches
+from sim.bench.frames import FRAME_COUNT, travel, travels
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
+from sim.bench.rendering import measure_rendering
 from sim.bench.replays import ReplayRow, measure_replay
 from sim.bench.reuse import WAYS, measure_reuse
 from sim.bench.suite import Bench, Part, run_bench
@@ -88,7 +89,7 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 @pytest.fixture(scope="module")
 def found() -> Bench:
     """Return a benchmark of a coarse ball press; its replay is made up."""
-    exact_n = exact_force_n(_SCENE, Preset.FAST)
+    exact_n = exact_force(_SCENE, preset=Preset.FAST)
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
@@ -96,9 +97,10 @@ def found() -> Bench:
         reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
         batches=tuple(batches),
         phases=tuple(parts),
+        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",))),
         replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
-        absent=("nothing",),
+        absent=("nothing", "many images"),
     )
 
 
@@ -173,8 +175,7 @@ def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
     for batch in found.batches:
         assert [row.doing for row in batch.parts] == ["forces", "search"]
         for row in batch.parts:
-            assert next(iter(row.parts_s)) == "forces"
-            assert len(row.parts_s) == 7
+            assert list(row.parts_s) == ["forces", "search", "preconditioner", "turn"]
             assert min(row.parts_s.values()) > 0.0
 
 
@@ -204,13 +205,25 @@ def test_every_part_is_timed(found: Bench) -> None:
         assert row.repeats >= 3
 
 
+def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
+    """With samples, shadows and blur, no value is more than one grey level apart."""
+    alone, together = found.rendering
+    assert (alone.renderer, alone.image_count) == ("one by one", 1)
+    assert together.image_count > 1
+    assert together.lamp_count == 3
+    assert together.apart_levels <= 1
+    assert together.apart_share < 1e-3
+    assert 0.0 < together.least_s <= together.median_s
+
+
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 2, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[2].note
-    assert "exponent" in tables[6].columns[-1]
+    assert "Not measured: many images." in tables[5].note
+    assert "exponent" in tables[7].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.optics.geometry import CameraGeometry, crop_and_resize
+from sim.optics.geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 MINI = CameraGeometry(
@@ -61,25 +61,6 @@ def test_mirrored_rows_grow_with_minus_y() -> None:
         mirrored=True,
     )
     assert geometry.pad_grid()[1][0, 4] == pytest.approx(4e-4)
-
-
-def test_crop_keeps_the_middle() -> None:
-    """A bright square in the middle of the raw frame stays in the middle, borders go."""
-    frame = np.zeros((2464, 3280, 3), np.uint8)
-    frame[:369] = 255
-    frame[1132:1332, 1540:1740] = 200
-    image = crop_and_resize(frame, MINI)
-    assert image.shape == (240, 320, 3)
-    assert image[0].max() == 0
-    assert image[119, 159, 0] == 200
-    bright = np.argwhere(image[..., 0] > 100)
-    np.testing.assert_allclose(bright.mean(axis=0), [119.5, 159.5], atol=0.5)
-
-
-def test_frame_smaller_than_the_image_is_refused() -> None:
-    """A crop that would have to be enlarged is an error that names both sizes."""
-    with pytest.raises(ConfigError, match=r"320 x 240 px frame .* 320 x 240 px that are scored"):
-        crop_and_resize(np.zeros((240, 320, 3), np.uint8), MINI)
 
 
 @pytest.mark.parametrize(

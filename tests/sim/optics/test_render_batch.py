@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from sim.optics.nominal import Lamp
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer
 from sim.optics.render_batch import BatchRenderer
+from sim.optics.shadow import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
+_LAMPS = [
+    Lamp(azimuth_rad=azimuth, elevation_rad=0.25, colour=colour)
+    for azimuth, colour in ((-1.57, (80.0, 9.0, 0.0)), (0.5, (0.0, 80.0, 0.0)), (2.7, (9.0, 0, 80)))
+]
 
-def test_batch_gives_the_single_images() -> None:
+
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize("blur_px", [0.0, 0.7])
+@pytest.mark.parametrize("shadows", [None, ShadowCaster(lamps=_LAMPS, softness_m=8e-5)])
+def test_batch_gives_the_single_images(
+    samples: int, blur_px: float, shadows: ShadowCaster | None
+) -> None:
     """Level, tilted, deep and steep surfaces agree with the one-by-one renderer to one level."""
     rng = np.random.default_rng(2)
     model = PhotometricModel(
@@ -24,7 +38,7 @@ def test_batch_gives_the_single_images() -> None:
         indentation_limit_m=6e-4,
     )
     background = rng.integers(80, 170, (96, 128, 3)).astype(np.uint8)
-    x, y = camera().pad_grid()
+    x, y = camera().refined(samples).pad_grid()
     rest = APEX_M - (x**2 + y**2) / 0.3
     dents = np.stack(
         [
@@ -37,13 +51,14 @@ def test_batch_gives_the_single_images() -> None:
             ),
         ]
     )  # fmt: skip
-    batch = BatchRenderer(background, rest, model, camera(), device="cpu").render(dents).numpy()
-    single = TactileRenderer(background, rest, model, camera())
-    for image, dent in zip(batch, dents, strict=True):
+    look: Any = {"samples": samples, "blur_px": blur_px, "shadows": shadows}
+    batch = BatchRenderer(background, rest, model, camera(), device="cpu", **look).render(dents)
+    single = TactileRenderer(background, rest, model, camera(), **look)
+    for image, dent in zip(batch.numpy(), dents, strict=True):
         apart = np.abs(image.astype(int) - single.render(rest - dent).astype(int))
         assert apart.max() <= 1
         assert np.mean(apart > 0) < 0.02
-    np.testing.assert_array_equal(batch[0], background)
+    np.testing.assert_array_equal(batch.numpy()[0], background)
 
 
 def test_high_degrees_are_refused() -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import cv2
@@ -13,6 +16,8 @@ from typer.testing import CliRunner
 
 from sim.optics import calibration_run
 from sim.optics.photometric import load_photometric
+from sim.optics.sensor_camera import camera_geometry
+from sim.sensor import load_sensor
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_dots
@@ -98,6 +103,31 @@ def test_scale_from_a_target(tmp_path: Path) -> None:
     found = json.loads(out.read_text("utf-8"))
     assert found["scale_x_m_px"] == pytest.approx(1e-4, rel=2e-3)
     assert found["centre_x_px"] == pytest.approx(89.5, abs=0.1)
+
+
+def test_a_raw_image_of_a_target_is_brought_to_the_sensors_size(tmp_path: Path) -> None:
+    """A tenth cut off at each border, then half as many pixels: the scored pixel's scale."""
+    sensor = camera_geometry(load_sensor("digit"))
+    scored = replace(sensor, width=64, height=48, scale_x_m=2e-4, scale_y_m=2e-4)
+    raw = replace(
+        scored,
+        width=160,
+        height=120,
+        scale_x_m=1e-4,
+        scale_y_m=1e-4,
+        centre_x_px=79.5,
+        centre_y_px=59.5,
+    )
+    dots = printed_dots(columns=5, rows=4, pitch_m=2e-3, radius_m=0.6e-3)
+    cv2.imwrite(str(tmp_path / "raw.png"), photograph(dots, raw, blur_px=0.5, noise=1.0))
+    text = resources.files("sim.sensors").joinpath("digit.toml").read_text("utf-8")
+    text = re.sub("width = .*", "width = 64", re.sub("height = 2.*", "height = 48", text))
+    (tmp_path / "small.toml").write_text(re.sub("crop = .*", "crop = 0.1", text), encoding="utf-8")
+    words = ["--target", "dots:columns=5,rows=4,pitch=2mm", "--json", tmp_path / "scale.json"]
+    printed = _run("scale", tmp_path / "raw.png", *words, "--sensor", tmp_path / "small.toml")
+    assert "64 x 48 px" in printed
+    found = json.loads((tmp_path / "scale.json").read_text("utf-8"))
+    assert found["scale_x_m_px"] == pytest.approx(2e-4, rel=5e-3)
 
 
 def test_scale_from_presses(tmp_path: Path) -> None:

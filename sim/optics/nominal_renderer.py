@@ -7,9 +7,9 @@ import numpy as np
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
 from sim.optics.render import TactileRenderer
+from sim.optics.sensor_camera import camera_geometry
+from sim.optics.sensor_lamps import nominal_model
 from sim.sensor import Sensor
-from tacauchy_rig.cli.optics import nominal_model
-from tacauchy_rig.cli.views import camera_geometry
 
 GREY_LEVEL = 110
 

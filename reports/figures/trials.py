@@ -1,0 +1,37 @@
+"""Which trials a figure shows, and their forces along its axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from matplotlib.axes import Axes
+
+from reports.evidence import TrialEvidence
+from reports.results import TrialResult
+
+MAX_COLUMNS = 6
+
+Trial = TypeVar("Trial", TrialResult, TrialEvidence)
+
+
+def shown(trials: Sequence[Trial]) -> list[Trial]:
+    """Pick at most six trials, evenly spread over the target forces, first and last included."""
+    ordered = sorted(trials, key=lambda t: (t.force_target_n, t.index))
+    if len(ordered) <= MAX_COLUMNS:
+        return ordered
+    step = (len(ordered) - 1) / (MAX_COLUMNS - 1)
+    return [ordered[round(k * step)] for k in range(MAX_COLUMNS)]
+
+
+def force_label(trial: TrialResult | TrialEvidence) -> str:
+    """Return the target force with two decimals, as the paper shows it."""
+    return f"{trial.force_target_n:.2f}"
+
+
+def label_forces(axes: Axes, trials: Sequence[TrialResult]) -> None:
+    """Put the trials' forces under the x axis."""
+    axes.set_xticks(range(len(trials)), [force_label(t) for t in trials])
+    if len(trials) > 2 * MAX_COLUMNS:
+        axes.tick_params(axis="x", labelrotation=90, labelsize=5)
+    axes.set_xlabel("Target force $F_z$ (N)")

@@ -1,0 +1,200 @@
+"""Warp kernel that evaluates the forces of environments that want it, and does what they call for.
+
+A block of threads has one environment, so that what it decides is known to all that act on it, and
+elements hand their forces over in shared memory. On the CPU a block is one thread.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.batch.contact_forces import (
+    BatchContact,
+    BatchSurface,
+    ContactPoints,
+    contact_force,
+    spread_contact,
+)
+from sim.batch.element_forces import BatchGel, Tangents, forces_function
+from sim.batch.layout import Layout
+from sim.batch.numbering import Gathering, gathered, gathered_contact
+from sim.batch.phases import EVALUATE, GIVE_UP, NEXT_FRAME, NOTHING, SEARCH, SHORTEN, START
+from sim.batch.progress import Limits, Progress
+from sim.batch.vectors import Vectors
+from sim.elements import ElementOrder, reference_element
+from sim.laws.tangent import Law
+from sim.warp_start import start_warp
+
+start_warp()
+
+# Sums over an environment's unknowns.
+RESIDUAL = wp.constant(0)  # y . y
+SLOPE = wp.constant(1)  # y . d
+VERTICAL = wp.constant(2)  # sum of y along z
+
+
+@wp.func
+def judged(
+    b: wp.int32, sums: wp.vec3d, pushed: wp.vec3d, limits: Limits, progress: Progress
+) -> wp.int32:
+    """Return what forces call for."""
+    act = wp.int32(START)
+    residual = wp.sqrt(sums[RESIDUAL])
+    finite = wp.isfinite(residual)
+    uphill = progress.trying[b] == 1 and not (sums[SLOPE] <= wp.float64(0.9) * progress.slope[b])
+    enough = wp.max(limits.floor, limits.residual * wp.length(pushed))
+    if (uphill or not finite) and progress.halvings[b] < limits.halvings:
+        act = wp.int32(SHORTEN)
+    elif residual <= enough and wp.abs(sums[VERTICAL]) <= enough:
+        act = wp.int32(NEXT_FRAME)
+    elif progress.newton[b] >= limits.newton or not finite:
+        act = wp.int32(GIVE_UP)
+    return act
+
+
+@wp.func
+def change(
+    row: wp.int32,
+    b: wp.int32,
+    act: wp.int32,
+    frame: wp.int32,
+    shares: wp.array3d(dtype=wp.float64),
+    progress: Progress,
+    vectors: Vectors,
+):
+    """Do to the vectors what is called for."""
+    now = vectors.trials[b, row]
+    if act == START:
+        vectors.residuals[b, row] = wp.float32(-vectors.forces[b, row])
+        vectors.steps[b, row] = wp.float32(0.0)
+        vectors.accepted[b, row] = now
+    elif act == SHORTEN:
+        fraction = wp.float64(0.5) * progress.fraction[b]
+        step = fraction * wp.float64(vectors.steps[b, row])
+        vectors.trials[b, row] = vectors.accepted[b, row] + step
+    elif act == NEXT_FRAME:
+        last = vectors.before[b, row]
+        older = vectors.long_before[b, row]
+        ahead = shares[frame, b, 0] * now + shares[frame, b, 1] * last
+        vectors.trials[b, row] = ahead + shares[frame, b, 2] * older
+        vectors.long_before[b, row] = last
+        vectors.before[b, row] = now
+
+
+@cache
+def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
+    """Build the kernel; it launches over [environment_count, threads of a block]."""
+    reference = reference_element(order)
+    element_forces, node_count = forces_function(law, reference), reference.node_count
+    chunk, width = layout.chunk, layout.width
+    idle = 3 * node_count * chunk
+    bounds = (layout.threads, layout.resident)
+
+    @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
+    def evaluate(
+        # Model:
+        limits: Limits,
+        gel: BatchGel,
+        surface: BatchSurface,
+        settings: BatchContact,
+        gathering: Gathering,
+        shares: wp.array3d(dtype=wp.float64),
+        loads: wp.array2d(dtype=wp.float64),
+        # Data in:
+        tips: wp.array(dtype=wp.vec3d),
+        # Data in and out:
+        progress: Progress,
+        vectors: Vectors,
+        # Data out:
+        contact: ContactPoints,
+        tangents: Tangents,
+        sources_out: wp.array2d(dtype=Any),
+        lift_out: wp.array2d(dtype=wp.float64),
+        busy_out: wp.array(dtype=wp.int32),
+    ):
+        b, thread = wp.tid()
+        if b == 0 and thread == 0:
+            busy_out[0] = 0
+        phase = progress.phase[b]
+        if phase == EVALUATE:
+            frame = progress.frame[b]
+            tip = tips[b]
+            if gathering.tip_row >= 0:
+                lift = vectors.trials[b, gathering.tip_row]
+                tip += wp.vec3d(wp.float64(0.0), wp.float64(0.0), lift)
+            at = wp.tile_load(vectors.trials[b], shape=wp.static(width), storage="shared")
+            pushing = wp.vec3d()
+            nearest = wp.float64(1.0)
+            for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
+                v, stiffness, gap = contact_force(i, b, tip, surface, settings, at)
+                contact.forces[b, i] = v
+                contact.touching[b, i] = wp.where(gap < settings.distance, 1, 0)
+                if gap < settings.distance:
+                    contact.stiffness[b, i] = stiffness
+                    nearest = wp.min(nearest, gap)
+                pushing += v
+            all_push = wp.tile_sum(wp.tile(pushing, preserve_type=True))
+            pushed = all_push[0]
+            all_gaps = wp.tile_min(wp.tile(nearest))
+            smallest = all_gaps[0]
+            for i in range(thread, surface.rest.shape[0] * surface.rest.shape[1], wp.block_dim()):
+                spread_contact(i, b, surface, contact)
+
+            part = wp.vec3d()
+            contributions = wp.tile_zeros(
+                shape=wp.static(idle + 1), dtype=wp.float64, storage="shared"
+            )
+            for c in range(gathering.starts.shape[0]):
+                for i in range(thread, wp.static(chunk), wp.block_dim()):
+                    e = c * wp.static(chunk) + i
+                    known = e < gathering.element_count
+                    total = element_forces(
+                        wp.min(e, gathering.element_count - 1), b, gel, at, tangents
+                    )
+                    for k in range(wp.static(node_count)):
+                        for axis in range(3):
+                            place = (3 * k + axis) * wp.static(chunk) + i
+                            wp.tile_scatter_masked(contributions, place, total[k, axis], known)
+                for row in range(thread, gathering.row_count, wp.block_dim()):
+                    y = gathered(row, c, gathering, contributions)
+                    if c == 0:
+                        y += gathered_contact(row, b, gathering, contact.face_forces)
+                    else:
+                        y += vectors.forces[b, row]
+                    if row == gathering.tip_row:
+                        y = loads[frame, b] - pushed[2]
+                    vectors.forces[b, row] = y
+                    if c == gathering.starts.shape[0] - 1:
+                        part[RESIDUAL] = part[RESIDUAL] + y * y
+                        part[SLOPE] = part[SLOPE] + y * wp.float64(vectors.steps[b, row])
+                        if gathering.vertical[row] == 1:
+                            part[VERTICAL] = part[VERTICAL] + y
+            all_sums = wp.tile_sum(wp.tile(part, preserve_type=True))
+            sums = all_sums[0]
+            act = judged(b, sums, pushed, limits, progress)
+            norm = wp.sqrt(sums[RESIDUAL])
+            for row in range(thread, gathering.row_count, wp.block_dim()):
+                change(row, b, act, frame, shares, progress, vectors)
+                # The preconditioner is asked for nothing unless a search starts.
+                source = wp.float32(0.0)
+                if act == START:
+                    source = vectors.residuals[b, row] / wp.float32(norm)
+                sources_out[b, row] = sources_out.dtype(source)
+                if act == NEXT_FRAME and row == gathering.tip_row:
+                    lift_out[frame, b] = vectors.before[b, row]
+            if thread == 0:
+                progress.act[b] = act
+                progress.norm[b] = norm
+                progress.vertical[b] = sums[VERTICAL]
+                progress.push[b] = pushed
+                progress.gap[b] = smallest
+        elif thread == 0 and phase != SEARCH:
+            progress.act[b] = NOTHING
+
+    return evaluate
