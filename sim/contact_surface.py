@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim import contact, friction
+from sim import contact, friction, push_kernel
 from sim.arrays import FloatArray
 from sim.contact_body import body_at
 from sim.device import KERNEL_EPSILON, Device, on_host
@@ -76,6 +76,14 @@ class ContactSurface:
             self._device.launch(friction.add_force.of(indenter), self._shape, inputs, out[1:])
         points, forces, stiffness = (on_host(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
+
+    def recorded_push(
+        self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
+    ) -> Any:
+        """Return a launch of ``push_kernel`` at positions [m] on the device."""
+        body = body_at(indenter, np.zeros(3), np.eye(3), device=self._device.name)
+        inputs = [*self._arrays, self._areas, self._settings(extension), body, positions]
+        return self._device.record(push_kernel.push, self._shape, inputs, outputs)
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
@@ -150,14 +158,16 @@ class ContactSurface:
         return body_at(indenter, state.tip, state.rotation, device=self._device.name)
 
     def _barrier_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
+        settings, body = self._settings(state.extension), self._body(indenter, state)
+        return [*self._arrays, self._areas, settings, body, self._device.vectors(positions)]
+
+    def _settings(self, extension: float) -> Any:
         options = self._options
-        settings = contact.contact_settings(
+        return contact.contact_settings(
             distance_m=options.distance_m,
             stiffness_j_m2=options.stiffness_factor * self._young_pa * options.distance_m,
-            extension=state.extension,
+            extension=extension,
         )
-        body = self._body(indenter, state)
-        return [*self._arrays, self._areas, settings, body, self._device.vectors(positions)]
 
     def _barrier_forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool

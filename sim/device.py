@@ -50,6 +50,14 @@ class Device:
         """Launch a kernel over a shape."""
         wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name)
 
+    def record(
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
+    ) -> Any:
+        """Return a launch over a shape that can be made again and again at little cost."""
+        return wp.launch(
+            kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name, record_cmd=True
+        )
+
     def launch_blocks(
         self, kernel: Any, count: int, inputs: list[Any], outputs: list[Any], *, threads: int
     ) -> None:

@@ -78,6 +78,15 @@ class ElasticBody:
             self.relaxation.add_gradient(at, out)
         return on_host(out)
 
+    def recorded_gradient(self, positions: Any, out: Any) -> Any:
+        """Return a launch that adds the gradient [N] at positions [m], both on the device.
+
+        What the gel remembers is left out.
+        """
+        return self._device.record(
+            self._kernels.gradient, self._shape, [*self._arrays, positions], [out]
+        )
+
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         shape = (*self._shape, self._reference.node_count)

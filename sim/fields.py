@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.elements import linear_facets
 from sim.fold import Unfolding
+from sim.indenter import grown
 from sim.loading import LoadingPath
 from sim.model import Model
 from sim.path_point import PathPoint
@@ -73,8 +74,13 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
 
 
 def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
-    """Hand over the contact surface: the faces that look up at rest."""
+    """Hand over the contact surface: the faces that look up at rest.
+
+    With a wide barrier the indenter comes with all that lies within d_hat of it: that is what the
+    gel takes its shape from, and what depths count from.
+    """
     model = path.model
+    reach = model.contact_options.distance_m if model.contact_options.is_wide else 0.0
     nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
     whole = Unfolding(model.mesh.fold, model.nodes[nodes])
     faces = whole.faces(faces)
@@ -83,8 +89,8 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
         positions=whole.vectors(point.state.positions[nodes]),
         triangles=linear_facets(faces),
         triangles6=faces if faces.shape[1] == 6 else None,
-        indenter=path.indenter,
-        indenter_position=point.state.tip.copy(),
+        indenter=grown(path.indenter, reach) if reach else path.indenter,
+        indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
         rest_apex_m=float(model.nodes[:, 2].max()),
     )

@@ -5,7 +5,7 @@ In the indenter's frame +z points up, away from the gel, and the body lies at z 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,6 +79,19 @@ class Plane:
 
 
 Indenter = Cylinder | Sphere | Plane | MeshIndenter
+
+
+def grown(indenter: Indenter, by_m: float) -> Indenter:
+    """Return what lies within a distance of a body [m]; its tip lies lower by as much.
+
+    A plate and a mesh are returned as they are.
+    """
+    if isinstance(indenter, Cylinder):
+        fillet = indenter.fillet_m + by_m
+        return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m, fillet_m=fillet)
+    if isinstance(indenter, Sphere):
+        return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m)
+    return indenter
 
 
 def describe(indenter: Indenter) -> str:

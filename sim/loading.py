@@ -23,6 +23,7 @@ from sim.newton import NewtonOptions
 from sim.overlap import OVERLAP_SHARE
 from sim.path_point import PathPoint
 from sim.potentials import NodalPotential
+from sim.quick_settling import QuickOptions, QuickSettling
 from sim.settling import PathCounts, Settling
 from sim.state import State
 from sim.stepping import Stepping
@@ -55,6 +56,9 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
+        quick_options: When they are renewed.
+        is_quick: Keep factors from state to state (``quick_settling``); for a round, analytic
+            indenter without friction, on the CPU.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -68,6 +72,8 @@ class LoadingPath:
     step_max_m: float = 0.0
     options: NewtonOptions = field(default_factory=NewtonOptions)
     potentials: Sequence[NodalPotential] = ()
+    is_quick: bool = False
+    quick_options: QuickOptions = field(default_factory=QuickOptions)
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
@@ -100,6 +106,7 @@ class LoadingPath:
             potentials=self.potentials,
             touch_m=self.touch_m,
             counts=self.counts,
+            quick=self._quick() if self.is_quick else None,
         )
         self._stepping = Stepping(settling=self._settling)
         self.setup_s = time.perf_counter() - started
@@ -113,6 +120,16 @@ class LoadingPath:
     def history(self) -> Sequence[tuple[float, float]]:
         """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
         return self._stepping.history
+
+    @property
+    def solver_name(self) -> str:
+        """What factors the stiffness."""
+        return self.solver.name if self.quick is None else self.quick.solver_name
+
+    @property
+    def quick(self) -> QuickSettling | None:
+        """What keeps the factors; None where every state is Newton's."""
+        return self._settling.quick
 
     def advance(
         self,
@@ -211,6 +228,14 @@ class LoadingPath:
             part += potential.gradient(point.state.positions)[free].sum(axis=0)
         return self.model.mesh.fold.whole_force(part)
 
+    def _quick(self) -> QuickSettling:
+        return QuickSettling(
+            model=self.model,
+            indenter=self.indenter,
+            potentials=self.potentials,
+            options=self.quick_options,
+        )
+
     def _pressed(self, what: str) -> PathPoint:
         if self.last is None:
             raise ConvergenceError(
@@ -225,7 +250,8 @@ class LoadingPath:
         return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        depth = min(depth_m, OVERLAP_SHARE * self.model.height_m)
+        first = self.step_max_m if self.is_quick else OVERLAP_SHARE * self.model.height_m
+        depth = min(depth_m, first)
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         return self._stepping.accept(self._settle(self._start(depth), passing=depth < depth_m))
 

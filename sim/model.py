@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -92,6 +94,16 @@ class Model:
     def elastic_gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
         return self._gel.gradient(positions)
+
+    def recorded_gradient(self, positions: Any, out: Any) -> Any:
+        """Return a launch that adds the elastic gradient [N] at positions [m] on the device."""
+        return self._gel.recorded_gradient(positions, out)
+
+    def recorded_push(
+        self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
+    ) -> Any:
+        """Return a launch that adds what ``push_kernel`` gives at positions [m] on the device."""
+        return self._surface.recorded_push(positions, outputs, indenter, extension=extension)
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""

@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 _FLOOR_SHARE = 1.5e-11
 _ROUGH = 1e-3
-_EXTENSIONS = (0.5, 0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
+_EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 _HARMLESS_SHARE = 3e-7
 # The rounding's estimate may be short by this.
 _ROUNDING_DOUBT = 10.0
@@ -88,16 +88,16 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
     """
     iterations = _untangle(problem, state)
     refuse_deep_overlap(problem.model, problem.indenter, state)
-    distance = problem.model.contact_options.distance_m
+    contact = problem.model.contact_options
     rough = replace(options, residual_relative=max(options.residual_relative, _ROUGH))
-    for extension in _EXTENSIONS:
+    for extension in (contact.extension, *_EXTENSIONS):
         state.extension = extension
         # Roughly first: where the barrier has to be extended less, the rest would be for nothing.
         for wanted in (rough, options):
             found = _descend(problem, state, options=wanted, spent=iterations)
             iterations = found.iterations
             gaps = problem.model.gaps(state.positions, problem.indenter, state)
-            if gaps.min() < extension * distance:
+            if gaps.min() < contact.gap_least_m(extension):
                 break
         else:
             return found

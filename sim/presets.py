@@ -80,6 +80,11 @@ RESOLUTIONS = {
     ),
 }
 
+# Preset fast of a light scene: at a rim an edge as long as the fillet. A 5 mm cylinder 1 mm deep in
+# a GelSight Mini, d_hat 20 um, against preset accurate: fillet 0.3 mm +2.0 % (preset fast's other
+# edges +3.1 %, twice these +10 %), fillet 0.1 mm +5.9 % (+3.5 %).
+LIGHT = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
+
 
 def refined(resolution: Resolution, factor: float) -> Resolution:
     """Return a resolution with every edge ``factor`` times shorter, near the indenter and away."""
@@ -126,6 +131,7 @@ def build_model(
         distance_m=scene.contact_distance_m,
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
+        extension=1.0 if scene.is_light else ContactOptions().extension,
         face_splits=1 if scene.has_sharp_rim and scene.preset is not Preset.PAPER else 0,
     )
     return Model(
@@ -196,6 +202,8 @@ def _resolution(scene: Scene) -> Resolution:
     A circle leaves its polygon by half the square of half a sector's angle: that is kept below the
     rim's edges.
     """
+    if scene.is_light:
+        return LIGHT
     resolution = RESOLUTIONS[scene.preset]
     if not scene.has_sharp_rim:
         return resolution

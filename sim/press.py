@@ -15,6 +15,7 @@ from sim.loading import Hold, LoadingPath
 from sim.match import find_force
 from sim.model import Model
 from sim.moving_press import moving_press
+from sim.newton import NewtonOptions
 from sim.path_point import PathPoint
 from sim.presets import build_model, densities_of
 from sim.scene import Drive, Effect, Scene
@@ -22,6 +23,8 @@ from sim.settings import setting_of
 from sim.stress import surface_stress
 from sim.tolerance import Alternative, alternatives, expected_error
 from sim.turned_indenter import tilted
+
+_QUICKLY = NewtonOptions(residual_relative=1e-6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,13 +128,21 @@ def path_for(
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
+    is_quick = keeps_factors(scene, model)
     return LoadingPath(
         model,
         scene.indenter,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene)),) if heavy else (),
+        options=_QUICKLY if is_quick else NewtonOptions(),
+        is_quick=is_quick,
     )
+
+
+def keeps_factors(scene: Scene, model: Model) -> bool:
+    """Return whether a scene's path keeps its factors from state to state."""
+    return scene.is_light and model.relaxation is None and model.device == "cpu"
 
 
 def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:

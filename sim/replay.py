@@ -207,7 +207,7 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "mesh": model.mesh.name,
         "mesh_hash": model.mesh.content_hash,
         "barrier_m": scene.contact_distance_m,
-        "linear_solver": path.solver.name,
+        "linear_solver": path.solver_name,
         "device": model.device,
         "setup_s": path.setup_s,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,12 +16,19 @@ from sim.newton import Equilibrium, NewtonOptions, equilibrate
 from sim.path_point import PathPoint
 from sim.potentials import NodalPotential
 from sim.problem import Problem
+from sim.quick_settling import QuickSettling
 from sim.state import State
 from tacauchy_rig.errors import ConvergenceError
+
+logger = logging.getLogger(__name__)
 
 DOWN = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)
 _PASSING = 1e-3
+# The next start is extrapolated from points in passing, and the better the closer they are.
+_PASSING_QUICKLY = 1e-4
+# A load that is asked for is met as closely as by Newton's method.
+_LOAD_MET = 1e-8
 _GRIP_ROUNDS = 30
 _GRIP_CHANGE = 1e-4
 _GRIP_CHANGE_PASSING = 1e-2
@@ -42,6 +50,7 @@ class Settling:
     Attributes:
         solver: Holds the factor of the equilibrium that was settled or refreshed last.
         touch_m: Tip height from which depth counts [m].
+        quick: Tried first where it is given.
     """
 
     model: Model
@@ -50,9 +59,16 @@ class Settling:
     potentials: Sequence[NodalPotential]
     touch_m: float
     counts: PathCounts
+    quick: QuickSettling | None = None
 
     def settle(
-        self, state: State, *, load_n: float | None, passing: bool, options: NewtonOptions
+        self,
+        state: State,
+        *,
+        load_n: float | None,
+        passing: bool,
+        options: NewtonOptions,
+        before: PathPoint | None = None,
     ) -> PathPoint:
         """Find the equilibrium, friction's lagged pressure included.
 
@@ -60,10 +76,14 @@ class Settling:
             state: Where to start from; it becomes the point's.
             load_n: Force that the indenter is pushed with [N]; None holds it where it is.
             passing: To 0.1 % will do.
+            before: The point that was gone on from.
 
         Raises:
             ConvergenceError: There is none, or friction does not come to rest.
         """
+        quickly = self._settled_quickly(state, load_n, passing, options, before)
+        if quickly is not None:
+            return quickly
         options = replace(options, residual_relative=_PASSING) if passing else options
         problem = self._problem(load_n)
         allowed = _GRIP_CHANGE_PASSING if passing else _GRIP_CHANGE
@@ -81,12 +101,42 @@ class Settling:
         # The last step's factor is one step old, and the barrier's stiffness has changed since.
         problem.factorise_safely(state, found.contact)
         self.counts.increments += 1
-        force = self.model.mesh.fold.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
         _, stiffness = self.response(state, found, DOWN, STILL)
+        return self._point(state, found, stiffness)
+
+    def _settled_quickly(
+        self,
+        state: State,
+        load_n: float | None,
+        passing: bool,
+        options: NewtonOptions,
+        before: PathPoint | None,
+    ) -> PathPoint | None:
+        """Return the point that the quick way leads to, its stiffness that of the last step."""
+        if self.quick is None:
+            return None
+        trial, wanted = state.copy(), options.residual_relative
+        if load_n is not None:
+            load_n, wanted = load_n / self.model.mesh.fold.copies, min(wanted, _LOAD_MET)
+        relative = _PASSING_QUICKLY if passing else wanted
+        found = self.quick.settle(trial, load_n=load_n, residual_relative=relative)
+        if found is None:
+            logger.debug("no equilibrium with a kept factor at %.4g m", trial.tip[2])
+            return None
+        self.counts.newton_iterations += found.iterations
+        self.counts.increments += 1
+        point = self._point(trial, found, float("nan"))
+        force, depth = float(point.force_n[2]), point.depth_m
+        if before is not None and before.depth_m != depth:
+            force, depth = force - float(before.force_n[2]), depth - before.depth_m
+        return replace(point, stiffness_n_m=force / depth if depth else 0.0)
+
+    def _point(self, state: State, found: Equilibrium, stiffness_n_m: float) -> PathPoint:
+        pushed = found.contact.forces.reshape(-1, 3).sum(axis=0)
         return PathPoint(
             depth_m=self.touch_m - float(state.tip[2]),
-            force_n=force,
-            stiffness_n_m=stiffness,
+            force_n=self.model.mesh.fold.whole_force(pushed),
+            stiffness_n_m=stiffness_n_m,
             state=state,
             equilibrium=found,
         )

@@ -19,6 +19,9 @@ class ContactOptions:
         slip_m: Tangential offset at which sticking has become sliding [m].
         face_splits: How often each face is cut in four for its contact points; a sharp rim that
             cuts faces is then felt more evenly.
+        extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
+            altogether, which Newton likes best, and gaps stay positive while the pressure is below
+            kappa / d_hat.
     """
 
     distance_m: float = 1.0e-5
@@ -27,11 +30,21 @@ class ContactOptions:
     friction: float = 0.0
     slip_m: float = 1.0e-6
     face_splits: int = 0
+    extension: float = 0.5
 
     @property
     def is_tangential(self) -> bool:
         """Points that touch resist motion along the indenter."""
         return self.bonded or self.friction > 0.0
+
+    @property
+    def is_wide(self) -> bool:
+        """The gel stays about d_hat off the indenter; by less only where it is pressed hard."""
+        return self.extension >= 1.0
+
+    def gap_least_m(self, extension: float) -> float:
+        """Return the gap below which a point needs a barrier that is extended less [m]."""
+        return extension * self.distance_m if extension < 1.0 else 0.0
 
 
 @dataclass(slots=True, kw_only=True)

@@ -5,15 +5,18 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.legs import Leg
+from sim.legs import CarryLeg, Leg
 from sim.newton import NewtonOptions
 from sim.overlap import overlap_fraction
 from sim.path_point import PathPoint
+from sim.prediction import predicted_state
 from sim.settling import DOWN, STILL, Settling
+from sim.state import State
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -21,6 +24,7 @@ logger = logging.getLogger(__name__)
 _STEP_MIN_SHARE = 2e-5
 # Of a leg, where a gel relaxes: its stress is taken to change evenly in a step.
 _EVEN_SHARE = 0.1
+_REMEMBERED = 24
 
 
 @dataclass(slots=True, kw_only=True)
@@ -35,6 +39,7 @@ class Stepping:
     settling: Settling
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
+    _known: deque[PathPoint] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -45,6 +50,7 @@ class Stepping:
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
+        self._known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
         relaxation = self.settling.model.relaxation
         if relaxation is not None:
@@ -112,6 +118,10 @@ class Stepping:
         options: NewtonOptions,
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the leg was done."""
+        if self.settling.quick is not None and not isinstance(leg, CarryLeg):
+            count = self.settling.quick.options.points
+            state = self._predicted(point, leg, at + advance, advance, count)
+            return self._settled(state, point, leg, at + advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
         velocity, spin = leg.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
@@ -131,10 +141,36 @@ class Stepping:
         state.tip = state.tip + fraction * (tip - state.tip)
         reached = at + fraction * advance
         self.begin(None if pace is None else pace * fraction * abs(advance))
-        settled = settling.settle(
-            state, load_n=leg.load_at(reached), passing=leg.is_short_of(reached), options=options
+        return self._settled(state, point, leg, reached, options), fraction * advance
+
+    def _predicted(
+        self, point: PathPoint, leg: Leg, to: float, advance: float, count: int
+    ) -> State:
+        """Return the state straight up or down from a point to which the points so far lead."""
+        known = [k for k in self._known if _stand_alike(k.state, point.state)]
+        held = leg.load_at(to) is None
+        places = [k.depth_m if held else float(k.force_n[2]) for k in known]
+        state = predicted_state(known, places, at=to, step=advance, count=count)
+        if held:
+            state.tip[2] = self.settling.touch_m - to
+        return state
+
+    def _settled(
+        self, state: State, point: PathPoint, leg: Leg, at: float, options: NewtonOptions
+    ) -> PathPoint:
+        return self.settling.settle(
+            state,
+            load_n=leg.load_at(at),
+            passing=leg.is_short_of(at),
+            options=options,
+            before=point,
         )
-        return settled, fraction * advance
+
+
+def _stand_alike(one: State, other: State) -> bool:
+    """Return whether the indenter stands at the same place and turned alike, at any height."""
+    beside = np.array_equal(one.tip[:2], other.tip[:2])
+    return beside and np.array_equal(one.rotation, other.rotation)
 
 
 def _stopped(point: PathPoint, leg: Leg, error: ConvergenceError) -> ConvergenceError:

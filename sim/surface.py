@@ -24,9 +24,11 @@ class SurfaceState:
         triangles6: Quadratic faces, shape [face_count, 6]: corners 0, 1, 2, then the nodes on the
             edges 01, 12, 20 (straight-sided at rest, parabolic when deformed); None for linear
             elements.
-        indenter: The rigid body; its ``lower_surface(x, y)`` is the height above its own tip.
+        indenter: The rigid body, or with a wide barrier what lies within d_hat of it; its
+            ``lower_surface(x, y)`` is the height above its own tip.
         indenter_position: Its tip [m], shape [3]: no point of the gel lies above
-            ``indenter_position[2] + lower_surface(x - indenter_position[0], ...)``.
+            ``indenter_position[2] + lower_surface(x - indenter_position[0], ...)``, unless by a
+            part of a wide barrier's d_hat where it is pressed hard.
         indenter_rotation: Indenter frame to pad frame, shape [3, 3]; identity for a plain press.
         rest_apex_m: Height of the highest point of the pad at rest [m].
     """

@@ -8,7 +8,6 @@ from sim.elements import ElementOrder
 from sim.newton import NewtonOptions
 from sim.scene import Effect, Preset, Scene
 
-BARRIER_M = 5e-6
 PAPER_BARRIER_M = 1e-3
 REFERENCE_COARSENING = 1.5
 
@@ -22,7 +21,7 @@ class Configuration:
         preset: Whose mesh is taken.
         element: Linear or quadratic tetrahedra.
         finite_strain: Hyperelastic; else Hooke's law on the undeformed pad.
-        barrier_m: d_hat [m].
+        barrier_m: d_hat [m]; None is the scene's choice.
         residual_relative: Where Newton ends, over the contact force's norm.
         refinement: Every edge this many times shorter than the preset's.
         device: Where the kernels run.
@@ -32,7 +31,7 @@ class Configuration:
     preset: Preset
     element: ElementOrder = ElementOrder.P2
     finite_strain: bool = True
-    barrier_m: float = BARRIER_M
+    barrier_m: float | None = None
     residual_relative: float = NewtonOptions().residual_relative
     refinement: float = 1.0
     device: str = "cpu"

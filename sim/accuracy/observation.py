@@ -16,8 +16,10 @@ from sim.newton import NewtonOptions
 from sim.optics.geometry import CameraGeometry
 from sim.optics.height_map import HeightMaps, height_maps
 from sim.presets import build_model
-from sim.press import contact_measures
+from sim.press import contact_measures, keeps_factors
 from sim.scene import Scene
+
+_TOUCHING_M = 6e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,13 +79,20 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         scene, plan=plan, refinement=configuration.refinement, device=configuration.device
     )
     options = NewtonOptions(residual_relative=configuration.residual_relative)
-    path = LoadingPath(model, scene.indenter, scene.centre_m, options=options)
+    path = LoadingPath(
+        model,
+        scene.indenter,
+        scene.centre_m,
+        options=options,
+        is_quick=keeps_factors(scene, model),
+    )
     ready = time.perf_counter()
     point = path.push(force)
     solved, spent = time.perf_counter(), time.process_time() - spent
     contact = contact_measures(path, point)
     # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
-    touching = max(6e-6, scene.contact_distance_m)
+    wide = model.contact_options.is_wide
+    touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
     return Observation(
         configuration=configuration,
         force_n=force,

@@ -6,20 +6,9 @@ from dataclasses import replace
 
 from sim.effects import plan_effects
 from sim.model import Model
-from sim.presets import Resolution, build_model, mesh_for
+from sim.presets import LIGHT, build_model, mesh_for
 from sim.scene import Effect, Scene
 
-# A cylinder of 5 mm with a fillet of 0.3 mm, 1 mm deep in a GelSight Mini, against preset accurate
-# with a barrier of 5 um, 5.527 N: preset fast's edges at the rim (3,960 unknowns) +2.0 %, these
-# (2,294) +1.6 %, both with a barrier of 20 um; edges of two fillets +10 %.
-RESOLUTION = Resolution(
-    edge_share=0.04,
-    smooth_share=0.25,
-    growth=2.0,
-    sector_count=16,
-    fillet_share=1.0,
-    rounded_share=0.12,
-)
 # A barrier of 1 % of the height makes F_z 1 % too large and halves Newton's iterations.
 BARRIER_SHARE = 0.01
 
@@ -41,5 +30,5 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
         barrier_m=BARRIER_SHARE * scene.pad.height_m,
         effects=((Effect.FINITE_STRAIN, True), (Effect.LOCKING_FREE_ELEMENT, True)),
     )
-    mesh = mesh_for(scene, folded=symmetric, refinement=refinement, resolution=RESOLUTION)
+    mesh = mesh_for(scene, folded=symmetric, refinement=refinement, resolution=LIGHT)
     return build_model(scene, plan=plan_effects(scene), mesh=mesh)

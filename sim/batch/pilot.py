@@ -16,11 +16,14 @@ from sim.indenter import Indenter
 from sim.loading import LoadingPath
 from sim.mesh_indenter import MeshIndenter
 from sim.model import Model
+from sim.newton import NewtonOptions
 from sim.path_point import PathPoint
 from tacauchy_rig.errors import ConfigError
 
 # A GPU takes the inverses, which are dense: 8 of this size are 2 GB.
 _UNKNOWNS_MAX = 8000
+# What only preconditions need not be in balance more exactly.
+_RESIDUAL = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +91,13 @@ class Pilot:
     def __post_init__(self) -> None:
         self._check()
         started = time.perf_counter()
-        path = LoadingPath(self.model, self.indenter, centre_m=self.centre_m)
+        path = LoadingPath(
+            self.model,
+            self.indenter,
+            self.centre_m,
+            options=NewtonOptions(residual_relative=_RESIDUAL),
+            is_quick=True,
+        )
         self.touch_m = path.touch_m
         points = [path.advance(float(depth)) for depth in self.depths_m]
         copies = self.model.mesh.fold.copies

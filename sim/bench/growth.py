@@ -12,7 +12,7 @@ from sim.effects import plan_effects
 from sim.press import path_for
 from sim.scene import Scene
 
-REFINEMENTS = (0.7, 0.85, 1.0, 1.2, 1.4)
+REFINEMENTS = (0.7, 1.0, 1.4, 2.0, 2.5)
 EXPONENT_WANTED = 1.5
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -15,17 +14,17 @@ from sim.bench.batches import (
     exact_force,
     measure_batches,
 )
-from sim.bench.frames import TRAVEL_M, FrameRow, travel
+from sim.bench.frames import TRAVEL_M, FrameRow, travels
 from sim.bench.growth import GrowthRow, growth
 from sim.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
 from sim.bench.phases import PhaseRow, Render, phases
 from sim.bench.rendering import BATCH, RenderingRow, measure_rendering
+from sim.bench.replays import ImageOf, ReplayRow, measure_replay
+from sim.bench.reuse import ReuseRow, measure_reuse
 from sim.effects import plan_effects
 from sim.optics.geometry import CameraGeometry
 from sim.press import path_for
-from sim.replay import replay_forces
 from sim.scene import Preset, Scene, Target
-from sim.sensor import load_sensor
 
 PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
@@ -38,6 +37,7 @@ class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
     FRAMES = "frames"
+    REUSE = "reuse"
     BATCHES = "batches"
     PHASES = "phases"
     RENDERING = "rendering"
@@ -58,20 +58,6 @@ _NO_GPU = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayRow:
-    """A replay of a run's forces.
-
-    Attributes:
-        wall_s: Mesh, presses and fields; no images [s].
-    """
-
-    preset: str
-    trial_count: int
-    newton_iterations: int
-    wall_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
     """What was measured; what was not asked for is empty.
 
@@ -80,6 +66,7 @@ class Bench:
     """
 
     frames: tuple[FrameRow, ...] = ()
+    reuse: tuple[ReuseRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
     peers: tuple[PeerRow, ...] = ()
     phases: tuple[PhaseRow, ...] = ()
@@ -93,10 +80,12 @@ def run_bench(
     scene: Scene,
     geometry: CameraGeometry,
     render: Render,
+    image_of: ImageOf,
     forces_n: Sequence[float],
     *,
     parts: Collection[Part] = tuple(Part),
     presets: Sequence[Preset] = PRESETS,
+    against: Preset = Preset.ACCURATE,
     peer: Peer | None = None,
     on_progress: Progress = lambda _text: None,
 ) -> Bench:
@@ -106,8 +95,11 @@ def run_bench(
         scene: Its target does not matter, its preset is that of the growth.
         geometry: The image's pixels.
         render: Turns height maps into the tactile image.
+        image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
         parts: What to measure.
+        presets: For the parts of the work and the replay.
+        against: Whose force at the end of the travel is taken for exact.
         peer: Run the batches' press by this engine too, after the batches.
 
     Raises:
@@ -115,20 +107,30 @@ def run_bench(
     """
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
+    exact_n = 0.0
+    if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
+        on_progress(f"F_z with preset {against}")
+        exact_n = exact_force(scene, preset=against)
     frames: list[FrameRow] = []
+    if Part.FRAMES in parts:
+        on_progress("frames")
+        for travelled in travels(scene, exact_n=exact_n):
+            on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
+            frames.append(travelled)
+    reuse: list[ReuseRow] = []
+    if Part.REUSE in parts:
+        on_progress("what reuse saves")
+        reuse += measure_reuse(scene, forces_n)
     phase_rows: list[PhaseRow] = []
     replays: list[ReplayRow] = []
     for preset in presets:
-        if Part.FRAMES in parts:
-            on_progress(f"frames, preset {preset}")
-            frames.append(travel(scene, preset))
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")
             phase_rows += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
-            replays.append(_replay(scene, preset, forces_n))
-    batches, peers, absent = _side_by_side(scene, parts, peer, on_progress)
+            replays.append(measure_replay(scene, preset, forces_n, image_of))
+    batches, peers, absent = _side_by_side(scene, exact_n, parts, peer, on_progress)
     grown: Sequence[GrowthRow] = ()
     if Part.GROWTH in parts:
         on_progress("growth with elements")
@@ -142,6 +144,7 @@ def run_bench(
         absent += [f"{what}, which is done on a GPU: there is none here" for what in without_gpu]
     return Bench(
         frames=tuple(frames),
+        reuse=tuple(reuse),
         batches=tuple(batches),
         peers=tuple(peers),
         phases=tuple(phase_rows),
@@ -153,7 +156,11 @@ def run_bench(
 
 
 def _side_by_side(
-    scene: Scene, parts: Collection[Part], peer: Peer | None, on_progress: Progress
+    scene: Scene,
+    exact_n: float,
+    parts: Collection[Part],
+    peer: Peer | None,
+    on_progress: Progress,
 ) -> tuple[list[BatchRow], list[PeerRow], list[str]]:
     """Measure batches, and the peer after them; return what could not be measured too."""
     device, absent = batch_device(), []
@@ -164,9 +171,6 @@ def _side_by_side(
         on_progress(f"not measured: {without}")
         absent.append(without)
     has_peer = peer is not None and not without
-    if Part.BATCHES not in parts and not has_peer:
-        return batches, peers, absent
-    exact_n = exact_force(scene)
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
         for row in measure_batches(scene, device=device, exact_n=exact_n):
@@ -184,14 +188,3 @@ def _warm_up(scene: Scene) -> None:
     """Compile and load the kernels, which no time should hold."""
     small = replace(scene, preset=Preset.FAST)
     path_for(small, plan_effects(small), refinement=0.5).advance(_WARM_M)
-
-
-def _replay(scene: Scene, preset: Preset, forces_n: Sequence[float]) -> ReplayRow:
-    started = time.perf_counter()
-    found, _ = replay_forces(load_sensor(scene.sensor), scene.indenter, forces_n, preset=preset)
-    return ReplayRow(
-        preset=preset.value,
-        trial_count=len(found.trials),
-        newton_iterations=sum(trial.newton_iterations for trial in found.trials),
-        wall_s=time.perf_counter() - started,
-    )

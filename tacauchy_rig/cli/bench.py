@@ -19,6 +19,7 @@ from sim.sensor import load_sensor
 from sim.verification.page import markdown
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.replay_images import ReplayImages
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
@@ -46,7 +47,7 @@ def bench(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Time frames, batches, their parts, a replay, and the growth with elements; minutes."""
+    """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
     writable_folder(out)
     gel = load_sensor(sensor)
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
@@ -54,6 +55,7 @@ def bench(
         scene_of(terms),
         camera_geometry(gel),
         NominalRenderer(gel),
+        ReplayImages(gel),
         load_config(None).config.protocol.force_targets,
         parts=tuple(parts or Part),
         peer=peer,

@@ -10,12 +10,13 @@ import numpy as np
 from reports.extraction import median_image, scored_frames
 from sim.fields import TrialFields
 from sim.optics.geometry import ImageArray
-from sim.optics.height_map import height_maps
+from sim.optics.height_map import HeightMaps, height_maps
 from sim.optics.marker_tracking import track_markers
 from sim.optics.material_points import surface_displacement
 from sim.optics.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.render import TactileRenderer
 from sim.sensor import Sensor
+from sim.surface import SurfaceState
 from tacauchy_rig.cli.optics import OpticalCalibration
 from tacauchy_rig.cli.views import scored_geometry
 from tacauchy_rig.errors import RecordError
@@ -49,8 +50,6 @@ def render_trial(
         ConfigError: The frame's markers are not where the sensor's file says.
     """
     geometry = optics.geometry
-    maps = height_maps(fields.surface, geometry, pad=sensor.pad)
-    fine = height_maps(fields.surface, geometry.refined(_SAMPLES), pad=sensor.pad)
     unloaded = _image(store, record, sensor, (record.reference_start_ns, record.reference_end_ns))
     if unloaded is None:
         raise RecordError(
@@ -59,16 +58,9 @@ def render_trial(
             remedy=f"`tacauchy-rig recover {store.paths.root}`, or repeat the trial",
         )
     printed = printed_markers(unloaded, sensor.markers, geometry) if sensor.markers else None
-    renderer = TactileRenderer(
-        unloaded if printed is None else printed.bare,
-        fine.rest,
-        optics.model,
-        geometry,
-        shadows=optics.shadows,
-        samples=_SAMPLES,
-        blur_px=optics.blur_px,
-    )
-    image, moved = renderer.render(fine.loaded), None
+    bare = unloaded if printed is None else printed.bare
+    maps, image = image_of(fields.surface, sensor, optics, unloaded=bare)
+    moved = None
     if printed is not None and sensor.markers is not None:
         found = surface_displacement(fields.surface, printed.places_m)[:, :2]
         image = printed.over(image, found, geometry)
@@ -83,6 +75,28 @@ def render_trial(
         ),
         markers=None if moved is None else {"trial": record.index, **moved},
     )
+
+
+def image_of(
+    surface: SurfaceState, sensor: Sensor, optics: OpticalCalibration, *, unloaded: ImageArray
+) -> tuple[HeightMaps, ImageArray]:
+    """Return the height maps of a pressed surface, a value a pixel, and its image.
+
+    Args:
+        unloaded: No-contact frame without markers.
+    """
+    geometry = optics.geometry
+    fine = height_maps(surface, geometry.refined(_SAMPLES), pad=sensor.pad)
+    renderer = TactileRenderer(
+        unloaded,
+        fine.rest,
+        optics.model,
+        geometry,
+        shadows=optics.shadows,
+        samples=_SAMPLES,
+        blur_px=optics.blur_px,
+    )
+    return height_maps(surface, geometry, pad=sensor.pad), renderer.render(fine.loaded)
 
 
 def _compared(

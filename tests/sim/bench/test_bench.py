@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.bench.batches import BALANCE, environments, exact_force, measure_batches
-from sim.bench.frames import FRAME_COUNT, travel
+from sim.bench.frames import FRAME_COUNT, travel, travels
 from sim.bench.growth import exponent, growth, local_exponents
 from sim.bench.memory import peak_memory_mib
 from sim.bench.phases import phases
 from sim.bench.rendering import measure_rendering
-from sim.bench.suite import Bench, Part, ReplayRow, run_bench
+from sim.bench.replays import ReplayRow, measure_replay
+from sim.bench.reuse import WAYS, measure_reuse
+from sim.bench.suite import Bench, Part, run_bench
 from sim.bench.tables import sections
 from sim.indenter import Sphere
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
 from sim.pad import DiscPad
 from sim.scene import Material, Preset, Scene, Target
+from sim.settings import FAST, Setting
+from sim.surface import SurfaceState
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=9e-3, height_m=5e-3),
@@ -40,6 +46,23 @@ _GEOMETRY = CameraGeometry(
 
 def _render(maps: HeightMaps) -> ImageArray:
     return np.zeros((*maps.loaded.shape, 3), dtype=np.uint8)
+
+
+def _image_of(surface: SurfaceState) -> ImageArray:
+    assert surface.positions.shape == surface.positions_rest.shape
+    return np.zeros((4, 4, 3), dtype=np.uint8)
+
+
+def _replay(*, error: float | None = 0.015, presses_s: float = 9.0) -> ReplayRow:
+    return ReplayRow(
+        preset="balanced",
+        trial_count=6,
+        newton_iterations=60,
+        presses_s=presses_s,
+        images_s=1.0,
+        force_error=error,
+        memory_mib=400.0,
+    )
 
 
 @given(
@@ -70,11 +93,12 @@ def found() -> Bench:
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
-        frames=(travel(_SCENE, Preset.FAST),),
+        frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
+        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
         batches=tuple(batches),
         phases=tuple(parts),
         rendering=tuple(measure_rendering(_SCENE, sensors=("digit",))),
-        replays=(ReplayRow(preset="fast", trial_count=6, newton_iterations=60, wall_s=3.0),),
+        replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
         absent=("nothing", "many images"),
     )
@@ -88,6 +112,45 @@ def test_frames_and_their_time_fit(found: Bench) -> None:
     assert 0.0 < alone.memory_mib <= peak_memory_mib()
 
 
+def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
+    """A force that none meets: every setting; one that the second meets: no third."""
+    settings = (Setting(Preset.FAST, 0.4), Setting(Preset.FAST, 0.5))
+    exact_n = travel(_SCENE, settings[1], exact_n=1.0, repeats=1).force_error + 1.0
+    rows = list(travels(_SCENE, exact_n=10.0 * exact_n, settings=settings))
+    assert [row.setting for row in rows] == [str(setting) for setting in settings]
+    close = list(travels(_SCENE, exact_n=exact_n, settings=settings[::-1]))
+    assert len(close) == 1
+    assert abs(close[0].force_error) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("row", "met"),
+    [
+        (_replay(), True),
+        (_replay(error=0.021), False),
+        (_replay(error=None), False),
+        (_replay(presses_s=19.5), False),
+    ],
+)
+def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
+    """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
+    (table,) = sections(Bench(replays=(row,)))
+    assert table.passed is met
+
+
+def test_a_replay_makes_an_image_of_every_press() -> None:
+    """Two forces, two images, both in its time."""
+    surfaces: list[SurfaceState] = []
+    row = measure_replay(
+        replace(_SCENE, sensor="gelsight-mini"),
+        Preset.FAST,
+        [0.2, 0.1],
+        lambda surface: (surfaces.append(surface), _image_of(surface))[1],
+    )
+    assert len(surfaces) == row.trial_count == 2
+    assert row.wall_s == row.presses_s + row.images_s
+
+
 def test_batches_are_counted_over_all_environments(found: Bench) -> None:
     """Three environments: three times the frames of one in that time; the first is the scene."""
     alone, three = found.batches
@@ -96,6 +159,15 @@ def test_batches_are_counted_over_all_environments(found: Bench) -> None:
     assert three.force_error == pytest.approx(alone.force_error, abs=1e-4)
     assert max(alone.imbalance, three.imbalance) <= BALANCE
     assert alone.failed_count == three.failed_count == 0
+
+
+def test_what_reuse_saves_changes_no_force(found: Bench) -> None:
+    """The travel ends with the same F_z, the replay with the same; a kept factor is kept."""
+    quick, newton, together, anew = found.reuse
+    assert quick.force_n == pytest.approx(newton.force_n, rel=1e-5)
+    assert together.force_n == pytest.approx(anew.force_n, rel=1e-7)
+    assert quick.factorisations < newton.factorisations
+    assert together.factorisations < anew.factorisations
 
 
 def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
@@ -147,17 +219,23 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 2, 4, 7, 2, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 2, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: nothing." in tables[1].note
-    assert "Not measured: many images." in tables[4].note
-    assert "exponent" in tables[6].columns[-1]
+    assert "Not measured: nothing." in tables[2].note
+    assert "Not measured: many images." in tables[5].note
+    assert "exponent" in tables[7].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
     """One part: its table and no other."""
     only = run_bench(
-        _SCENE, _GEOMETRY, _render, [0.5], parts=(Part.FRAMES,), presets=(Preset.FAST,)
+        _SCENE,
+        _GEOMETRY,
+        _render,
+        _image_of,
+        [0.5],
+        parts=(Part.FRAMES,),
+        against=Preset.FAST,
     )
     assert len(only.frames) == 1
     assert [table.title for table in sections(only)] == [sections(found)[0].title]

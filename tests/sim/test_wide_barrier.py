@@ -1,0 +1,59 @@
+"""What a wide barrier hands over to the optics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.effects import plan_effects
+from sim.fields import surface_state
+from sim.indenter import Cylinder, Indenter, Plane, Sphere, grown
+from sim.optics.geometry import CameraGeometry
+from sim.optics.height_map import height_maps
+from sim.pad import DiscPad
+from sim.press import path_for
+from sim.scene import Material, Preset, Scene, Target
+
+_DEPTH_M = 0.4e-3
+_SCENE = Scene(
+    pad=DiscPad(radius_m=8e-3, height_m=4e-3),
+    material=Material(young_pa=0.4e6, poisson=0.45),
+    indenter=Cylinder(diameter_m=4e-3, fillet_m=0.3e-3),
+    target=Target(depth_m=_DEPTH_M),
+    preset=Preset.FAST,
+)
+_PIXEL_M = 50e-6
+_GEOMETRY = CameraGeometry(
+    width=121,
+    height=121,
+    scale_x_m=_PIXEL_M,
+    scale_y_m=_PIXEL_M,
+    centre_x_px=60.0,
+    centre_y_px=60.0,
+)
+
+
+@pytest.mark.parametrize("indenter", [_SCENE.indenter, Sphere(diameter_m=10e-3)])
+def test_the_gel_lies_on_the_indenter_in_the_contact(indenter: Indenter) -> None:
+    """It is as deep as the press, and touches as far as its contact points do."""
+    scene = replace(_SCENE, indenter=indenter)
+    path = path_for(scene, plan_effects(scene))
+    assert path.model.contact_options.is_wide
+    point = path.advance(_DEPTH_M)
+    maps = height_maps(surface_state(path, point), _GEOMETRY)
+    assert maps.rest.max() - maps.loaded.min() == pytest.approx(_DEPTH_M, abs=5e-6)
+    radius = np.sqrt(maps.contact.sum() / np.pi) * _PIXEL_M
+    assert radius == pytest.approx(point.contact_radius_m, abs=0.2e-3)
+
+
+def test_a_grown_body_is_as_far_from_the_body_everywhere() -> None:
+    """Along the outward normal of its underside; a plate is its own, only lower."""
+    body, by = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3), 40e-6
+    angle = np.linspace(0.0, 0.4 * np.pi, 9)
+    x = 1.7e-3 + (0.3e-3 + by) * np.sin(angle)
+    below = grown(body, by).lower_surface(x, np.zeros(9)) - by
+    np.testing.assert_allclose(below, 0.3e-3 - (0.3e-3 + by) * np.cos(angle), atol=1e-12)
+    assert grown(Sphere(diameter_m=2e-3), by) == Sphere(diameter_m=2e-3 + 2.0 * by)
+    assert grown(Plane(), by) == Plane()
