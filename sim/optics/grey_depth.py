@@ -48,7 +48,10 @@ class GreyDepthModel:
     def of_pixels(self) -> PixelColours:
         """Return the mean colour change of pixels' samples."""
 
-        def colours(tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+        def colours(
+            tilt: RealArray, position: RealArray, indentation_m: RealArray, columns: int
+        ) -> RealArray:
+            del columns
             samples = indentation_m.shape[0]
             change = self.evaluate(tilt[0], position, indentation_m.reshape(-1))
             return np.asarray(change.reshape(3, samples, -1).mean(axis=1))

@@ -79,9 +79,12 @@ class PhotometricModel:
         """Return the mean colour change of pixels' samples, made ready for many images."""
         plan = polynomial_plan(self.exponents, self.coefficients, np.dtype(np.float32))
 
-        def colours(tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+        def colours(
+            tilt: RealArray, position: RealArray, indentation_m: RealArray, columns: int
+        ) -> RealArray:
             depth = np.minimum(indentation_m, np.float32(self.indentation_limit_m))
-            return pixel_means(plan, _bounded(tilt, self.tilt_limit), position, depth)
+            bounded = _bounded(tilt, self.tilt_limit)
+            return pixel_means(plan, bounded, position, depth, columns=columns)
 
         return colours
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
@@ -18,9 +17,10 @@ from tacauchy_rig.errors import ConfigError
 
 # So much of every array stays in the cache together.
 _BAND_SAMPLES = 25_600
-_THREADS = 2
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = 0.01
+
+IndexArray = NDArray[np.int64]
 
 
 class ColourModel(Protocol):
@@ -83,11 +83,8 @@ class TactileRenderer:
             slice(start, min(start + band, geometry.height))
             for start in range(0, geometry.height, band)
         ]
-        self._base = background.astype(np.float32).transpose(2, 0, 1)
-        with ThreadPoolExecutor(_THREADS) as threads:
-            change = self._change(rest_height, threads)
-            inner = inner_blurred(change, self._weights)
-        self._base = self._base - inner
+        change = inner_blurred(self._change(rest_height), self._weights)
+        self._base = background.astype(np.float32).transpose(2, 0, 1) - change
 
     @property
     def base(self) -> Float32Array:
@@ -98,76 +95,78 @@ class TactileRenderer:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
         image = np.empty((self._geometry.height, self._geometry.width, 3), dtype=np.uint8)
-        with ThreadPoolExecutor(_THREADS) as threads:
-            change = self._change(height, threads)
-            list(threads.map(lambda rows: self._expose(rows, change, image), self._bands))
+        change, reach = self._change(height), len(self._weights) // 2
+        for rows in self._bands:
+            levels = inner_blurred(change[:, rows.start : rows.stop + 2 * reach], self._weights)
+            levels += self._base[:, rows]
+            levels += np.float32(0.5)
+            np.clip(levels, 0.0, 255.0, out=levels)
+            image[rows] = levels.transpose(1, 2, 0)
         return image
 
-    def _change(self, height: NDArray[np.floating], threads: ThreadPoolExecutor) -> Float32Array:
+    def _change(self, height: NDArray[np.floating]) -> Float32Array:
         """Return the mean change of colour of each pixel's samples, with room for the blur.
 
         Returns:
             Shape [3, height + 2 reach, width + 2 reach], mirrored at the border.
         """
         rows, columns = self._geometry.height, self._geometry.width
-        change = np.empty((3, rows, columns), dtype=np.float32)
-        surface = np.empty((3, *height.shape), dtype=np.float32)
-        list(threads.map(lambda band: self._colour(band, height, surface, change), self._bands))
-        if self._shadows is not None:
-            change += self._shadows.darkening(
-                surface[2], surface[:2], self._fine, samples=self._samples
+        change = np.empty((3, rows * columns), dtype=np.float32)
+        bent: list[tuple[IndexArray, Float32Array]] = []
+        shaded = None if self._shadows is None else np.empty((3, *height.shape), dtype=np.float32)
+        for band in self._bands:
+            surface = self._surface(band, height)
+            if shaded is not None:
+                shaded[:, band.start * self._samples : band.stop * self._samples] = surface
+            planes = self._planes(surface)
+            first, middle = band.start * columns, _mean_of_samples(planes)
+            pixels = slice(first, band.stop * columns)
+            place = self._position[:, pixels]
+            change[:, pixels] = self._colours(middle[:2], place, middle[2], columns)
+            found = _bent(planes, middle)
+            bent.append((found + first, planes[:, :, found]))
+        places = np.concatenate([indices for indices, _ in bent])
+        if len(places):
+            planes = np.concatenate([samples for _, samples in bent], axis=2)
+            change[:, places] = self._colours(planes[:2], self._position[:, places], planes[2], 0)
+        image = change.reshape(3, rows, columns)
+        if self._shadows is not None and shaded is not None:
+            image += self._shadows.darkening(
+                shaded[2], shaded[:2], self._fine, samples=self._samples
             )
         reach = len(self._weights) // 2
-        return np.pad(change, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
+        return np.pad(image, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
 
-    def _colour(
-        self,
-        rows: slice,
-        height: NDArray[np.floating],
-        surface: Float32Array,
-        change: Float32Array,
-    ) -> None:
-        """Fill in tilt, indentation and colour of a band of pixels."""
-        samples, columns = self._samples, self._geometry.width
-        count = rows.stop - rows.start
-        fine = slice(rows.start * samples, rows.stop * samples)
+    def _surface(self, rows: slice, height: NDArray[np.floating]) -> Float32Array:
+        """Return tilt and indentation of a band of pixels, shape [3, rows, columns] of samples."""
+        fine = slice(rows.start * self._samples, rows.stop * self._samples)
         above = max(fine.start - 1, 0)
         tilt = surface_tilt(height[above : fine.stop + 1], self._fine)
-        surface[:2, fine] = tilt[:, fine.start - above :][:, : count * samples]
-        surface[2, fine] = self._rest_height[fine] - height[fine]
-        split = surface[:, fine].reshape(3, count, samples, columns, samples)
+        surface = np.empty((3, fine.stop - fine.start, height.shape[1]), dtype=np.float32)
+        surface[:2] = tilt[:, fine.start - above : fine.stop - above]
+        surface[2] = self._rest_height[fine] - height[fine]
+        return surface
+
+    def _planes(self, surface: Float32Array) -> Float32Array:
+        """Return the samples of each pixel together, shape [3, sample_count, pixel_count]."""
+        samples, columns = self._samples, self._geometry.width
+        split = surface.reshape(3, -1, samples, columns, samples)
         planes = np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
-        planes = planes.reshape(3, samples**2, count * columns)
-        place = self._position[:, rows.start * columns : rows.stop * columns]
-        change[:, rows] = self._mean_colour(planes, place).reshape(3, count, columns)
+        return planes.reshape(3, samples**2, -1)
 
-    def _mean_colour(self, planes: Float32Array, place: Float32Array) -> RealArray:
-        """Return the mean change of colour of pixels, shape [3, pixel_count].
 
-        Args:
-            planes: Tilt and indentation, shape [3, sample_count, pixel_count].
-            place: Shape [2, pixel_count].
-        """
-        count = planes.shape[1]
-        middle = np.add.reduce(planes, axis=1, keepdims=True)
-        middle *= np.float32(1.0 / count)
-        found = self._colours(middle[:2], place, middle[2])
-        if count > 1:
-            apart = np.abs(planes[:2] - middle[:2]).reshape(2 * count, -1)
-            bent = np.flatnonzero(np.maximum.reduce(apart, axis=0) > _LEVEL_TILT)
-            if len(bent):
-                samples = planes[:, :, bent]
-                found[:, bent] = self._colours(samples[:2], place[:, bent], samples[2])
-        return found
+def _mean_of_samples(planes: Float32Array) -> Float32Array:
+    middle = np.add.reduce(planes, axis=1, keepdims=True)
+    middle *= np.float32(1.0 / planes.shape[1])
+    return np.asarray(middle)
 
-    def _expose(self, rows: slice, change: Float32Array, image: ImageArray) -> None:
-        """Blur a band of pixels, add what does not change, and round."""
-        reach = len(self._weights) // 2
-        levels = inner_blurred(change[:, rows.start : rows.stop + 2 * reach], self._weights)
-        levels += self._base[:, rows]
-        levels += np.float32(0.5)
-        np.clip(levels, 0.0, 255.0, out=levels)
-        image[rows] = levels.transpose(1, 2, 0)
+
+def _bent(planes: Float32Array, middle: Float32Array) -> IndexArray:
+    """Return which pixels' samples are tilted so unlike that each has to be looked at."""
+    if planes.shape[1] == 1:
+        return np.empty(0, dtype=np.int64)
+    apart = np.abs(planes[:2] - middle[:2]).reshape(-1, planes.shape[2])
+    return np.flatnonzero(np.maximum.reduce(apart, axis=0) > _LEVEL_TILT)
 
 
 def render_tactile_image(

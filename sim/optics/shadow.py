@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,7 +19,6 @@ from sim.optics.horizon import Sweep, rise_over, sweep_towards
 from sim.optics.nominal import Lamp
 from sim.optics.tilt import Float32Array
 
-_THREADS = 2
 SHADOWS = "shadows"  # its name in a calibration's provenance
 
 
@@ -58,15 +56,12 @@ class ShadowCaster:
         """
         bulge = np.asarray(indentation_m, dtype=np.float32)
 
-        def lost(lamp: Lamp) -> Float32Array:
-            share = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
-            return _mean_of(share, samples)
-
         taken = np.zeros((3, *(size // samples for size in bulge.shape)), dtype=np.float32)
-        with ThreadPoolExecutor(_THREADS) as threads:
-            for lamp, share in zip(self.lamps, threads.map(lost, self.lamps), strict=True):
-                for channel, level in enumerate(lamp.colour):
-                    taken[channel] -= np.float32(level) * share
+        for lamp in self.lamps:
+            share = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
+            share = _mean_of(share, samples)
+            for channel, level in enumerate(lamp.colour):
+                taken[channel] -= np.float32(level) * share
         return taken
 
 
