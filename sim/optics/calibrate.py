@@ -10,6 +10,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.ball_press import BallPress, Circle, check_sizes
+from sim.optics.lamp_fit import fit_terms
 from sim.optics.no_contact import averaged_no_contact
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
@@ -90,8 +91,21 @@ def _fit(
         indentation_m=np.concatenate([part.indentation_m for part in parts]),
         change=np.concatenate([part.change for part in parts]),
         counts=np.concatenate([part.counts for part in parts]),
+        curvature=np.concatenate([part.curvature for part in parts if part.curvature is not None]),
+        rest_tilt=None
+        if scene.rest_slope is None
+        else np.concatenate([p.rest_tilt for p in parts if p.rest_tilt is not None], axis=1),
     )
-    model = fit_photometric(samples, exponents=exponents)
+    terms = None
+    if scene.lamp_count:
+        terms = fit_terms(
+            samples,
+            lamp_count=scene.lamp_count,
+            aspect=scene.aspect,
+            pixel_m=scene.geometry.mean_scale_m,
+            start=None if known is None else known.terms,
+        )
+    model = fit_photometric(samples, exponents=exponents, terms=terms)
     return replace(
         model, provenance={"press_count": len(presses), "pixel_count": len(samples.change)}
     )

@@ -26,6 +26,8 @@ from sim.optics.press_checks import check_after, check_before, check_coverage
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
 from sim.optics.printed_markers import marker_mask
+from sim.optics.rest_slope import rest_slopes
+from sim.optics.sensor_lamps import lamp_count_of
 from sim.optics.shadow import SHADOWS
 from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
@@ -126,6 +128,8 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         profile=ball_profiles(
             request.sensor, ball_diameter_m=request.ball_diameter_m, preset=request.preset
         ),
+        rest_slope=rest_slopes(request.sensor.pad, geometry),
+        lamp_count=lamp_count_of(request.sensor),
     )
     presses = _presses(request, scene)
     warnings = check_before(presses, scene.geometry, ball_radius_m=radius_m)

@@ -28,6 +28,21 @@ class RadialProfile:
     tilt: FloatArray
     indentation_m: FloatArray
 
+    def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:
+        """Return the divergence of the tilt [1/m], averaged over ``width_m`` along the radius.
+
+        The flux of the tilt through a circle is what the divergence inside it amounts to, so that
+        a sharp bend counts whole however narrow it is.
+
+        Args:
+            radius_m: Distances from the axis [m], any shape.
+            width_m: What a pixel sees of the gel [m].
+        """
+        outer = radius_m + 0.5 * width_m
+        inner = np.maximum(radius_m - 0.5 * width_m, 0.0)
+        flux = [r * np.interp(r, self.radius_m, self.tilt, right=0.0) for r in (outer, inner)]
+        return np.asarray(2.0 * (flux[0] - flux[1]) / (outer**2 - inner**2))
+
 
 class GelProfile(Protocol):
     """The gel around a ball of one size on one gel, from a formula or from the simulator."""

@@ -33,15 +33,27 @@ class GreyDepthModel:
     change: FloatArray
     provenance: Mapping[str, object] = field(default_factory=dict)
 
-    def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+    @property
+    def sees_curvature(self) -> bool:
+        """Depth is all that it sees."""
+        return False
+
+    def evaluate(
+        self,
+        tilt: RealArray,
+        position: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None = None,
+    ) -> RealArray:
         """Return the change of red, green and blue [grey levels], shape [3, n].
 
         Args:
             tilt: Not used: light that went through the gel does not tell slopes.
             position: Not used.
             indentation_m: Unloaded minus loaded height [m], shape [n].
+            curvature: Not used.
         """
-        del position
+        del position, curvature
         level = np.interp(indentation_m, self.depth_m, self.change).astype(tilt.dtype)
         return np.broadcast_to(level, (3, len(level)))
 
@@ -49,9 +61,13 @@ class GreyDepthModel:
         """Return the mean colour change of pixels' samples."""
 
         def colours(
-            tilt: RealArray, position: RealArray, indentation_m: RealArray, columns: int
+            tilt: RealArray,
+            position: RealArray,
+            indentation_m: RealArray,
+            curvature: RealArray | None,
+            columns: int,
         ) -> RealArray:
-            del columns
+            del curvature, columns
             samples = indentation_m.shape[0]
             change = self.evaluate(tilt[0], position, indentation_m.reshape(-1))
             return np.asarray(change.reshape(3, samples, -1).mean(axis=1))

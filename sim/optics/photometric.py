@@ -2,7 +2,8 @@
 
 After Taxim (Si and Yuan 2022), who map slope to colour with a low-order polynomial in pixel
 position; here the whole map is one polynomial with coefficients as data. It also knows how deep
-the surface is pressed: under a ball's centre the gel is level as at rest, and yet darker.
+the surface is pressed: under a ball's centre the gel is level as at rest, and yet darker. A
+calibration may add near lamps and creases (``shading_terms``), which no polynomial follows.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from sim.optics.polynomial import (
     pixel_means,
     polynomial_plan,
 )
+from sim.optics.shading_terms import ShadingTerms, read_terms
 from sim.optics.tilt import Float32Array
 from tacauchy_rig.errors import ConfigError
 
@@ -42,6 +44,8 @@ class PhotometricModel:
         tilt_limit: Largest tilt the coefficients were fitted to; steeper surfaces are rendered
             as this steep in their own direction, not extrapolated.
         indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
+        terms: Lamps and creases, not bounded by the limit of tilt; None has none.
+        term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
         provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
@@ -49,6 +53,8 @@ class PhotometricModel:
     coefficients: FloatArray
     tilt_limit: float = 1.0
     indentation_limit_m: float = math.inf
+    terms: ShadingTerms | None = None
+    term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -60,31 +66,59 @@ class PhotometricModel:
                 remedy="they must be [terms, 5] and [terms, 3]",
             )
 
-    def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
+    @property
+    def sees_curvature(self) -> bool:
+        """Whether ``evaluate`` wants the surface's curvature."""
+        return self.terms is not None
+
+    def evaluate(
+        self,
+        tilt: RealArray,
+        position: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None = None,
+    ) -> RealArray:
         """Return the colour change [grey levels] in the precision of the arguments.
 
         Args:
             tilt: Shape [2, point_count].
             position: Normalised pixel position, shape [2, point_count].
             indentation_m: Unloaded minus loaded height [m], shape [point_count].
+            curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
 
         Returns:
             Red, green, blue, shape [3, point_count].
         """
         bounded = _bounded(tilt, self.tilt_limit)
         depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
-        return evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
+        change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
+        if self.terms is not None:
+            creases = np.zeros_like(indentation_m) if curvature is None else curvature
+            values = self.terms.values(tilt, position, creases)
+            change += self.term_coefficients.T.astype(tilt.dtype) @ values
+        return change
 
     def of_pixels(self) -> PixelColours:
         """Return the mean colour change of pixels' samples, made ready for many images."""
         plan = polynomial_plan(self.exponents, self.coefficients, np.dtype(np.float32))
 
+        term_weights = self.term_coefficients.T.astype(np.float32)
+
         def colours(
-            tilt: RealArray, position: RealArray, indentation_m: RealArray, columns: int
+            tilt: RealArray,
+            position: RealArray,
+            indentation_m: RealArray,
+            curvature: RealArray | None,
+            columns: int,
         ) -> RealArray:
             depth = np.minimum(indentation_m, np.float32(self.indentation_limit_m))
             bounded = _bounded(tilt, self.tilt_limit)
-            return pixel_means(plan, bounded, position, depth, columns=columns)
+            change = pixel_means(plan, bounded, position, depth, columns=columns)
+            if self.terms is not None and curvature is not None:
+                for sample, creases in enumerate(curvature):
+                    values = self.terms.values(tilt[:, sample], position, creases)
+                    change += (term_weights @ values) * np.float32(1.0 / len(curvature))
+            return change
 
         return colours
 
@@ -97,6 +131,8 @@ class PhotometricModel:
             coefficients=self.coefficients,
             tilt_limit=np.array(self.tilt_limit),
             indentation_limit_m=np.array(self.indentation_limit_m),
+            terms=np.array(json.dumps(None if self.terms is None else self.terms.as_json())),
+            term_coefficients=self.term_coefficients,
             provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
         )
 
@@ -112,16 +148,19 @@ def load_photometric(path: Path) -> PhotometricModel:
         with np.load(path, allow_pickle=False) as data:
             if str(data["format"]) != FORMAT:
                 raise ConfigError(f"{path} has the format {str(data['format'])!r}", remedy=remedy)
+            terms = json.loads(str(data["terms"])) if "terms" in data else None
             return PhotometricModel(
                 exponents=data["exponents"],
                 coefficients=data["coefficients"],
                 tilt_limit=float(data["tilt_limit"]),
                 indentation_limit_m=float(data["indentation_limit_m"]),
+                terms=None if terms is None else read_terms(terms),
+                term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
                 provenance=json.loads(str(data["provenance"])),
             )
     except FileNotFoundError as error:
         raise ConfigError(f"optics calibration {path} does not exist", remedy=remedy) from error
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error

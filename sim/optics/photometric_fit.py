@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric import PhotometricModel
 from sim.optics.polynomial import monomials, polynomial_exponents
+from sim.optics.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
 _STEEP = polynomial_exponents(
@@ -34,6 +35,9 @@ class PhotometricSamples:
         change: Colour minus no-contact colour, red, green, blue [grey levels],
             shape [sample_count, 3].
         counts: False where a colour is not known, same shape.
+        curvature: Divergence of the tilt [1/m], shape [sample_count]; None is not known.
+        rest_tilt: Of the unloaded gel, whose colour is in the no-contact frame, shape
+            [2, sample_count]; None is level gel.
     """
 
     tilt: FloatArray
@@ -41,6 +45,30 @@ class PhotometricSamples:
     indentation_m: FloatArray
     change: FloatArray
     counts: NDArray[np.bool_]
+    curvature: FloatArray | None = None
+    rest_tilt: FloatArray | None = None
+
+    def features(self, exponents: IntArray, terms: ShadingTerms | None) -> FloatArray:
+        """Return what the model is linear in, shape [exponent_count + term_count, sample_count]."""
+        level = np.zeros_like(self.indentation_m)
+        creases = level if self.curvature is None else self.curvature
+        found = self._values(self.tilt, self.indentation_m, creases, exponents, terms)
+        if self.rest_tilt is not None:
+            found -= self._values(self.rest_tilt, level, level, exponents, terms)
+        return found
+
+    def _values(
+        self,
+        tilt: FloatArray,
+        indentation_m: FloatArray,
+        curvature: FloatArray,
+        exponents: IntArray,
+        terms: ShadingTerms | None,
+    ) -> FloatArray:
+        found = monomials(tilt, self.position, indentation_m, exponents)
+        if terms is not None:
+            found = np.concatenate([found, terms.values(tilt, self.position, curvature)])
+        return np.asarray(found, dtype=np.float64)
 
 
 def fit_photometric(
@@ -48,6 +76,7 @@ def fit_photometric(
     *,
     exponents: IntArray = BALL_EXPONENTS,
     ridge: float = 1e-5,
+    terms: ShadingTerms | None = None,
     provenance: Mapping[str, object] | None = None,
 ) -> PhotometricModel:
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
@@ -56,27 +85,30 @@ def fit_photometric(
         samples: Pixels of all presses.
         exponents: Terms of the model, shape [term_count, 5].
         ridge: Weight on the coefficients' squares, per sample.
+        terms: Lamps and creases beside the polynomial.
         provenance: Where the samples come from; kept with the model.
 
     Raises:
         ConfigError: There are fewer samples than terms.
     """
-    count, terms = len(samples.change), len(exponents)
-    if count < terms:
+    features = samples.features(exponents, terms)
+    unknowns, count = features.shape
+    if count < unknowns:
         raise ConfigError(
-            f"{count} pixels cannot fix the {terms} terms of the photometric model",
+            f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    features = monomials(samples.tilt, samples.position, samples.indentation_m, exponents)
-    coefficients = np.empty((terms, 3))
+    coefficients = np.empty((unknowns, 3))
     for channel in range(3):
         counts = samples.counts[:, channel]
         known = features[:, counts]
-        normal = known @ known.T + ridge * count * np.eye(terms)
+        normal = known @ known.T + ridge * count * np.eye(unknowns)
         coefficients[:, channel] = np.linalg.solve(normal, known @ samples.change[counts, channel])
     return PhotometricModel(
         exponents=exponents,
-        coefficients=coefficients,
+        coefficients=coefficients[: len(exponents)],
+        terms=terms,
+        term_coefficients=coefficients[len(exponents) :],
         tilt_limit=float(np.hypot(*samples.tilt).max()),
         indentation_limit_m=float(samples.indentation_m.max()),
         provenance=dict(provenance or {}),

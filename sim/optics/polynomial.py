@@ -12,9 +12,10 @@ from sim.arrays import FloatArray, IntArray
 
 RealArray = NDArray[np.floating]
 # Tilt [2, sample_count, pixel_count], position of the pixels [2, pixel_count], indentation [m]
-# [sample_count, pixel_count] and, where the pixels are whole rows of an image, the rows' length
-# (else 0) to the mean change of red, green and blue [3, pixel_count].
-PixelColours = Callable[[RealArray, RealArray, RealArray, int], RealArray]
+# [sample_count, pixel_count], curvature [1/m] of the same shape where it is seen, and, where the
+# pixels are whole rows of an image, the rows' length (else 0) to the mean change of red, green and
+# blue [3, pixel_count].
+PixelColours = Callable[[RealArray, RealArray, RealArray, RealArray | None, int], RealArray]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
 _ROWS = 8  # taller products of this kind take twice as long a row

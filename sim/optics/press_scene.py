@@ -37,6 +37,9 @@ class PressScene:
         background: No-contact frame, RGB levels as float, shape [height, width, 3].
         profile: The gel around the ball.
         masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
+        rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
+            None is level gel.
+        lamp_count: Near lamps that the model may have; with none it is a polynomial alone.
         stride: Every how many pixels along rows and columns are used for fitting.
     """
 
@@ -44,27 +47,61 @@ class PressScene:
     background: FloatArray
     profile: GelProfile
     masked: NDArray[np.bool_] | None = None
+    rest_slope: FloatArray | None = None
+    lamp_count: int = 0
     stride: int = 3
+
+    @property
+    def aspect(self) -> float:
+        """Height of the image over its width."""
+        height, width = self.background.shape[:2]
+        scale = self.geometry.scale_y_m / self.geometry.scale_x_m
+        return float((height - 1) * scale / (width - 1))
 
     def surface(
         self, circle: Circle, columns: FloatArray, rows: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return tilt, shape [2, n], and indentation [m], shape [n], at pixels."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return tilt, shape [2, n], indentation [m] and curvature [1/m], shape [n], at pixels.
+
+        On a slope of the gel the ball touches beside its axis, so that the contact is the one on
+        level gel leaned with the slope: the profile adds to the slope at rest.
+        """
         dx = (columns - circle.x_px) * self.geometry.scale_x_m
         dy = (rows - circle.y_px) * self.geometry.scale_y_m
         r = np.hypot(dx, dy)
         profile = self.profile(circle.radius_px * self.geometry.mean_scale_m)
         outward = np.interp(r, profile.radius_m, profile.tilt, right=0.0) / np.maximum(r, 1e-12)
         indentation = np.interp(r, profile.radius_m, profile.indentation_m, right=0.0)
-        return np.stack([dx * outward, dy * outward]), indentation
+        curvature = profile.curvature(r, width_m=self.geometry.mean_scale_m)
+        tilt = np.stack([dx * outward, dy * outward])
+        if self.rest_slope is not None:
+            upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
+            slope = tilt / upright + self._at_rest(self.rest_slope, columns, rows)
+            tilt = slope / np.sqrt(1.0 + np.sum(slope**2, axis=0))
+        return tilt, indentation, curvature
+
+    def rest_tilt(self, columns: FloatArray, rows: FloatArray) -> FloatArray | None:
+        """Return the unloaded gel's tilt at pixels, shape [2, n]; None on level gel."""
+        if self.rest_slope is None:
+            return None
+        slope = self._at_rest(self.rest_slope, columns, rows)
+        return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
+
+    @staticmethod
+    def _at_rest(slope: FloatArray, columns: FloatArray, rows: FloatArray) -> FloatArray:
+        return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
 
     def predict(
         self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
     ) -> FloatArray:
         """Return the model's colour change [grey levels] at pixels, shape [n, 3]."""
-        tilt, indentation = self.surface(circle, columns, rows)
+        tilt, indentation, curvature = self.surface(circle, columns, rows)
         position = self.normalised(columns, rows)
-        return np.asarray(model.evaluate(tilt, position, indentation).T, dtype=np.float64)
+        change = model.evaluate(tilt, position, indentation, curvature)
+        rest = self.rest_tilt(columns, rows)
+        if rest is not None:
+            change = change - model.evaluate(rest, position, np.zeros_like(indentation))
+        return np.asarray(change.T, dtype=np.float64)
 
     def predicted_image(self, model: PhotometricModel, circle: Circle) -> FloatArray:
         """Return the model's colour change [grey levels] everywhere, shape [height, width, 3]."""
@@ -114,7 +151,7 @@ class PressScene:
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        tilt, indentation = self.surface(circle, x, y)
+        tilt, indentation, curvature = self.surface(circle, x, y)
         seen = self._seen(press, rows, columns, light)
         change, counts = seen.change, seen.exposed
         if model is not None:
@@ -126,6 +163,8 @@ class PressScene:
             indentation_m=indentation,
             change=change,
             counts=counts,
+            curvature=curvature,
+            rest_tilt=self.rest_tilt(x, y),
         )
 
     def _seen(

@@ -12,7 +12,7 @@ from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.photometric import normalised_positions
 from sim.optics.polynomial import PixelColours, RealArray
 from sim.optics.shadow import ShadowCaster
-from sim.optics.tilt import Float32Array, surface_tilt
+from sim.optics.tilt import Float32Array, surface_tilt, tilt_divergence
 from tacauchy_rig.errors import ConfigError
 
 # So much of every array stays in the cache together.
@@ -26,8 +26,19 @@ IndexArray = NDArray[np.int64]
 class ColourModel(Protocol):
     """Change of colour that a surface brings."""
 
-    def evaluate(self, tilt: RealArray, position: RealArray, indentation_m: RealArray) -> RealArray:
-        """Return red, green, blue [grey levels], [3, n], from [2, n], [2, n] and [n]."""
+    @property
+    def sees_curvature(self) -> bool:
+        """Whether ``evaluate`` wants the surface's curvature."""
+        ...
+
+    def evaluate(
+        self,
+        tilt: RealArray,
+        position: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None = None,
+    ) -> RealArray:
+        """Return red, green, blue [grey levels], [3, n], from [2, n], [2, n], [n] and [n]."""
         ...
 
     def of_pixels(self) -> PixelColours:
@@ -72,6 +83,7 @@ class TactileRenderer:
         self._samples, self._weights = samples, gaussian_weights(blur_px)
         self._shadows = shadows
         self._colours = model.of_pixels()
+        self._sees_curvature = model.sees_curvature
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
         self._position = normalised_positions(geometry.height, geometry.width)
         _check_shape(
@@ -117,18 +129,18 @@ class TactileRenderer:
         for band in self._bands:
             surface = self._surface(band, height)
             if shaded is not None:
-                shaded[:, band.start * self._samples : band.stop * self._samples] = surface
+                shaded[:, band.start * self._samples : band.stop * self._samples] = surface[:3]
             planes = self._planes(surface)
             first, middle = band.start * columns, _mean_of_samples(planes)
             pixels = slice(first, band.stop * columns)
             place = self._position[:, pixels]
-            change[:, pixels] = self._colours(middle[:2], place, middle[2], columns)
+            change[:, pixels] = self._coloured(middle, place, columns)
             found = _bent(planes, middle)
             bent.append((found + first, planes[:, :, found]))
         places = np.concatenate([indices for indices, _ in bent])
         if len(places):
             planes = np.concatenate([samples for _, samples in bent], axis=2)
-            change[:, places] = self._colours(planes[:2], self._position[:, places], planes[2], 0)
+            change[:, places] = self._coloured(planes, self._position[:, places], 0)
         image = change.reshape(3, rows, columns)
         if self._shadows is not None and shaded is not None:
             image += self._shadows.darkening(
@@ -137,22 +149,34 @@ class TactileRenderer:
         reach = len(self._weights) // 2
         return np.pad(image, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
 
+    def _coloured(self, planes: Float32Array, place: Float32Array, columns: int) -> RealArray:
+        curvature = planes[3] if self._sees_curvature else None
+        return self._colours(planes[:2], place, planes[2], curvature, columns)
+
     def _surface(self, rows: slice, height: NDArray[np.floating]) -> Float32Array:
-        """Return tilt and indentation of a band of pixels, shape [3, rows, columns] of samples."""
+        """Return tilt, indentation and, where it is seen, curvature of a band of pixels.
+
+        Returns:
+            Shape [3 or 4, rows, columns] of samples.
+        """
         fine = slice(rows.start * self._samples, rows.stop * self._samples)
-        above = max(fine.start - 1, 0)
-        tilt = surface_tilt(height[above : fine.stop + 1], self._fine)
-        surface = np.empty((3, fine.stop - fine.start, height.shape[1]), dtype=np.float32)
-        surface[:2] = tilt[:, fine.start - above : fine.stop - above]
+        above = max(fine.start - 2, 0)
+        inner = slice(fine.start - above, fine.stop - above)
+        tilt = surface_tilt(height[above : fine.stop + 2], self._fine)
+        layers = 4 if self._sees_curvature else 3
+        surface = np.empty((layers, fine.stop - fine.start, height.shape[1]), dtype=np.float32)
+        surface[:2] = tilt[:, inner]
         surface[2] = self._rest_height[fine] - height[fine]
+        if self._sees_curvature:
+            surface[3] = tilt_divergence(tilt, self._fine)[inner]
         return surface
 
     def _planes(self, surface: Float32Array) -> Float32Array:
-        """Return the samples of each pixel together, shape [3, sample_count, pixel_count]."""
+        """Return the samples of each pixel together, shape [3 or 4, sample_count, pixel_count]."""
         samples, columns = self._samples, self._geometry.width
-        split = surface.reshape(3, -1, samples, columns, samples)
+        split = surface.reshape(len(surface), -1, samples, columns, samples)
         planes = np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
-        return planes.reshape(3, samples**2, -1)
+        return planes.reshape(len(surface), samples**2, -1)
 
 
 def _mean_of_samples(planes: Float32Array) -> Float32Array:

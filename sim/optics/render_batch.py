@@ -24,8 +24,10 @@ from sim.optics.render_kernel import (
     colour_pixels,
     darken_pixels,
     expose_pixels,
+    shade_pixels,
     sweep_rays,
 )
+from sim.optics.shading_terms import CREASE_UNIT_M
 from sim.optics.shadow import ShadowCaster, rise_in_a_step_m
 from tacauchy_rig.errors import ConfigError
 
@@ -53,7 +55,7 @@ class BatchRenderer:
         device: Warp's name of the device, such as ``cuda:0``; None takes its default.
 
     Raises:
-        ConfigError: A shape is wrong, or the model's degree is above 7.
+        ConfigError: A shape is wrong, the model's degree is above 7, or it has lamps and creases.
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class BatchRenderer:
             relative,
         ]
         self._colours = [*self._polynomial(model), *self._surface]
+        self._shading = None if model.terms is None else [*self._terms(model), *self._surface]
         weights = self._array(gaussian_weights(blur_px), wp.float32)
         base = single.base.transpose(1, 2, 0)
         self._across = [weights]
@@ -114,6 +117,8 @@ class BatchRenderer:
         change, blurred = (wp.empty(shape, dtype=wp.vec3f, device=self._device) for _ in range(2))
         images = wp.empty((*shape, 3), dtype=wp.uint8, device=self._device)
         self._launch(colour_pixels, shape, [*self._colours, dent], change)
+        if self._shading is not None:
+            self._launch(shade_pixels, shape, [*self._shading, dent], change)
         for lamp in self._lamps:
             rays = (shape[0], lamp.sweep.step_count, lamp.sweep.ray_count)
             highest = wp.empty(rays, dtype=wp.float32, device=self._device)
@@ -134,6 +139,28 @@ class BatchRenderer:
             self._array(weights.astype(np.float32), wp.vec3f),
             float(model.tilt_limit),
             float(min(model.indentation_limit_m, 1e3)),
+        ]
+
+    def _terms(self, model: PhotometricModel) -> list[Any]:
+        terms = model.terms
+        if terms is None:
+            return []
+        lamps = [
+            (
+                lamp.distance * math.cos(lamp.azimuth_rad),
+                lamp.distance * math.sin(lamp.azimuth_rad),
+                lamp.distance * math.tan(lamp.elevation_rad),
+            )
+            for lamp in terms.lamps
+        ]
+        weights = model.term_coefficients.reshape(len(lamps) + 1, -1, 3)
+        return [
+            self._array(np.array(lamps, dtype=np.float32).reshape(-1, 3), wp.vec3f),
+            float(terms.softness),
+            float(terms.aspect),
+            float(terms.crease_limit),
+            CREASE_UNIT_M,
+            self._array(weights.astype(np.float32), wp.vec3f),
         ]
 
     def _lamp(self, lamp: Lamp, softness_m: float, fine: CameraGeometry) -> _LampOnDevice:

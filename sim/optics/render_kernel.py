@@ -46,6 +46,86 @@ def _tilt(
     return wp.vec2f(p, q) / wp.sqrt(wp.float32(1.0) + p * p + q * q)
 
 
+@wp.func
+def _softened(cosine: wp.float32, softness: wp.float32) -> wp.float32:
+    """See ``shading_terms``."""
+    return wp.float32(0.5) * (cosine + wp.sqrt(cosine * cosine + softness * softness))
+
+
+@wp.func
+def _lit(
+    lamp: wp.vec3f,
+    softness: wp.float32,
+    tilt: wp.vec2f,
+    u: wp.float32,
+    v: wp.float32,
+) -> wp.float32:
+    """Light of a near lamp on a tilted surface less that on a level one."""
+    way = wp.vec3f(lamp[0] - u, lamp[1] - v, lamp[2])
+    away = wp.length(way)
+    upright = wp.sqrt(wp.max(wp.float32(1.0) - wp.dot(tilt, tilt), wp.float32(0.0)))
+    cosine = wp.dot(way, wp.vec3f(tilt[0], tilt[1], upright)) / away
+    return _softened(cosine, softness) - _softened(way[2] / away, softness)
+
+
+@wp.func
+def _curvature(
+    rest: wp.array2d(dtype=wp.float32),
+    dent: wp.array3d(dtype=wp.float32),
+    spacing: wp.vec2f,
+    b: int,
+    i: int,
+    j: int,
+) -> wp.float32:
+    """Divergence of the tilt by central differences, one-sided at the border."""
+    up, down = wp.max(i - 1, 0), wp.min(i + 1, rest.shape[0] - 1)
+    left, right = wp.max(j - 1, 0), wp.min(j + 1, rest.shape[1] - 1)
+    along = _tilt(rest, dent, spacing, b, i, right)[0] - _tilt(rest, dent, spacing, b, i, left)[0]
+    across = _tilt(rest, dent, spacing, b, down, j)[1] - _tilt(rest, dent, spacing, b, up, j)[1]
+    return along / (spacing[0] * wp.float32(right - left)) + across / (
+        spacing[1] * wp.float32(down - up)
+    )
+
+
+@wp.kernel(enable_backward=False)
+def shade_pixels(
+    # Model:
+    lamps: wp.array(dtype=wp.vec3f),
+    softness: wp.float32,
+    aspect: wp.float32,
+    crease_limit: wp.float32,
+    crease_unit: wp.float32,
+    weights: wp.array2d(dtype=wp.vec3f),
+    spacing: wp.vec2f,
+    samples: wp.int32,
+    rest: wp.array2d(dtype=wp.float32),
+    # Data in:
+    dent: wp.array3d(dtype=wp.float32),
+    # Data out:
+    change_out: wp.array3d(dtype=wp.vec3f),
+):
+    """Add near lamps and creases, the mean of each pixel's samples.
+
+    ``weights`` has a row a lamp and one for creases, of level and gradients along u and v.
+    """
+    b, i, j = wp.tid()
+    u = wp.float32(2 * j) / wp.float32(change_out.shape[2] - 1) - wp.float32(1.0)
+    v = wp.float32(2 * i) / wp.float32(change_out.shape[1] - 1) - wp.float32(1.0)
+    change = wp.vec3f()
+    for k in range(weights.shape[0]):
+        value = wp.float32(0.0)
+        for s in range(samples * samples):
+            row, column = i * samples + s / samples, j * samples + s % samples
+            if k < lamps.shape[0]:
+                tilt = _tilt(rest, dent, spacing, b, row, column)
+                value += _lit(lamps[k], softness, tilt, u, v * aspect)
+            else:
+                bend = _curvature(rest, dent, spacing, b, row, column)
+                value += crease_unit * wp.clamp(bend, -crease_limit, crease_limit)
+        change += value * (weights[k, 0] + u * weights[k, 1] + v * weights[k, 2])
+    change_out[b, i, j] = change_out[b, i, j] + change / wp.float32(samples * samples)
+
+
 @wp.kernel(enable_backward=False)
 def colour_pixels(
     # Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sim.optics.grey_depth import GreyDepthModel, nominal_grey
+from sim.optics.lamp_fit import MOST_LAMPS
 from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel
 from sim.optics.shadow import ShadowCaster
@@ -17,6 +18,13 @@ def lamps_of(sensor: Sensor) -> list[Lamp]:
         Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
         for lamp in sensor.optics.lamps
     ]
+
+
+def lamp_count_of(sensor: Sensor) -> int:
+    """Return how many lamps a calibration looks for: as many as the file names, by colour only."""
+    if sensor.optics.kind is not OpticsKind.PHOTOMETRIC:
+        return 0
+    return min(len(sensor.optics.lamps), MOST_LAMPS)
 
 
 def shadows_of(sensor: Sensor) -> ShadowCaster | None:

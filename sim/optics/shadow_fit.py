@@ -111,7 +111,7 @@ def without_shadows(
 def _surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
     height, width = scene.geometry.height, scene.geometry.width
     rows, columns = np.mgrid[:height, :width].astype(np.float64)
-    tilt, indentation = scene.surface(circle, columns.ravel(), rows.ravel())
+    tilt, indentation, _ = scene.surface(circle, columns.ravel(), rows.ravel())
     shape = (height, width)
     return (
         indentation.reshape(shape).astype(np.float32),

@@ -42,11 +42,13 @@ def fit_skirt(
         skirt = ExponentialSkirt(ball_radius_m=ball_radius_m, decay_m=decay_m)
         trial = replace(scene, profile=skirt, stride=2 * scene.stride)
         found = calibrate_optics(presses, trial, rounds=1)
-        errors = []
+        model, errors = found.model, []
         for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
             seen = found.scene.samples(press, circle, light, found.model)
-            change = found.model.evaluate(seen.tilt, seen.position, seen.indentation_m).T
-            errors.append(np.abs(change - seen.change))
+            features = seen.features(model.exponents, model.terms)
+            coefficients = np.concatenate([model.coefficients, model.term_coefficients])
+            left = seen.change - features.T @ coefficients
+            errors.append(np.abs(left))
         return float(np.concatenate(errors).mean())
 
     tried = contact * np.geomspace(_SHORTEST, _LONGEST, _GRID)

@@ -31,6 +31,22 @@ def surface_tilt(height: NDArray[np.floating], geometry: CameraGeometry) -> Floa
     return tilt
 
 
+def tilt_divergence(tilt: Float32Array, geometry: CameraGeometry) -> Float32Array:
+    """Return d(tilt along columns)/dx + d(tilt along rows)/dy [1/m], shape [height, width].
+
+    It is twice the mean curvature: positive in a groove, seen from outside the gel, and bounded by
+    the pixels however sharp an edge is.
+
+    Args:
+        tilt: Shape [2, height, width].
+        geometry: Scale of the pixels.
+    """
+    along, across = np.empty_like(tilt[0]), np.empty_like(tilt[1])
+    _central_difference(tilt[0].T, along.T, geometry.scale_x_m)
+    _central_difference(tilt[1], across, geometry.scale_y_m)
+    return np.asarray(along + across)
+
+
 def _central_difference(values: Float32Array, out: Float32Array, spacing_m: float) -> None:
     if len(values) < 2:
         out[...] = 0.0

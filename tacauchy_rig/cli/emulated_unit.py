@@ -40,6 +40,7 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     return EmulatedUnit(
         name=sensor.name,
         pad_size_m=(2.0 * half_x, 2.0 * half_y),
+        dome_radii_m=_dome_radii(sensor),
         gel=GelDisc(
             radius_m=round(math.sqrt(4.0 * half_x * half_y / math.pi), 4),
             thickness_m=_height(sensor),
@@ -68,6 +69,11 @@ def _dots(grid: PrintedGrid) -> MarkerGrid:
 def _height(sensor: Sensor) -> float:
     middle = np.zeros(1)
     return round(float(sensor.pad.height_at(middle, middle)[0]), 6)
+
+
+def _dome_radii(sensor: Sensor) -> tuple[float, float] | None:
+    pad = sensor.pad
+    return (pad.dome_radius_x_m, pad.dome_radius_y_m) if isinstance(pad, BoxPad) else None
 
 
 def _dome_radius(sensor: Sensor) -> float:

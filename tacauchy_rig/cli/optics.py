@@ -26,8 +26,9 @@ from sim.optics.grey_depth import GreyDepthModel
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_scene import PressScene
 from sim.optics.printed_markers import marker_mask
+from sim.optics.rest_slope import rest_slopes, touching_places
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
-from sim.optics.sensor_lamps import nominal_model, shadows_of
+from sim.optics.sensor_lamps import lamp_count_of, nominal_model, shadows_of
 from sim.optics.shadow import SHADOWS, ShadowCaster, read_shadows
 from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.sensor import Sensor
@@ -71,13 +72,17 @@ def calibrate_folder(
         background=unloaded.astype(np.float64),
         masked=marker_mask(unloaded, sensor.markers, nominal),
         profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
+        rest_slope=rest_slopes(sensor.pad, nominal),
+        lamp_count=lamp_count_of(sensor),
     )
     terms = exponents_for(sensor)
     found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
     residual_px = None
     if places:
-        fit = _fit_scale(presses, found, places, nominal)
-        scene = replace(scene, geometry=replace(fit.geometry, crop_fraction=nominal.crop_fraction))
+        touched = _touched(places, sensor, ball_diameter_m)
+        fit = _fit_scale(presses, found, touched, nominal)
+        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+        scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
         found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
         residual_px = fit.residual_px
         say(
@@ -96,6 +101,15 @@ def calibrate_folder(
     return OpticalCalibration(
         model=model, geometry=scene.geometry, shadows=shadows, blur_px=blur_px
     )
+
+
+def _touched(
+    places: Mapping[str, tuple[float, float]], sensor: Sensor, ball_diameter_m: float
+) -> dict[str, tuple[float, float]]:
+    """Return where the ball touches the gel, of where the robot put its axis [m]."""
+    axes = np.array(list(places.values()))
+    touched = touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m)
+    return {name: (x, y) for name, (x, y) in zip(places, touched.tolist(), strict=True)}
 
 
 def _fit_scale(

@@ -27,6 +27,7 @@ NO_CONTACT = "no_contact.png"
 CIRCLES = "circles.csv"
 POSITIONS = "positions.csv"
 _RAW_SIZE = (640, 480)
+_JPEG_QUALITY = 94  # of the emulated camera's stream
 _DEPTHS_M = (0.25e-3, 0.8e-3)
 _DEEPEST_SHARE = 0.25  # of the gel's thickness
 _REACH = (0.64, 0.55)  # of half the image
@@ -49,10 +50,13 @@ def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> N
     cv2.imwrite(str(folder / NO_CONTACT), _averaged(truth, tip))
     circles, positions = [], []
     for number, (x, y, depth) in enumerate(_places(count, truth.unit), start=1):
-        place = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
-        raw = render_press(truth, tip, depth, _RAW_SIZE, centre_m=place, noise_seed=number)
+        axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
+        place, lean = _touched(axis, truth.unit)
+        raw = render_press(
+            truth, tip, depth, _RAW_SIZE, centre_m=place, lean_rad=lean, noise_seed=number
+        )
         name = f"press-{number:02d}.png"
-        cv2.imwrite(str(folder / name), _scored(raw, truth.unit))
+        cv2.imwrite(str(folder / name), _scored(_sent(raw), truth.unit))
         radius = float(np.interp(depth, table.depths, table.contact_radius))
         column, row = _scored_pixel(view.pixel(*place), truth.unit)
         clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio(truth.unit)[0]])
@@ -86,13 +90,33 @@ def _places(count: int, unit: EmulatedUnit) -> list[tuple[float, float, float]]:
     return found
 
 
+def _touched(
+    axis: tuple[float, float], unit: EmulatedUnit
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where a ball on a domed gel touches [m], and how the contact leans there [rad].
+
+    Ball and gel have one slope where they touch, beside the ball's axis and nearer to the gel's
+    highest point; a ball itself cannot lean.
+    """
+    bend_x, bend_y = unit.dome_curvatures
+    radius = 0.5 * BALL_DIAMETER_M
+    place = (axis[0] / (1.0 + radius * bend_x), axis[1] / (1.0 + radius * bend_y))
+    return place, (place[0] * bend_x, place[1] * bend_y)
+
+
 def _averaged(truth: PlantTruth, tip: SphereTip, *, frames: int = 12) -> ImageArray:
     """Return the no-contact frame averaged over its noise, as a lab averages it."""
     stack = [
-        render_press(truth, tip, 0.0, _RAW_SIZE, noise_seed=1000 + k).astype(np.float32)
+        _sent(render_press(truth, tip, 0.0, _RAW_SIZE, noise_seed=1000 + k)).astype(np.float32)
         for k in range(frames)
     ]
     return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8), truth.unit)
+
+
+def _sent(raw: ImageArray) -> ImageArray:
+    """Return what is left of a raw frame after the camera's JPEG."""
+    _, data = cv2.imencode(".jpg", raw, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
 
 
 def _scored(raw: ImageArray, unit: EmulatedUnit) -> ImageArray:

@@ -205,19 +205,19 @@ class GelCamera:
         self, relief: Relief | None, x: SingleArray, y: SingleArray
     ) -> tuple[SingleArray, SingleArray, SingleArray]:
         """Return d(height towards the camera)/dx, /dy and the share of extra scattered light."""
-        dome = np.float32(1.0 / self._dome_radius_m)
+        dome_x, dome_y = (np.float32(bend) for bend in self._unit.dome_curvatures)
         if relief is None:
-            return dome * x, dome * y, np.zeros_like(x)
+            return dome_x * x, dome_y * y, np.zeros_like(x)
         dx, dy = x - np.float32(relief.centre[0]), y - np.float32(relief.centre[1])
         radius = np.sqrt(dx * dx + dy * dy)
         last = relief.slope.size - 1
         index = np.minimum(radius * np.float32(1.0 / STEP_M), last).astype(np.int32)
         radial = relief.slope[index] / np.maximum(radius, np.float32(1e-9))
         inside = relief.inside[index]
-        outside = dome * (np.float32(1.0) - inside)
+        outside = np.float32(1.0) - inside
         return (
-            outside * x + radial * dx + np.float32(relief.tilt[0]) * inside,
-            outside * y + radial * dy + np.float32(relief.tilt[1]) * inside,
+            outside * dome_x * x + radial * dx + np.float32(relief.tilt[0]) * inside,
+            outside * dome_y * y + radial * dy + np.float32(relief.tilt[1]) * inside,
             np.clip(
                 relief.curvature[index] * np.float32(-_CREASE_M), -_CREASE_LIMIT, _CREASE_LIMIT
             ),

@@ -42,6 +42,7 @@ def render_press(
     size: tuple[int, int] = (640, 480),
     *,
     centre_m: tuple[float, float] = (0.0, 0.0),
+    lean_rad: tuple[float, float] | None = None,
     markers: bool = False,
     noise_seed: int | None = 0,
 ) -> ImageArray:
@@ -53,6 +54,7 @@ def render_press(
         depth_m: How deep, below the gel under the tip [m]; 0 is the no-contact frame.
         size: Width and height of the raw frame [px]; 15 % on each side is border.
         centre_m: Where, from the gel's centre, along image right and down [m].
+        lean_rad: Lean of the contact towards x and y [rad]; None is the mounting's.
         markers: Whether the gel has printed dots.
         noise_seed: Another number gives other noise; None gives none.
 
@@ -62,7 +64,8 @@ def render_press(
     camera = _camera(truth, size, markers)
     profile = None
     if depth_m > 0.0:
-        profile = _plant(truth, tip).surface_at(depth_m, centre_m, truth.tilt_rad)
+        lean = truth.tilt_rad if lean_rad is None else lean_rad
+        profile = _plant(truth, tip).surface_at(depth_m, centre_m, lean)
     image = enlarged(camera.render(profile), rendering_factor(*size))
     if noise_seed is None:
         return image

@@ -29,6 +29,7 @@ class EmulatedUnit:
     Attributes:
         name: For messages.
         pad_size_m: Length along x and y [m].
+        dome_radii_m: Of the pad's top along x and y [m]; None takes the disc's for both.
         gel: The disc of equal area that is pressed in its place.
         young_pa: Nominal modulus of the layer that is touched [Pa].
         poisson: Nominal Poisson's ratio.
@@ -42,6 +43,7 @@ class EmulatedUnit:
 
     name: str = "gelsight-mini"
     pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
+    dome_radii_m: tuple[float, float] | None = None
     gel: GelDisc = field(default_factory=GelDisc)
     young_pa: float = 0.435e6
     poisson: float = 0.48
@@ -51,6 +53,12 @@ class EmulatedUnit:
     light: GelLight = GelLight.COLOURED
     shadows: bool = False
     markers: MarkerGrid | None = None
+
+    @property
+    def dome_curvatures(self) -> tuple[float, float]:
+        """Curvature of the unloaded top along x and y [1/m]."""
+        radii = self.dome_radii_m or (self.gel.dome_radius_m, self.gel.dome_radius_m)
+        return 1.0 / radii[0], 1.0 / radii[1]
 
 
 def unit_from_plain(content: Mapping[str, Any]) -> EmulatedUnit:

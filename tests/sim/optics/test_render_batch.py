@@ -13,6 +13,7 @@ from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer
 from sim.optics.render_batch import BatchRenderer
+from sim.optics.shading_terms import NearLamp, ShadingTerms
 from sim.optics.shadow import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
@@ -23,11 +24,22 @@ _LAMPS = [
 ]
 
 
+_TERMS = ShadingTerms(
+    lamps=tuple(
+        NearLamp(azimuth_rad=azimuth, elevation_rad=0.3, distance=1.6) for azimuth in (-1.6, 0.5)
+    ),
+    softness=0.1,
+    aspect=0.75,
+    crease_limit=3e3,
+)
+
+
 @pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("blur_px", [0.0, 0.7])
+@pytest.mark.parametrize("terms", [None, _TERMS])
 @pytest.mark.parametrize("shadows", [None, ShadowCaster(lamps=_LAMPS, softness_m=8e-5)])
 def test_batch_gives_the_single_images(
-    samples: int, blur_px: float, shadows: ShadowCaster | None
+    samples: int, blur_px: float, shadows: ShadowCaster | None, terms: ShadingTerms | None
 ) -> None:
     """Level, tilted, deep and steep surfaces agree with the one-by-one renderer to one level."""
     rng = np.random.default_rng(2)
@@ -36,6 +48,8 @@ def test_batch_gives_the_single_images(
         coefficients=rng.normal(0.0, 25.0, (len(BALL_EXPONENTS), 3)),
         tilt_limit=0.5,
         indentation_limit_m=6e-4,
+        terms=terms,
+        term_coefficients=rng.normal(0.0, 25.0, (0 if terms is None else terms.count, 3)),
     )
     background = rng.integers(80, 170, (96, 128, 3)).astype(np.uint8)
     x, y = camera().refined(samples).pad_grid()
