@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.optics.polynomial import PixelColours, RealArray, polynomial_exponents
+from sim.optics.polynomial import IndexArray, RealArray, polynomial_exponents
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
@@ -57,22 +57,37 @@ class GreyDepthModel:
         level = np.interp(indentation_m, self.depth_m, self.change).astype(tilt.dtype)
         return np.broadcast_to(level, (3, len(level)))
 
-    def of_pixels(self) -> PixelColours:
-        """Return the mean colour change of pixels' samples."""
+    def of_pixels(self, position: RealArray, columns: int) -> GreyPixels:
+        """Return it made ready for the pixels of an image."""
+        del position, columns
+        return GreyPixels(model=self)
 
-        def colours(
-            tilt: RealArray,
-            position: RealArray,
-            indentation_m: RealArray,
-            curvature: RealArray | None,
-            columns: int,
-        ) -> RealArray:
-            del curvature, columns
-            samples = indentation_m.shape[0]
-            change = self.evaluate(tilt[0], position, indentation_m.reshape(-1))
-            return np.asarray(change.reshape(3, samples, -1).mean(axis=1))
 
-        return colours
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GreyPixels:
+    """Mean grey levels of pixels' samples, wherever the pixels lie; see ``PhotometricPixels``."""
+
+    model: GreyDepthModel
+
+    def rows(
+        self, rows: slice, tilt: RealArray, indentation_m: RealArray, curvature: RealArray | None
+    ) -> RealArray:
+        """Return the change of red, green and blue of whole rows, shape [3, pixel_count]."""
+        del rows, curvature
+        samples = indentation_m.shape[0]
+        change = self.model.evaluate(tilt[0], tilt[1], indentation_m.reshape(-1))
+        return np.asarray(change.reshape(3, samples, -1).mean(axis=1))
+
+    def scattered(
+        self,
+        pixels: IndexArray,
+        tilt: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None,
+    ) -> RealArray:
+        """Return the same of pixels anywhere in the image."""
+        del pixels
+        return self.rows(slice(0, 0), tilt, indentation_m, curvature)
 
 
 def nominal_grey(depth_m: Sequence[float], change: Sequence[float]) -> GreyDepthModel:

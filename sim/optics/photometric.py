@@ -18,15 +18,10 @@ from zipfile import BadZipFile
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.polynomial import (
-    PixelColours,
-    RealArray,
-    evaluate_polynomial,
-    pixel_means,
-    polynomial_plan,
-)
+from sim.optics.photometric_pixels import PhotometricPixels
+from sim.optics.polynomial import RealArray, evaluate_polynomial
 from sim.optics.shading_terms import ShadingTerms, read_terms
-from sim.optics.tilt import Float32Array
+from sim.optics.tilt import Float32Array, bounded_tilt
 from tacauchy_rig.errors import ConfigError
 
 FORMAT = "tacauchy photometric model 1"
@@ -89,7 +84,7 @@ class PhotometricModel:
         Returns:
             Red, green, blue, shape [3, point_count].
         """
-        bounded = _bounded(tilt, self.tilt_limit)
+        bounded = bounded_tilt(tilt, self.tilt_limit)
         depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
         change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
         if self.terms is not None:
@@ -98,29 +93,9 @@ class PhotometricModel:
             change += self.term_coefficients.T.astype(tilt.dtype) @ values
         return change
 
-    def of_pixels(self) -> PixelColours:
-        """Return the mean colour change of pixels' samples, made ready for many images."""
-        plan = polynomial_plan(self.exponents, self.coefficients, np.dtype(np.float32))
-
-        term_weights = self.term_coefficients.T.astype(np.float32)
-
-        def colours(
-            tilt: RealArray,
-            position: RealArray,
-            indentation_m: RealArray,
-            curvature: RealArray | None,
-            columns: int,
-        ) -> RealArray:
-            depth = np.minimum(indentation_m, np.float32(self.indentation_limit_m))
-            bounded = _bounded(tilt, self.tilt_limit)
-            change = pixel_means(plan, bounded, position, depth, columns=columns)
-            if self.terms is not None and curvature is not None:
-                for sample, creases in enumerate(curvature):
-                    values = self.terms.values(tilt[:, sample], position, creases)
-                    change += (term_weights @ values) * np.float32(1.0 / len(curvature))
-            return change
-
-        return colours
+    def of_pixels(self, position: RealArray, columns: int) -> PhotometricPixels:
+        """Return it made ready for the pixels of an image; arguments as there."""
+        return PhotometricPixels(self, position, columns)
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
@@ -178,11 +153,3 @@ def normalised_positions(height: int, width: int) -> Float32Array:
     """
     v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)
-
-
-def _bounded(tilt: RealArray, limit: float) -> RealArray:
-    squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
-    if squared.size == 0 or squared.max() <= limit * limit:
-        return tilt
-    bound = tilt.dtype.type(limit)
-    return np.asarray(tilt * (bound / np.maximum(np.sqrt(squared), bound)))

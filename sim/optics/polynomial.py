@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 
 RealArray = NDArray[np.floating]
-# Tilt [2, sample_count, pixel_count], position of the pixels [2, pixel_count], indentation [m]
-# [sample_count, pixel_count], curvature [1/m] of the same shape where it is seen, and, where the
-# pixels are whole rows of an image, the rows' length (else 0) to the mean change of red, green and
-# blue [3, pixel_count].
-PixelColours = Callable[[RealArray, RealArray, RealArray, RealArray | None, int], RealArray]
+IndexArray = NDArray[np.int64]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
 _ROWS = 8  # taller products of this kind take twice as long a row
@@ -122,73 +118,36 @@ def polynomial_plan(
     )
 
 
-def pixel_means(
-    plan: PolynomialPlan,
-    tilt: RealArray,
-    position: RealArray,
-    indentation_m: RealArray,
-    *,
-    columns: int = 0,
-) -> RealArray:
-    """Return the polynomials' means over the samples of pixels, each seen from its pixel's place.
+def surface_means(surface: IntArray, tilt: RealArray, indentation_m: RealArray) -> RealArray:
+    """Return the means of p^a q^b w^e over the samples of pixels, shape [term_count, pixel_count].
 
     Args:
-        plan: Terms, in the precision of ``tilt``.
+        surface: Exponents a, b, e, shape [term_count, 3].
         tilt: Shape [2, sample_count, pixel_count].
-        position: Of the pixels, shape [2, pixel_count].
         indentation_m: Shape [sample_count, pixel_count].
-        columns: Where the pixels are whole rows of an image, one after the other, their length:
-            the second place is then summed once a row. 0 for pixels that lie anywhere.
-
-    Returns:
-        Shape [3, pixel_count].
     """
     samples, pixels = indentation_m.shape
     depth = indentation_m.reshape(-1) / tilt.dtype.type(INDENTATION_UNIT_M)
-    surface = plan.surface[:, [0, 1, 4]]
     powers = _all_powers((*tilt.reshape(2, -1), depth), surface)
-    features = np.empty((len(surface), pixels), dtype=tilt.dtype)
+    means = np.empty((len(surface), pixels), dtype=tilt.dtype)
     scratch = None if samples == 1 else np.empty(samples * pixels, dtype=tilt.dtype)
-    for row, term in zip(features, surface.tolist(), strict=True):
+    for row, term in zip(means, surface.tolist(), strict=True):
         product = _product(powers, term, row if scratch is None else scratch)
         if product is not row:
             np.add.reduce(product.reshape(samples, pixels), axis=0, out=row)
-    features *= tilt.dtype.type(1.0 / samples)
-    if columns:
-        return _sum_rows(plan, features, position, columns)
-    means = np.empty((3, pixels), dtype=tilt.dtype)
-    _sum_places(plan, features, position, means)
+    if samples > 1:
+        means *= tilt.dtype.type(1.0 / samples)
     return means
-
-
-def _sum_rows(
-    plan: PolynomialPlan, features: RealArray, position: RealArray, columns: int
-) -> RealArray:
-    """Sum place monomial x (weights @ features) over whole rows, shape [3, pixel_count]."""
-    rows = features.shape[1] // columns
-    along, across = (max(place[k] for place in plan.places) + 1 for k in (0, 1))
-    grid = np.zeros((along, across, 3, len(features)), dtype=features.dtype)
-    for place, weights in zip(plan.places, plan.weights.reshape(-1, 3, len(features)), strict=True):
-        grid[place] = weights
-    v_powers = np.vander(position[1, ::columns], across, increasing=True).astype(features.dtype)
-    weights = np.einsum("rd,cdks->rcks", v_powers, grid).reshape(rows, -1, len(features))
-    parts = weights @ features.reshape(-1, rows, columns).transpose(1, 0, 2)
-    parts = parts.reshape(rows, along, 3, columns)
-    total = parts[:, along - 1]
-    for power in range(along - 2, -1, -1):
-        total *= position[0, :columns]
-        total += parts[:, power]
-    return np.asarray(total.transpose(1, 0, 2).reshape(3, -1))
 
 
 def _sum_terms(
     plan: PolynomialPlan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
 ) -> None:
     """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
-    _sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
+    sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
 
 
-def _sum_places(
+def sum_places(
     plan: PolynomialPlan, features: RealArray, position: RealArray, out: RealArray
 ) -> None:
     """Sum place monomial x (weights @ features).

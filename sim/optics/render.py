@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sim.optics.gaussian import gaussian_weights, inner_blurred
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.photometric import normalised_positions
-from sim.optics.polynomial import PixelColours, RealArray
+from sim.optics.polynomial import IndexArray, RealArray
 from sim.optics.shadow import ShadowCaster
 from sim.optics.tilt import Float32Array, surface_tilt, tilt_divergence
 from tacauchy_rig.errors import ConfigError
@@ -20,7 +20,25 @@ _BAND_SAMPLES = 25_600
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = 0.01
 
-IndexArray = NDArray[np.int64]
+
+class PixelColours(Protocol):
+    """Mean change of colour of pixels' samples [grey levels], shape [3, n]."""
+
+    def rows(
+        self, rows: slice, tilt: RealArray, indentation_m: RealArray, curvature: RealArray | None
+    ) -> RealArray:
+        """Return that of whole rows of an image, from [2, s, n], [s, n] and [s, n]."""
+        ...
+
+    def scattered(
+        self,
+        pixels: IndexArray,
+        tilt: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None,
+    ) -> RealArray:
+        """Return that of pixels anywhere in the image."""
+        ...
 
 
 class ColourModel(Protocol):
@@ -41,8 +59,8 @@ class ColourModel(Protocol):
         """Return red, green, blue [grey levels], [3, n], from [2, n], [2, n], [n] and [n]."""
         ...
 
-    def of_pixels(self) -> PixelColours:
-        """Return the mean of pixels' samples, made ready for many images."""
+    def of_pixels(self, position: RealArray, columns: int) -> PixelColours:
+        """Return it made ready for an image's pixels, their places row after row [2, n]."""
         ...
 
 
@@ -82,10 +100,10 @@ class TactileRenderer:
         self._fine = geometry.refined(samples)
         self._samples, self._weights = samples, gaussian_weights(blur_px)
         self._shadows = shadows
-        self._colours = model.of_pixels()
         self._sees_curvature = model.sees_curvature
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
-        self._position = normalised_positions(geometry.height, geometry.width)
+        places = normalised_positions(geometry.height, geometry.width)
+        self._colours = model.of_pixels(places, geometry.width)
         _check_shape(
             "unloaded height map", rest_height.shape, (self._fine.height, self._fine.width)
         )
@@ -133,14 +151,14 @@ class TactileRenderer:
             planes = self._planes(surface)
             first, middle = band.start * columns, _mean_of_samples(planes)
             pixels = slice(first, band.stop * columns)
-            place = self._position[:, pixels]
-            change[:, pixels] = self._coloured(middle, place, columns)
+            change[:, pixels] = self._colours.rows(band, middle[:2], middle[2], self._bend(middle))
             found = _bent(planes, middle)
             bent.append((found + first, planes[:, :, found]))
         places = np.concatenate([indices for indices, _ in bent])
         if len(places):
             planes = np.concatenate([samples for _, samples in bent], axis=2)
-            change[:, places] = self._coloured(planes, self._position[:, places], 0)
+            bend = self._bend(planes)
+            change[:, places] = self._colours.scattered(places, planes[:2], planes[2], bend)
         image = change.reshape(3, rows, columns)
         if self._shadows is not None and shaded is not None:
             image += self._shadows.darkening(
@@ -149,9 +167,8 @@ class TactileRenderer:
         reach = len(self._weights) // 2
         return np.pad(image, ((0, 0), (reach, reach), (reach, reach)), mode="reflect")
 
-    def _coloured(self, planes: Float32Array, place: Float32Array, columns: int) -> RealArray:
-        curvature = planes[3] if self._sees_curvature else None
-        return self._colours(planes[:2], place, planes[2], curvature, columns)
+    def _bend(self, planes: Float32Array) -> Float32Array | None:
+        return planes[3] if self._sees_curvature else None
 
     def _surface(self, rows: slice, height: NDArray[np.floating]) -> Float32Array:
         """Return tilt, indentation and, where it is seen, curvature of a band of pixels.

@@ -47,14 +47,24 @@ class NearLamp:
             position: In halves of the image's width along both, shape [2, n].
             softness: Half width of the terminator, as a cosine.
         """
-        kind = tilt.dtype.type
+        along, across, height, level = self.seen_from(position, softness=softness)
+        cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
+        return np.asarray(softened(cosine, softness) - level)
+
+    def seen_from(self, position: RealArray, *, softness: float) -> RealArray:
+        """Return the direction to the lamp, of length 1, and its light on level gel, shape [4, n].
+
+        Args:
+            position: In halves of the image's width along both, shape [2, n].
+            softness: Half width of the terminator, as a cosine.
+        """
+        kind = position.dtype.type
         along = kind(self.distance * math.cos(self.azimuth_rad)) - position[0]
         across = kind(self.distance * math.sin(self.azimuth_rad)) - position[1]
         height = kind(self.distance * math.tan(self.elevation_rad))
         away = np.sqrt(along * along + across * across + height * height)
-        cosine = (height * upright + tilt[0] * along + tilt[1] * across) / away
         level = np.asarray(height / away)
-        return np.asarray(_softened(cosine, softness) - _softened(level, softness))
+        return np.stack([along / away, across / away, level, softened(level, softness)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +128,7 @@ def read_terms(plain: Mapping[str, Any]) -> ShadingTerms:
     )
 
 
-def _softened(cosine: RealArray, softness: float) -> RealArray:
+def softened(cosine: RealArray, softness: float) -> RealArray:
     """Return the cosine where it is positive, and zero where not, with a soft bend between."""
     bend = cosine.dtype.type(softness * softness)
     return np.asarray(cosine.dtype.type(0.5) * (cosine + np.sqrt(cosine * cosine + bend)))

@@ -47,6 +47,15 @@ def tilt_divergence(tilt: Float32Array, geometry: CameraGeometry) -> Float32Arra
     return np.asarray(along + across)
 
 
+def bounded_tilt(tilt: NDArray[np.floating], limit: float) -> NDArray[np.floating]:
+    """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
+    squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
+    if squared.size == 0 or squared.max() <= limit * limit:
+        return tilt
+    bound = tilt.dtype.type(limit)
+    return np.asarray(tilt * (bound / np.maximum(np.sqrt(squared), bound)))
+
+
 def _central_difference(values: Float32Array, out: Float32Array, spacing_m: float) -> None:
     if len(values) < 2:
         out[...] = 0.0

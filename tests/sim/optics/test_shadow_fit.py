@@ -36,7 +36,7 @@ def test_lamps_are_found_from_their_shadows() -> None:
     rows, columns = (grid.ravel().astype(float) for grid in np.mgrid[:150, :180])
     seen = []
     for press in presses(10, noise=0.5)[0]:
-        tilt, bulge = scene.surface(press.circle, columns, rows)
+        tilt, bulge, _ = scene.surface(press.circle, columns, rows)
         taken = true.darkening(
             bulge.reshape(150, 180), tilt.reshape(2, 150, 180).astype(np.float32), scene.geometry
         )
