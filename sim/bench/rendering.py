@@ -20,10 +20,12 @@ from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.render import TactileRenderer
 from sim.optics.render_batch import BatchRenderer
 from sim.optics.sensor_camera import camera_geometry
-from sim.optics.sensor_lamps import nominal_model, shadows_of
+from sim.optics.sensor_lamps import lamps_of, nominal_model, shadows_of
+from sim.optics.shading_terms import NearLamp, ShadingTerms
 from sim.press import path_for
 from sim.scene import Preset, Scene, Target
-from sim.sensor import load_sensor
+from sim.sensor import Sensor, load_sensor
+from sim.surface import SurfaceState
 from tacauchy_rig.errors import ConfigError
 
 SENSORS = ("gelsight-mini", "digit")
@@ -45,8 +47,8 @@ class RenderingRow:
         renderer: ``one by one`` is what a replay uses, ``batch`` the Warp kernels.
         device: Where it ran.
         image_count: Rendered at once.
-        lamp_count: Lamps that cast shadows.
-        term_count: Of the polynomial of colours.
+        shadow_count: Lamps that cast shadows.
+        term_count: Of the model of colours.
         median_s: Of all images at once, over the repeats [s].
         least_s: The shortest of them [s].
         apart_levels: Largest difference from the images rendered one by one [grey levels].
@@ -61,7 +63,7 @@ class RenderingRow:
     height_px: int
     samples: int
     blur_px: float
-    lamp_count: int
+    shadow_count: int
     term_count: int
     median_s: float
     least_s: float
@@ -103,11 +105,11 @@ def measure_rendering(scene: Scene, *, sensors: Sequence[str] = SENSORS) -> Iter
 
 def _on_sensor(scene: Scene, name: str) -> Iterator[RenderingRow]:
     device = batch_device()
-    look = _look(scene, name, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
-    single = TactileRenderer(*look.arguments, **look.options)
-    heights = [look.rest_m - dent for dent in look.dents_m]
-    times = _timed(lambda: single.render(heights[-1]))
-    yield _row(look, "one by one", "cpu", 1, times, apart=(0, 0.0))
+    surface = _pressed(scene, name)
+    plain = _look(name, surface, samples=1, count=1)
+    yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain)), apart=(0, 0.0))
+    look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
+    yield _row(look, "one by one", "cpu", 1, _timed(_alone(look)), apart=(0, 0.0))
     batch = BatchRenderer(*look.arguments, **look.options, device=device)
     dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
@@ -116,12 +118,20 @@ def _on_sensor(scene: Scene, name: str) -> Iterator[RenderingRow]:
         wp.synchronize_device(device)
         return images
 
-    apart = _apart(together().numpy(), np.stack([single.render(h) for h in heights]))
+    single = TactileRenderer(*look.arguments, **look.options)
+    expected = np.stack([single.render(look.rest_m - dent) for dent in look.dents_m])
+    apart = _apart(together().numpy(), expected)
     shown = wp.get_device(device).name if device != "cpu" else device
-    yield _row(look, "batch", shown, len(heights), _timed(together), apart=apart)
+    yield _row(look, "batch", shown, len(look.dents_m), _timed(together), apart=apart)
 
 
-def _look(scene: Scene, name: str, *, count: int) -> _Look:
+def _alone(look: _Look) -> Callable[[], object]:
+    single = TactileRenderer(*look.arguments, **look.options)
+    height = look.rest_m - look.dents_m[-1]
+    return lambda: single.render(height)
+
+
+def _pressed(scene: Scene, name: str) -> SurfaceState:
     sensor = load_sensor(name)
     pressed = replace(
         scene,
@@ -133,34 +143,40 @@ def _look(scene: Scene, name: str, *, count: int) -> _Look:
         preset=Preset.FAST,
         sensor=name,
     )
-    geometry = camera_geometry(sensor)
     path = path_for(pressed, plan_effects(pressed))
-    surface = surface_state(path, path.advance(_DEPTH_M))
-    maps = height_maps(surface, geometry.refined(SAMPLES), pad=sensor.pad)
-    shadows, model = shadows_of(sensor), _as_wide_as_fitted(nominal_model(sensor))
+    return surface_state(path, path.advance(_DEPTH_M))
+
+
+def _look(name: str, surface: SurfaceState, *, samples: int, count: int) -> _Look:
+    sensor = load_sensor(name)
+    geometry = camera_geometry(sensor)
+    maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
+    shadows, model = shadows_of(sensor), _as_wide_as_fitted(sensor)
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
     depths = np.arange(1, count + 1) / count
     return _Look(
         title=sensor.title,
         arguments=(grey, maps.rest, model, geometry),
-        options={"shadows": shadows, "samples": SAMPLES, "blur_px": BLUR_PX},
+        options={"shadows": shadows, "samples": samples, "blur_px": BLUR_PX},
         rest_m=maps.rest,
         dents_m=depths[:, None, None] * (maps.rest - maps.loaded),
         row={
             "width_px": geometry.width,
             "height_px": geometry.height,
-            "lamp_count": 0 if shadows is None else len(shadows.lamps),
-            "term_count": len(model.exponents),
+            "samples": samples,
+            "shadow_count": 0 if shadows is None else len(shadows.lamps),
+            "term_count": len(model.exponents) + len(model.term_coefficients),
         },
     )
 
 
-def _as_wide_as_fitted(model: Any) -> PhotometricModel:
-    """Return the same colours as a polynomial with all the terms that ball presses are fitted to.
+def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
+    """Return nominal colours with all the terms that a calibration fits to ball presses.
 
     Raises:
         ConfigError: The sensor has no coloured lamps.
     """
+    model = nominal_model(sensor)
     if not isinstance(model, PhotometricModel):
         raise ConfigError(
             "rendering is timed for sensors with coloured lamps", remedy="choose such a sensor"
@@ -169,7 +185,26 @@ def _as_wide_as_fitted(model: Any) -> PhotometricModel:
     coefficients = np.zeros((len(terms), 3))
     for term, levels in zip(model.exponents.tolist(), model.coefficients, strict=True):
         coefficients[terms.index(tuple(term))] = levels
-    return replace(model, exponents=BALL_EXPONENTS, coefficients=coefficients)
+    lamps = lamps_of(sensor)
+    shading = ShadingTerms(
+        lamps=tuple(
+            NearLamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, distance=1.6)
+            for lamp in lamps
+        ),
+        softness=0.1,
+        aspect=sensor.camera.height / sensor.camera.width,
+        crease_limit=3e3,
+    )
+    colours = [0.2 * np.array(lamp.colour) for lamp in lamps]
+    places = np.array([1.0, 0.1, -0.1])  # level and gradients over the image
+    weights = places[:, None] * np.stack([*colours, np.full(3, 5.0)])[:, None]
+    return replace(
+        model,
+        exponents=BALL_EXPONENTS,
+        coefficients=coefficients,
+        terms=shading,
+        term_coefficients=weights.reshape(-1, 3),
+    )
 
 
 def _row(
@@ -186,7 +221,6 @@ def _row(
         renderer=renderer,
         device=device,
         image_count=count,
-        samples=SAMPLES,
         blur_px=BLUR_PX,
         median_s=float(np.median(times_s)),
         least_s=min(times_s),

@@ -237,6 +237,7 @@ def _rendering(found: Bench) -> Section:
             "renderer",
             "device",
             "images",
+            "samples",
             "shadows",
             "image [ms]",
             "least [ms]",
@@ -249,7 +250,8 @@ def _rendering(found: Bench) -> Section:
                 row.renderer,
                 row.device,
                 row.image_count,
-                row.lamp_count,
+                f"{row.samples}x{row.samples}",
+                row.shadow_count,
                 row.image_ms,
                 1e3 * row.least_s / row.image_count,
                 row.apart_levels,
@@ -261,10 +263,11 @@ def _rendering(found: Bench) -> Section:
         f"GPU in {_OF_A_BATCH_MS:g} ms, no value more than one level from the image alone",
         passed=all(row.image_ms < limits[row.renderer] for row in judged)
         and all(row.apart_levels <= 1 for row in found.rendering),
-        note="From a height map to bytes, as a replay renders: "
-        f"{first.width_px} x {first.height_px} pixels of {SAMPLES} x {SAMPLES} samples, slopes, a "
-        f"polynomial of {first.term_count} terms, the shadows of as many lamps as the sensor's "
-        f"file asks for, a blur of {BLUR_PX:g} px, rounding. A time is the median over repeats. "
+        note=f"From a height map to {first.width_px} x {first.height_px} pixels of bytes: slopes, "
+        f"a model of {first.term_count} terms (a polynomial, near lamps and creases), the shadows "
+        f"of as many lamps as the sensor's file asks for, a blur of {BLUR_PX:g} px, rounding. A "
+        f"replay takes {SAMPLES} x {SAMPLES} samples of each pixel. A time is the median over "
+        "repeats. "
         "Dents and images of a batch stay on its device; how far its images are apart from those "
         "rendered one by one is the largest difference, and the share of values that differ."
         + "".join(f" Not measured: {text}." for text in found.absent if "images" in text),

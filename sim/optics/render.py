@@ -16,7 +16,7 @@ from sim.optics.tilt import Float32Array, surface_tilt, tilt_divergence
 from tacauchy_rig.errors import ConfigError
 
 # So much of every array stays in the cache together.
-_BAND_SAMPLES = 25_600
+_BAND_PIXELS = 12_800
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = 0.01
 
@@ -108,7 +108,7 @@ class TactileRenderer:
             "unloaded height map", rest_height.shape, (self._fine.height, self._fine.width)
         )
         self._rest_height = rest_height
-        band = max(1, _BAND_SAMPLES // (samples**2 * geometry.width))
+        band = max(1, _BAND_PIXELS // geometry.width)
         self._bands = [
             slice(start, min(start + band, geometry.height))
             for start in range(0, geometry.height, band)

@@ -207,10 +207,11 @@ def test_every_part_is_timed(found: Bench) -> None:
 
 def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
     """With samples, shadows and blur, no value is more than one grey level apart."""
-    alone, together = found.rendering
+    plain, alone, together = found.rendering
+    assert (plain.samples, alone.samples, together.samples) == (1, 2, 2)
     assert (alone.renderer, alone.image_count) == ("one by one", 1)
     assert together.image_count > 1
-    assert together.lamp_count == 3
+    assert together.shadow_count == 3
     assert together.apart_levels <= 1
     assert together.apart_share < 1e-3
     assert 0.0 < together.least_s <= together.median_s
@@ -219,7 +220,7 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 2, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 3, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[2].note
     assert "Not measured: many images." in tables[5].note
