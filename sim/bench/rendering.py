@@ -35,7 +35,7 @@ _BATCH_ON_CPU = 2
 SAMPLES, BLUR_PX = 2, 0.75
 _DEPTH_M = 0.5e-3
 _GREY = 118
-_REPEATS, _BUDGET_S = 50, 3.0
+_REPEATS = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,27 +89,30 @@ class _Look:
     row: dict[str, Any]
 
 
-def measure_rendering(scene: Scene, *, sensors: Sequence[str] = SENSORS) -> Iterator[RenderingRow]:
+def measure_rendering(
+    scene: Scene, *, sensors: Sequence[str] = SENSORS, budget_s: float = 3.0
+) -> Iterator[RenderingRow]:
     """Render an indenter in sensors with coloured lamps, from its height map to bytes.
 
     Args:
         scene: Its indenter is pressed 0.5 mm deep with preset ``fast``; a batch has that dent at
             as many depths as images.
+        budget_s: For each row, about [s].
 
     Raises:
         ConvergenceError: The gel cannot be pressed that far.
     """
     for name in sensors:
-        yield from _on_sensor(scene, name)
+        yield from _on_sensor(scene, name, budget_s)
 
 
-def _on_sensor(scene: Scene, name: str) -> Iterator[RenderingRow]:
+def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRow]:
     device = batch_device()
     surface = _pressed(scene, name)
     plain = _look(name, surface, samples=1, count=1)
-    yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain)), apart=(0, 0.0))
+    yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain), budget_s), apart=(0, 0.0))
     look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
-    yield _row(look, "one by one", "cpu", 1, _timed(_alone(look)), apart=(0, 0.0))
+    yield _row(look, "one by one", "cpu", 1, _timed(_alone(look), budget_s), apart=(0, 0.0))
     batch = BatchRenderer(*look.arguments, **look.options, device=device)
     dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
@@ -122,7 +125,7 @@ def _on_sensor(scene: Scene, name: str) -> Iterator[RenderingRow]:
     expected = np.stack([single.render(look.rest_m - dent) for dent in look.dents_m])
     apart = _apart(together().numpy(), expected)
     shown = wp.get_device(device).name if device != "cpu" else device
-    yield _row(look, "batch", shown, len(look.dents_m), _timed(together), apart=apart)
+    yield _row(look, "batch", shown, len(look.dents_m), _timed(together, budget_s), apart=apart)
 
 
 def _alone(look: _Look) -> Callable[[], object]:
@@ -236,10 +239,10 @@ def _apart(images: Any, expected: Any) -> tuple[int, float]:
     return int(difference.max()), float(np.mean(difference > 0))
 
 
-def _timed(render: Callable[[], object]) -> list[float]:
+def _timed(render: Callable[[], object], budget_s: float) -> list[float]:
     render()
     times: list[float] = []
-    while len(times) < _REPEATS and (len(times) < 5 or sum(times) < _BUDGET_S):
+    while len(times) < _REPEATS and (len(times) < 5 or sum(times) < budget_s):
         started = time.perf_counter()
         render()
         times.append(time.perf_counter() - started)

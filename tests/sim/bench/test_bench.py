@@ -97,7 +97,7 @@ def found() -> Bench:
         reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
         batches=tuple(batches),
         phases=tuple(parts),
-        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",))),
+        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
         replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
         absent=("nothing", "many images"),
