@@ -32,7 +32,7 @@ def ball_profiles(
     sensor: Sensor,
     *,
     ball_diameter_m: float,
-    depths_m: Sequence[float] = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4),
+    depths_m: Sequence[float] = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3),
     preset: Preset = Preset.FAST,
 ) -> PressedProfiles:
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.

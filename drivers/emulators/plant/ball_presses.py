@@ -28,8 +28,8 @@ CIRCLES = "circles.csv"
 POSITIONS = "positions.csv"
 _RAW_SIZE = (640, 480)
 _JPEG_QUALITY = 94  # of the emulated camera's stream
-_DEPTHS_M = (0.25e-3, 0.8e-3)
-_DEEPEST_SHARE = 0.25  # of the gel's thickness
+_DEPTHS_M = (0.25e-3, 1.2e-3)
+_DEEPEST_SHARE = 0.3  # of the gel's thickness
 _REACH = (0.64, 0.55)  # of half the image
 
 
