@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import minimize
@@ -41,11 +43,12 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     strong = seen >= np.quantile(seen, 0.97)
     start = float(np.median(x[strong])), float(np.median(y[strong]))
     scale = scene.geometry.mean_scale_m
+    level_gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
 
     def misfit(parameters: FloatArray) -> float:
         px, py, radius = parameters
         circle = Circle(x_px=px, y_px=py, radius_px=max(float(radius), 1.0))
-        tilt = np.hypot(*scene.surface(circle, x, y)[0])
+        tilt = np.hypot(*level_gel.surface(circle, x, y)[0])
         tilt = tilt - tilt.mean()
         level = seen - seen.mean()
         gain = max(float(tilt @ level) / max(float(tilt @ tilt), 1e-12), 0.0)
