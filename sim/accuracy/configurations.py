@@ -99,6 +99,18 @@ SHORT: tuple[Configuration, ...] = (
 )
 """At least twelve, in less than three minutes on two cores."""
 
+SHIFTED: tuple[Configuration, ...] = (
+    *(
+        each
+        for each in SHORT
+        if each.element is ElementOrder.P1 and each.preset is not Preset.PAPER
+    ),
+    replace(_FAST, name="fast / 4", refinement=0.25),
+    replace(_FAST, name="fast / 2", refinement=0.5),
+    _FAST,
+)
+"""What is pressed on two more meshes; the finer ones would take longer than all of these."""
+
 FULL: tuple[Configuration, ...] = (
     *SHORT,
     _REFERENCE,

@@ -10,6 +10,14 @@ import numpy as np
 
 from sim.accuracy.configurations import REFERENCE_COARSENING, Configuration, coarser
 from sim.accuracy.force_limit import extrapolated
+from sim.accuracy.mesh_chance import (
+    MeasuredChance,
+    MeshKey,
+    chance_of,
+    chances,
+    mesh_key,
+    neighbours,
+)
 from sim.accuracy.observation import Observation, height_error, observe
 from sim.optics.geometry import CameraGeometry, ImageArray
 from sim.optics.height_map import HeightMaps
@@ -17,8 +25,6 @@ from sim.richardson import error_order
 from sim.scene import Preset, Scene
 from tacauchy_rig.errors import RigError
 
-# What an error changes by on another mesh of the same settings, over the error.
-MESH_CHANCE = 0.25
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
 _ORDER_LOW = 1.0
 
@@ -35,6 +41,7 @@ class Row:
         errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
             of depth, largest pressure and contact radius at the force; RMS error of the height over
             the deepest indentation; 1 - SSIM of the image.
+        chances: By quantity: how far its error may be off for what its mesh happens to cut.
         zncc_contact: Correlation with the reference's image inside the contact.
         on_front: No configuration that is at least as fast is closer in F_z.
         failure: Why there are no numbers; empty otherwise.
@@ -42,6 +49,7 @@ class Row:
 
     configuration: Configuration
     errors: dict[str, float]
+    chances: dict[str, float]
     zncc_contact: float
     setup_s: float
     solve_s: float
@@ -89,6 +97,7 @@ def study(
     render: Render,
     similarity: Similarity,
     reference: Configuration,
+    shifted: Sequence[Configuration] = (),
     on_progress: Progress = lambda _text: None,
 ) -> Study:
     """Measure every configuration against a reference.
@@ -103,6 +112,7 @@ def study(
         render: Turns height maps into the tactile image.
         similarity: SSIM of two images, and their correlation inside the contact.
         reference: What is most exact.
+        shifted: Settings that are pressed on two more meshes, for what a mesh happens to cut.
 
     Raises:
         ConvergenceError: The reference cannot be pressed.
@@ -120,7 +130,32 @@ def study(
             continue
         on_progress(configuration.name)
         rows.append(_row(scene, configuration, geometry, judge))
+    on_progress("some of them on shorter and longer edges, for what a mesh happens to cut")
+    known = _measured_chances(scene, [row for row in rows if row.errors], shifted, geometry, judge)
+    rows = [replace(row, chances=chances(row.configuration, row.errors, known)) for row in rows]
     return Study(bars=judge.bars, rows=_with_front(rows), reference=judge.row(exact))
+
+
+def _measured_chances(
+    scene: Scene,
+    rows: Sequence[Row],
+    shifted: Sequence[Configuration],
+    geometry: CameraGeometry,
+    judge: _Judge,
+) -> dict[MeshKey, MeasuredChance]:
+    found: dict[MeshKey, MeasuredChance] = {}
+    for row in rows:
+        if row.configuration not in shifted:
+            continue
+        with suppress(RigError):
+            others = [
+                judge.errors(observe(scene, other, geometry))[0]
+                for other in neighbours(row.configuration)
+            ]
+            found[mesh_key(row.configuration)] = MeasuredChance(
+                row.errors, chance_of(row.errors, others), row.tet_count
+            )
+    return found
 
 
 def _warm_up(
@@ -185,6 +220,7 @@ class _Judge:
         return Row(
             configuration=found.configuration,
             errors=errors,
+            chances={},
             zncc_contact=zncc,
             setup_s=found.setup_s,
             solve_s=found.solve_s,
@@ -205,6 +241,7 @@ def _row(
         return Row(
             configuration=configuration,
             errors={},
+            chances={},
             zncc_contact=np.nan,
             setup_s=np.nan,
             solve_s=np.nan,
@@ -231,9 +268,14 @@ def front_of(points: Sequence[tuple[float, float]]) -> list[bool]:
     ]
 
 
-def error_bar(reference_bar: float, error: float) -> float:
-    """Return how far an error may be off: the reference's own, and what its mesh happens to cut."""
-    return reference_bar + MESH_CHANCE * abs(error)
+def error_bar(reference_bar: float, error: float, chance: float) -> float:
+    """Return how far an error may be off: the reference's own part, and what its mesh may cut.
+
+    Args:
+        reference_bar: Of what it is relative to.
+        chance: How much the error differs on other meshes of about its size.
+    """
+    return (1.0 + abs(error)) * reference_bar + chance
 
 
 def _relative(found: float, exact: float) -> float:

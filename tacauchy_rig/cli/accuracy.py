@@ -15,6 +15,7 @@ from sim.accuracy import promise as promises
 from sim.accuracy.configurations import (
     FULL,
     FULL_REFERENCE,
+    SHIFTED,
     SHORT,
     SHORT_REFERENCE,
     reseeded,
@@ -94,6 +95,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         render=NominalRenderer(gel),
         similarity=_similarity,
         reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
+        shifted=SHIFTED if seed == 0 else (),
         on_progress=lambda text: complain(f"  {text}"),
     )
     text = f"{terms.indenter} into {terms.sensor} at {terms.force}"
@@ -144,7 +146,10 @@ def _draw(found: Study, folder: Path, name: str) -> list[Path]:
             errors=row.errors,
             on_front=row.on_front,
             is_linear_element=row.configuration.element is ElementOrder.P1,
-            bars={name: error_bar(found.bars[name], error) for name, error in row.errors.items()},
+            bars={
+                name: error_bar(found.bars[name], error, row.chances[name])
+                for name, error in row.errors.items()
+            },
             label=labels.get(row.configuration.name, "").replace("d_hat", r"$\hat{d}$"),
             is_preset=row.configuration.is_preset,
         )

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from sim.accuracy.study import error_bar
 from sim.accuracy.tables import presets_section, seed_section
 from sim.verification.page import markdown
 from sim.verification.section import Section
@@ -62,15 +63,11 @@ def _seeds(first: dict[str, Any], folder: Path) -> list[Section]:
     sections = []
     for file in sorted(folder.glob(f"{study_name(0)}-seed-*.json")):
         other = _read(file)
-        bars = {
-            name: bar + other["reference_error_bars"][name]
-            for name, bar in first["reference_error_bars"].items()
-        }
         sections.append(
             seed_section(
                 _errors(first),
                 _errors(other),
-                bars,
+                _bars(first),
                 seed=other["seed"],
                 command=f"tacauchy-rig accuracy --seed {other['seed']} --out {folder}",
             )
@@ -80,6 +77,17 @@ def _seeds(first: dict[str, Any], folder: Path) -> list[Section]:
 
 def _errors(facts: dict[str, Any]) -> dict[str, dict[str, float]]:
     return {row["configuration"]["name"]: row["errors"] for row in facts["rows"]}
+
+
+def _bars(facts: dict[str, Any]) -> dict[str, dict[str, float]]:
+    references = facts["reference_error_bars"]
+    return {
+        row["configuration"]["name"]: {
+            name: error_bar(references[name], error, row["chances"][name])
+            for name, error in row["errors"].items()
+        }
+        for row in facts["rows"]
+    }
 
 
 def _section(facts: dict[str, Any]) -> Section:

@@ -30,8 +30,12 @@ def _study(seed: int, error: float) -> dict[str, Any]:
         "seed": seed,
         "reference_error_bars": dict.fromkeys(QUANTITIES, 0.001),
         "rows": [
-            {"configuration": {"name": "fast"}, "errors": dict.fromkeys(QUANTITIES, error)},
-            {"configuration": {"name": "failed"}, "errors": {}},
+            {
+                "configuration": {"name": "fast"},
+                "errors": dict.fromkeys(QUANTITIES, error),
+                "chances": dict.fromkeys(QUANTITIES, 0.005),
+            },
+            {"configuration": {"name": "failed"}, "errors": {}, "chances": {}},
         ],
         "section": _section("Error against time"),
     }
