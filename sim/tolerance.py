@@ -56,20 +56,21 @@ class Alternative:
         setting: A preset, or a mesh between two.
         error_relative: Believed relative error of F_z; None where nothing is known.
         time_ratio: Its time over that of the settings used.
-        wall_s: The time it would have taken here [s].
+        wall_s: The time it would have taken here [s]; None where nothing was pressed.
     """
 
     role: str
     setting: str
     error_relative: float | None
     time_ratio: float
-    wall_s: float
+    wall_s: float | None
 
     def __str__(self) -> str:
         error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
+        seconds = "" if self.wall_s is None else f" ({self.wall_s:.2g} s)"
         return (
-            f"preset {self.setting}: about {self.time_ratio:.2g} times the time ({self.wall_s:.2g} "
-            f"s), force error {error}"
+            f"preset {self.setting}: about {self.time_ratio:.2g} times the time{seconds}, force "
+            f"error {error}"
         )
 
 
@@ -127,12 +128,12 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     )
 
 
-def alternatives(scene: Scene, *, depth_m: float, wall_s: float) -> tuple[Alternative, ...]:
+def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple[Alternative, ...]:
     """Return the next cheaper settings, and the cheapest of those that are better.
 
     Args:
         depth_m: Where the press ended [m].
-        wall_s: What it took [s].
+        wall_s: What it took [s]; None before it is made.
     """
     own, order = setting_of(scene), settings_by_cost()
     if own not in order:
@@ -147,7 +148,7 @@ def alternatives(scene: Scene, *, depth_m: float, wall_s: float) -> tuple[Altern
             setting=str(each),
             error_relative=errors[each],
             time_ratio=time_ratio(each, own),
-            wall_s=time_ratio(each, own) * wall_s,
+            wall_s=None if wall_s is None else time_ratio(each, own) * wall_s,
         )
         for role, found in (("cheaper", cheaper), ("better", better))
         for each in found

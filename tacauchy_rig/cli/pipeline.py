@@ -15,7 +15,8 @@ from sim.optics.sensor_camera import camera_geometry
 from sim.replay import replay_forces, replay_scene
 from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
-from sim.tolerance import Tolerance
+from sim.tolerance import Alternative, Tolerance
+from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.cli.press_terms import parse_tolerance
@@ -90,10 +91,21 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     }
     markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
     _say_markers(markers)
+    _say_cost(replay)
     facts = {**replay.model, **_stated_facts(sensor, optics), "markers": markers}
     replay = replace(replay, trials=trials, model=facts)
     store.save_replay(replay, {index: trial.kept for index, trial in rendered.items()})
     return replay
+
+
+def _say_cost(replay: Replay) -> None:
+    """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
+    facts = replay.model
+    worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
+    others = [Alternative(**other) for other in facts["alternatives"]]
+    error, cost = facts["force_error_largest_relative"], f"{facts['wall_s']:.1f} s"
+    for line in cost_lines(error, worst.force_error_basis, cost, others):
+        say(f"  {line}")
 
 
 def _say_markers(markers: Sequence[Mapping[str, Any]]) -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
+from sim.effect_estimates import expected_depth
 from sim.effects import plan_effects
+from sim.force_error import is_measured, time_ratio
 from sim.mesh_choice import mesh_choice
-from sim.settings import setting_of
+from sim.settings import FAST, setting_of
+from sim.tolerance import alternatives, expected_error
+from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.scene_command import states_a_scene
@@ -25,6 +29,14 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     say(f"preset: {setting_of(scene)}")
     say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
+    depth = expected_depth(scene)
+    error, basis = expected_error(scene, planned, depth_m=depth)
+    others = alternatives(scene, depth_m=depth, wall_s=None)
+    setting = setting_of(scene)
+    ratio = time_ratio(setting, FAST) if is_measured(setting) else None
+    cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
+    for line in cost_lines(error, basis, cost, others):
+        say(line)
     write_json(
         json_file,
         {
@@ -33,5 +45,9 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "mesh": {"kind": choice.kind.value, "reason": choice.reason},
             "tolerance": planned.tolerance,
             "estimated_error": planned.estimated_error,
+            "force_error_relative": error,
+            "force_error_basis": basis,
+            "time_over_fast": ratio,
+            "alternatives": [asdict(other) for other in others],
         },
     )

@@ -16,6 +16,7 @@ from sim.press import press as simulate_press
 from sim.richardson import with_estimate
 from sim.scene import Drive, Material, Scene
 from sim.warp_start import warp_device
+from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.scene_command import states_a_scene
@@ -63,8 +64,6 @@ def _warn_of_rest_stress(material: Material) -> None:
 
 
 def _show(scene: Scene, result: PressResult) -> None:
-    error = result.estimated_force_error_relative
-    believed = "not known" if error is None else f"{error:.1%}"
     say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
     say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     if not scene.motion.is_straight:
@@ -76,12 +75,12 @@ def _show(scene: Scene, result: PressResult) -> None:
     say(f"surface    {result.surface_traction_gap_relative:.1%} between sigma n and the force")
     say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
     say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
-    say(f"force error believed to be {believed}: {result.estimated_force_error_basis}")
     off = [row["name"] for row in result.effects if not row["on"]]
     say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options says why")
-    say(f"time       {sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations")
-    for other in result.alternatives:
-        say(f"{other.role:10} {other}")
+    cost = f"{sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations"
+    error, basis = result.estimated_force_error_relative, result.estimated_force_error_basis
+    for line in cost_lines(error, basis, cost, result.alternatives):
+        say(line)
 
 
 def _show_interfaces(result: PressResult) -> None:
