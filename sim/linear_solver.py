@@ -15,6 +15,7 @@ from sim.arrays import FloatArray
 from sim.assembly import SparsePattern
 
 _NOT_POSITIVE_DEFINITE = -4
+_LIBRARY = "PYPARDISO_MKL_RT"
 # Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
 _UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
 
@@ -70,6 +71,8 @@ class PardisoSolver:
     ) -> None:
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
+        # Without it, the library is searched for anew each time, which takes 0.1 to 0.3 s.
+        os.environ.setdefault(_LIBRARY, str(self._pardiso.libmkl._name))
         if not refined:
             for place, value in _UNREFINED.items():
                 self._pardiso.set_iparm(place, value)
