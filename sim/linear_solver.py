@@ -72,7 +72,7 @@ class PardisoSolver:
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
         # Without it, the library is searched for anew each time, which takes 0.1 to 0.3 s.
-        os.environ.setdefault(_LIBRARY, str(self._pardiso.libmkl._name))
+        os.environ.setdefault(_LIBRARY, str(self._pardiso.libmkl._name))  # noqa: SLF001
         if not refined:
             for place, value in _UNREFINED.items():
                 self._pardiso.set_iparm(place, value)

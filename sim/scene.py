@@ -192,6 +192,9 @@ class Scene:
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
         filling: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
+        tried_errors: Preset, refinement and believed relative error of F_z of meshes that were
+            tried at small strains on the way to a tolerance. They change no press, only what is
+            believed of it.
     """
 
     pad: Pad
@@ -214,6 +217,7 @@ class Scene:
     barrier_m: float | None = None
     filling: Filling = field(default_factory=Filling)
     sensor: str = ""
+    tried_errors: tuple[tuple[Preset, float, float], ...] = field(default=(), repr=False)
 
     @property
     def has_sharp_rim(self) -> bool:

@@ -60,12 +60,16 @@ def force_limits(
     fine = replace(scene, preset=finest, refinement=1.0)
     found = pressed_path(fine, depths_m)
     coarser = pressed_path(fine, depths_m, refinement=1.0 / COARSENING)
+    return limits_of(scene, found, coarser), found
+
+
+def limits_of(scene: Scene, fine: PressedPath, coarse: PressedPath) -> tuple[ForceLimit, ...]:
+    """Return the limits from presses of a scene on a mesh and on edges 1.5 times as long."""
     share = 1.0 / (COARSENING ** error_order(scene) - 1.0)
-    limits = tuple(
+    return tuple(
         extrapolated(force, other, share=share)
-        for force, other in zip(found.forces_n, coarser.forces_n, strict=True)
+        for force, other in zip(fine.forces_n, coarse.forces_n, strict=True)
     )
-    return limits, found
 
 
 def extrapolated(force_n: float, coarser_n: float, *, share: float) -> ForceLimit:

@@ -1,111 +1,92 @@
-"""Measure what each preset's F_z is off by, for the file that ``sim.force_error`` reads."""
+"""Measure what each setting's F_z is off by, for the file that ``sim.force_error`` reads."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from sim.accuracy.force_limit import force_limits, pressed_path
-from sim.force_error import ForceErrorRow, indenter_kind
-from sim.indenter import Cylinder, Indenter, Sphere, describe
-from sim.scene import Preset, Scene, Target
-from sim.sensor import load_sensor
-from sim.settings import SETTINGS, Setting
-
-DEPTH_SHARES = (0.3, 0.65, 1.0)
-_TOLERANCE = 2e-4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Training:
-    """A press of the table, and the preset that its limit is found from."""
-
-    scene: Scene
-    finest: Preset
-
-
-def training() -> tuple[Training, ...]:
-    """Return the presses that the table is made of; each kind's first on preset reference too.
-
-    Under a sharp rim stress is singular, its meshes are the largest, and no limit was found in an
-    acceptable time: such a punch is not in the table.
-    """
-    punch, blunt = (
-        Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
-        Cylinder(diameter_m=4e-3, fillet_m=0.3e-3),
-    )
-    large, small = Sphere(diameter_m=15e-3), Sphere(diameter_m=8e-3)
-    return (
-        _training(punch, depth_m=0.7e-3, poisson=0.48, finest=Preset.REFERENCE),
-        _training(blunt, depth_m=0.3e-3, poisson=0.45, finest=Preset.ACCURATE),
-        _training(large, depth_m=0.7e-3, poisson=0.48, finest=Preset.REFERENCE),
-        _training(small, depth_m=0.3e-3, poisson=0.45, finest=Preset.ACCURATE),
-    )
-
-
-def _training(indenter: Indenter, *, depth_m: float, poisson: float, finest: Preset) -> Training:
-    """Return a press into a GelSight Mini with another Poisson's ratio; no effect is left out."""
-    sensor = load_sensor("gelsight-mini")
-    scene = Scene(
-        pad=sensor.pad,
-        material=replace(sensor.material, poisson=poisson),
-        indenter=indenter,
-        target=Target(depth_m=depth_m),
-        tolerance=_TOLERANCE,
-        sensor=sensor.name,
-    )
-    return Training(scene=scene, finest=finest)
+from sim.accuracy.force_limit import COARSENING, ForceLimit, limits_of, pressed_path
+from sim.accuracy.press_store import PressStore
+from sim.accuracy.training_scenes import TRAINING, Training
+from sim.force_error import circumstances_of, whole_tet_count
+from sim.force_error_rows import ForceErrorRow, indenter_kind
+from sim.indenter import describe
+from sim.mesh_choice import mesh_depth
+from sim.pilot import is_piloted
+from sim.presets import mesh_for
+from sim.scene import Preset
+from sim.settings import Setting
 
 
 def measure_preset_errors(
-    presses: Sequence[Training],
-    path: Path,
+    file: Path,
+    store: PressStore,
     *,
+    presses: Sequence[Training] = TRAINING,
     on_progress: Callable[[str], None] = lambda _text: None,
 ) -> list[ForceErrorRow]:
-    """Press every scene with every setting and write the rows to a JSON file; a quarter of an hour.
+    """Press every scene with every setting and write the rows to a JSON file; half an hour.
+
+    Args:
+        store: Keeps every press, so that what was killed goes on.
 
     Raises:
         RigError: A scene cannot be pressed.
     """
+    pressed_path(  # compiles the kernels, which no time should hold
+        Setting(Preset.FAST, 0.5).applied(presses[0].scene), [1e-5]
+    )
     rows: list[ForceErrorRow] = []
-    for press in presses:
+    for number, press in enumerate(presses, start=1):
         on_progress(f"{describe(press.scene.indenter)}, nu {press.scene.material.poisson:g}")
-        rows += _rows(press)
-        path.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", "utf-8")
+        rows += _rows(number, press, store)
+    text = ",\n".join(json.dumps(asdict(row)) for row in rows)
+    file.write_text(f"[\n{text}\n]\n", "utf-8")
     return rows
 
 
-def _rows(press: Training) -> list[ForceErrorRow]:
-    scene = press.scene
-    deepest = scene.target.depth_m or 0.0
-    depths = [share * deepest for share in DEPTH_SHARES]
-    limits, finest = force_limits(scene, depths, finest=press.finest)
-    rows = []
-    for setting in SETTINGS:
-        if setting.preset is Preset.REFERENCE and press.finest is not Preset.REFERENCE:
-            continue
-        is_finest = setting == Setting(press.finest)
-        found = finest if is_finest else pressed_path(setting.applied(scene), depths)
-        rows += [
-            ForceErrorRow(
-                kind=indenter_kind(scene.indenter),
+def _rows(number: int, press: Training, store: PressStore) -> Iterator[ForceErrorRow]:
+    limits = _limits(press, store)
+    piloted = [setting for setting in press.settings if is_piloted(setting)]
+    pilots = [
+        store.small_strain_errors(press.scene, piloted, at) if at in press.pilot_depths_m else {}
+        for at in press.depths_m
+    ]
+    scene, kind = press.scene, indenter_kind(press.scene.indenter)
+    share = circumstances_of(scene, press.indenter)
+    for setting in press.settings:
+        tried = setting.applied(scene)
+        found = store.pressed_path(tried, press.depths_m)
+        tet_count = whole_tet_count(mesh_for(tried))
+        for depth, force, limit, pilot in zip(
+            press.depths_m, found.forces_n, limits, pilots, strict=True
+        ):
+            yield ForceErrorRow(
+                press=number,
+                kind=kind,
                 indenter=describe(scene.indenter),
-                poisson=scene.material.poisson,
+                poisson=share.poisson,
+                radius_share=share.radius_share,
+                fillet_share=share.fillet_share,
                 preset=setting.preset,
                 refinement=setting.refinement,
+                tet_count=tet_count,
                 depth_m=depth,
-                depth_share=share,
+                depth_share=depth / mesh_depth(scene),
                 pad_share=depth / scene.pad.height_m,
                 force_n=force,
                 limit_n=limit.force_n,
                 doubt=limit.doubt,
+                small_strain_error=pilot.get(setting),
                 cpu_s=found.cpu_s,
             )
-            for depth, share, force, limit in zip(
-                depths, DEPTH_SHARES, found.forces_n, limits, strict=True
-            )
-        ]
-    return rows
+
+
+def _limits(press: Training, store: PressStore) -> tuple[ForceLimit, ...]:
+    fine = replace(press.scene, preset=press.finest, refinement=1.0)
+    coarse = replace(fine, refinement=1.0 / COARSENING)
+    return limits_of(
+        press.scene, *(store.pressed_path(scene, press.depths_m) for scene in (fine, coarse))
+    )

@@ -20,7 +20,9 @@ from sim.accuracy.configurations import (
     SHORT_REFERENCE,
     reseeded,
 )
-from sim.accuracy.preset_errors import measure_preset_errors, training
+from sim.accuracy.preset_errors import measure_preset_errors
+from sim.accuracy.press_store import PressStore
+from sim.accuracy.promise_scenes import FRESH, JUDGED_BEFORE
 from sim.accuracy.study import Row, Study, error_bar, study
 from sim.accuracy.tables import study_section
 from sim.elements import ElementOrder
@@ -29,15 +31,24 @@ from sim.optics.height_map import HeightMaps
 from sim.optics.nominal_renderer import GREY_LEVEL, NominalRenderer
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor import load_sensor
-from tacauchy_rig.cli.accuracy_page import PROMISES, study_name, write_page
+from tacauchy_rig.cli.accuracy_page import OLD_PROMISES, PROMISES, study_name, write_page
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.section_table import show_section
 from tacauchy_rig.cli.versions import versions
 
+_PROMISES = {
+    PROMISES: (FRESH, promises.TITLE, ""),
+    OLD_PROMISES: (
+        JUDGED_BEFORE,
+        f"{promises.TITLE}, on scenes that were judged before",
+        " Other tables were judged on them before this one was made: the other ten decide.",
+    ),
+}
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 _SEEN = 0.9
+PRESSES = "presses"
 _PANELS = (
     Panel(quantity="force", title="$F_z$ at equal depth"),
     Panel(quantity="depth", title="Depth at equal $F_z$"),
@@ -57,7 +68,7 @@ def accuracy(
     full: Annotated[bool, typer.Option("--full", help="Measure many more settings.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Other meshes of the same sizes.")] = 0,
     promise: Annotated[
-        bool, typer.Option("--promise", help="Judge --tolerance on ten scenes instead.")
+        bool, typer.Option("--promise", help="Judge --tolerance on thirty scenes instead.")
     ] = False,
     presets: Annotated[
         Path | None,
@@ -74,7 +85,7 @@ def accuracy(
     """Press with many settings and show each one's error against its time."""
     writable_folder(out)
     if presets is not None:
-        facts = _measure_presets(presets)
+        facts = _measure_presets(presets, out)
     elif promise:
         facts = _judge_promises(out)
     else:
@@ -116,19 +127,27 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     return facts
 
 
-def _measure_presets(file: Path) -> dict[str, Any]:
-    rows = measure_preset_errors(training(), file, on_progress=lambda text: complain(f"  {text}"))
+def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
+    store = PressStore(folder=out / PRESSES)
+    rows = measure_preset_errors(file, store, on_progress=lambda text: complain(f"  {text}"))
     say(str(file))
     return {"rows": rows, "versions": versions()}
 
 
 def _judge_promises(out: Path) -> dict[str, Any]:
-    found = promises.measure(on_progress=lambda text: complain(f"  {text}"))
-    section = promises.section(found, command=f"tacauchy-rig accuracy --promise --out {out}")
-    show_section(section)
-    facts = {"section": asdict(section), "versions": versions()}
-    write_json(out / PROMISES, facts)
-    say(str(out / PROMISES))
+    command = f"tacauchy-rig accuracy --promise --out {out}"
+    facts: dict[str, Any] = {"versions": versions()}
+    for name, (scenes, title, note) in _PROMISES.items():
+        found = promises.measure(
+            PressStore(folder=out / PRESSES),
+            scenes,
+            on_progress=lambda text: complain(f"  {text}"),
+        )
+        section = promises.section(found, command=command, title=title, note=note)
+        show_section(section)
+        facts[name] = {"section": asdict(section), "versions": versions()}
+        write_json(out / name, facts[name])
+        say(str(out / name))
     return facts
 
 

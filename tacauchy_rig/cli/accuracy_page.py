@@ -15,7 +15,7 @@ from tacauchy_rig.cli.output import write_text
 from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import RecordError
 
-PROMISES = "promises.json"
+PROMISES, OLD_PROMISES = "promises.json", "promises-judged-before.json"
 _IMAGE = "accuracy.png"
 _NOTE = (
     "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance such as "
@@ -41,8 +41,11 @@ def write_page(page: Path, folder: Path) -> list[Path]:
         *_seeds(first, folder),
         presets_section(command="tacauchy-rig accuracy --presets sim/force_errors.json"),
     ]
-    if (folder / PROMISES).exists():
-        sections.append(_section(_read(folder / PROMISES)))
+    sections += [
+        _section(_read(folder / name))
+        for name in (PROMISES, OLD_PROMISES)
+        if (folder / name).exists()
+    ]
     text = markdown(
         sections,
         title="What accuracy costs in time",

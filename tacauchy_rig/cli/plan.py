@@ -30,12 +30,12 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
     depth = expected_depth(scene)
-    error, basis = expected_error(scene, planned, depth_m=depth)
+    believed, basis = expected_error(scene, planned, depth_m=depth)
     others = alternatives(scene, depth_m=depth, wall_s=None)
     setting = setting_of(scene)
     ratio = time_ratio(setting, FAST) if is_measured(setting) else None
     cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
-    for line in cost_lines(error, basis, cost, others):
+    for line in cost_lines(believed, basis, cost, others):
         say(line)
     write_json(
         json_file,
@@ -45,7 +45,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "mesh": {"kind": choice.kind.value, "reason": choice.reason},
             "tolerance": planned.tolerance,
             "estimated_error": planned.estimated_error,
-            "force_error_relative": error,
+            "force_error_relative": believed,
             "force_error_basis": basis,
             "time_over_fast": ratio,
             "alternatives": [asdict(other) for other in others],

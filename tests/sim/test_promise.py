@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,16 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.accuracy.force_limit import extrapolated
-from sim.accuracy.preset_errors import training
+from sim.accuracy.press_store import PressStore
 from sim.accuracy.promise import Settled, section, settle
-from sim.accuracy.promise_scenes import HELD_OUT, Promise
+from sim.accuracy.promise_scenes import FRESH, JUDGED_BEFORE, Promise
+from sim.accuracy.training_scenes import TRAINING
 from sim.indenter import describe
 from sim.scene import Preset
 from sim.settings import FAST, Setting
 from sim.tolerance import Tolerance, keeping
 
 _KEPT = Settled(
-    promise=HELD_OUT[0],
+    promise=JUDGED_BEFORE[0],
     allowed=0.02,
     setting=Setting(Preset.BALANCED),
     force_n=1.0,
@@ -44,18 +47,27 @@ def test_an_error_of_known_order_is_extrapolated_away(
 
 
 def test_the_scenes_are_held_out_and_each_gets_a_preset() -> None:
-    """Ten, of indenters that the table does not have."""
-    known = {describe(press.scene.indenter) for press in training()}
-    assert len(HELD_OUT) == 10
-    assert not known & {describe(each.scene.indenter) for each in HELD_OUT}
-    for each in HELD_OUT:
+    """Three times ten, of indenters that neither the table nor the other tens have."""
+    sets = [
+        {describe(press.scene.indenter) for press in TRAINING},
+        *(
+            {describe(each.scene.indenter) for each in ten}
+            for ten in (FRESH, JUDGED_BEFORE[:10], JUDGED_BEFORE[10:])
+        ),
+    ]
+    assert (len(FRESH), len(JUDGED_BEFORE)) == (10, 20)
+    assert not any(one & other for one, other in combinations(sets, 2))
+    loose = [each for each in FRESH if each.tolerance.relative == 0.06]
+    for each in loose:
         assert keeping(each.scene, each.tolerance).preset is not Preset.PAPER
 
 
-def test_a_refusal_is_a_row_that_was_not_kept() -> None:
+def test_a_refusal_is_a_row_that_was_not_kept(tmp_path: Path) -> None:
     """What no preset promises is shown with its reason, and counts as missed."""
-    strict = Promise(name="strict", scene=HELD_OUT[0].scene, tolerance=Tolerance(relative=1e-6))
-    refused = settle(strict)
+    strict = Promise(
+        name="strict", scene=JUDGED_BEFORE[0].scene, tolerance=Tolerance(relative=1e-6)
+    )
+    refused = settle(strict, PressStore(folder=tmp_path))
     assert not refused.is_kept
     assert "comes nearest" in refused.refusal
     assert section([refused], command="c").rows[0][4] == "refused"

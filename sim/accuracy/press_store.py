@@ -1,0 +1,71 @@
+"""Presses that were made before, so that a measurement that was killed goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from sim.accuracy.force_limit import PressedPath, pressed_path
+from sim.effects import plan_effects
+from sim.pilot import Pilot
+from sim.presets import mesh_for
+from sim.scene import Effect, Preset, Scene
+from sim.settings import Setting
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressStore:
+    """A folder of presses, each under a name that changes with all that decides its force.
+
+    A change of the solver alone changes no name: then empty the folder.
+    """
+
+    folder: Path
+
+    def pressed_path(self, scene: Scene, depths_m: Sequence[float]) -> PressedPath:
+        """Press to several depths in ascending order [m], or take what was found before.
+
+        Raises:
+            RigError: It cannot be meshed or solved.
+        """
+        file = self.folder / f"{_name(scene, depths_m)}.json"
+        if file.exists():
+            kept = json.loads(file.read_text("utf-8"))
+            return PressedPath(forces_n=tuple(kept["forces_n"]), cpu_s=kept["cpu_s"])
+        found = pressed_path(scene, depths_m)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(asdict(found)) + "\n", "utf-8")
+        return found
+
+    def small_strain_errors(
+        self, scene: Scene, settings: Sequence[Setting], depth_m: float
+    ) -> dict[Setting, float]:
+        """Return the relative errors of F_z at small strains, or take what was found before."""
+        number = hashlib.sha256(repr((_posed(scene), depth_m)).encode()).hexdigest()[:16]
+        file = self.folder / f"small-strain-{number}.json"
+        kept: list[tuple[Preset, float, float]] = (
+            json.loads(file.read_text("utf-8")) if file.exists() else []
+        )
+        found = {Setting(Preset(preset), fine): error for preset, fine, error in kept}
+        if not set(settings) <= set(found):
+            pilot = Pilot(scene, depth_m)
+            found = {setting: pilot.error(setting) for setting in settings}
+            self.folder.mkdir(parents=True, exist_ok=True)
+            kept = [(each.preset, each.refinement, error) for each, error in found.items()]
+            file.write_text(json.dumps(kept) + "\n", "utf-8")
+        return found
+
+
+def _posed(scene: Scene) -> Scene:
+    return replace(scene, sensor="", barrier_m=scene.contact_distance_m)
+
+
+def _name(scene: Scene, depths_m: Sequence[float]) -> str:
+    plan = plan_effects(scene)
+    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY)).content_hash
+    on = sorted(row.effect.value for row in plan.effects if row.on)
+    text = repr((_posed(scene), mesh, on, tuple(depths_m)))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

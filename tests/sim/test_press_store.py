@@ -1,0 +1,53 @@
+"""Presses that are kept so that a long measurement can go on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sim.accuracy import press_store
+from sim.accuracy.force_limit import PressedPath
+from sim.accuracy.press_store import PressStore
+from sim.indenter import Sphere
+from sim.pad import BoxPad
+from sim.scene import Material, Preset, Scene, Target
+from sim.settings import Setting
+
+_SCENE = Scene(
+    pad=BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=4e-3),
+    material=Material(young_pa=0.4e6, poisson=0.45),
+    indenter=Sphere(diameter_m=8e-3),
+    target=Target(depth_m=0.1e-3),
+    preset=Preset.FAST,
+    refinement=0.5,
+)
+
+
+def test_a_press_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second time it comes from the folder; another mesh or depth is another press."""
+    made = []
+
+    def counted(scene: Scene, depths_m: list[float]) -> PressedPath:
+        made.append((scene, depths_m))
+        return PressedPath(forces_n=(1.0,), cpu_s=0.5)
+
+    monkeypatch.setattr(press_store, "pressed_path", counted)
+    first = PressStore(folder=tmp_path).pressed_path(_SCENE, [1e-4])
+    assert PressStore(folder=tmp_path).pressed_path(_SCENE, [1e-4]) == first
+    assert len(made) == 1
+    for scene, depth in ((replace(_SCENE, refinement=0.6), 1e-4), (_SCENE, 2e-4)):
+        PressStore(folder=tmp_path).pressed_path(scene, [depth])
+    assert len(made) == 3
+
+
+def test_errors_at_small_strains_are_kept_too(tmp_path: Path) -> None:
+    """They are the same when read again, and asked for anew where one is missing."""
+    store = PressStore(folder=tmp_path)
+    fast, coarse = Setting(Preset.FAST), Setting(Preset.FAST, 0.7)
+    first = store.small_strain_errors(_SCENE, [fast], 1e-4)
+    assert store.small_strain_errors(_SCENE, [fast], 1e-4) == first
+    more = store.small_strain_errors(_SCENE, [fast, coarse], 1e-4)
+    assert more[fast] == pytest.approx(first[fast], rel=1e-6)
+    assert more[coarse] > more[fast]
