@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from sim.effect_estimates import expected_depth, expected_force
@@ -206,7 +206,7 @@ class _Search:
 
 
 def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple[Alternative, ...]:
-    """Return the next cheaper settings, and the cheapest of those that are better.
+    """Return the next cheaper settings worth their time, and the cheapest of those that are better.
 
     Args:
         depth_m: Where the press ended [m].
@@ -218,7 +218,7 @@ def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple
         return ()
     errors = {each: _error(each.applied(scene), depth_m) for each in order}
     ranks = {each: typical_error(each) if errors[each] is None else errors[each] for each in order}
-    cheaper = order[: order.index(own)][-1:]
+    cheaper = _worth_it(order[: order.index(own)], ranks)[-1:]
     better = tuple(each for each in order if (ranks[each] or 0.0) < (ranks[own] or 0.0))[:1]
     return tuple(
         Alternative(
@@ -231,6 +231,23 @@ def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple
         for role, found in (("cheaper", cheaper), ("better", better))
         for each in found
     )
+
+
+def _worth_it(
+    order: Sequence[Setting], ranks: Mapping[Setting, float | None]
+) -> tuple[Setting, ...]:
+    """Return the settings than which none that is cheaper errs less.
+
+    Args:
+        order: The cheapest first.
+        ranks: Their errors.
+    """
+    found: list[Setting] = []
+    for setting in order:
+        least = min((ranks[each] or 0.0 for each in found), default=float("inf"))
+        if (ranks[setting] or 0.0) < least:
+            found.append(setting)
+    return tuple(found)
 
 
 def _error(scene: Scene, depth_m: float) -> float | None:

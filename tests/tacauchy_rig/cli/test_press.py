@@ -69,7 +69,7 @@ def test_a_mesh_between_two_presets_is_named() -> None:
 
 
 def test_a_plan_states_error_cost_and_neighbours(tmp_path: Path) -> None:
-    """Before anything is pressed: the error believed, the time over preset fast's, and both sides."""
+    """Before anything is pressed: the error, the time over preset fast's, and both sides."""
     file = tmp_path / "plan.json"
     scene = ["plan", *DISC, *PRESS[:4], "--preset", "balanced", "--json", str(file)]
     done = CliRunner().invoke(app, scene)
