@@ -31,6 +31,7 @@ _KEPT = Settled(
     doubt=0.001,
     cheapest=Setting(Preset.BALANCED),
     cost_ratio=1.0,
+    choice_ratio=0.0,
 )
 
 
@@ -80,6 +81,14 @@ def test_nine_of_ten_kept_and_all_thrifty_is_a_pass() -> None:
     assert section([_KEPT] * 9 + [broken], command="c").passed
     assert not section([_KEPT] * 8 + [broken] * 2, command="c").passed
     assert not section([_KEPT] * 9 + [dear], command="c").passed
+
+
+def test_the_choices_own_time_counts() -> None:
+    """What was cheap once chosen is dear where choosing it took long; the note has both."""
+    slow = Settled(**{**_as_dict(_KEPT), "cost_ratio": 2.4, "choice_ratio": 0.9})
+    found = section([_KEPT] * 9 + [slow], command="c")
+    assert not found.passed
+    assert "on 9, the choice's own time included; on 10 without it" in found.note
 
 
 def _as_dict(settled: Settled) -> dict[str, Any]:
