@@ -215,7 +215,8 @@ def section(
         f"{COST_WANTED:g} times the processor time of the cheapest settings that would have",
         passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
         note=f"Kept on {kept} of {len(found)}, at no more than {COST_WANTED:g} times the time on "
-        f"{thrifty}, the choice's own time included; on {plain} without it. The true error is against the limit that preset accurate (reference, where "
+        f"{thrifty}, the choice's own time included; on {plain} without it. "
+        "The true error is against the limit that preset accurate (reference, where "
         "that is chosen) and edges 1.5 times as long tend to (Richardson). The scenes had no part "
         f"in the table that chooses.{note}",
         command=command,
