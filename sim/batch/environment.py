@@ -71,6 +71,8 @@ class BatchOptions:
         search_max: Most steps of conjugate gradients for one of Newton.
         newton_max: Most Newton steps for a frame.
         halving_max: Most halvings of a Newton step.
+        lead_max: Frames that an environment may be ahead of the slowest one's stiffness. Farther
+            from it conjugate gradients take many times as long, or fail.
     """
 
     residual_relative: float = 1e-6
@@ -79,6 +81,7 @@ class BatchOptions:
     search_max: int = 100
     newton_max: int = 40
     halving_max: int = 12
+    lead_max: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

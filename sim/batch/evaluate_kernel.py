@@ -25,7 +25,7 @@ from sim.batch.element_forces import BatchGel, Tangents, forces_function
 from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact
 from sim.batch.phases import EVALUATE, GIVE_UP, NEXT_FRAME, NOTHING, SEARCH, SHORTEN, START
-from sim.batch.progress import Limits, Progress
+from sim.batch.progress import Limits, Progress, may_run
 from sim.batch.vectors import Vectors
 from sim.elements import ElementOrder, reference_element
 from sim.laws.tangent import Law
@@ -108,6 +108,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         loads: wp.array2d(dtype=wp.float64),
         # Data in:
         tips: wp.array(dtype=wp.vec3d),
+        stretch_end: wp.array(dtype=wp.int32),
         # Data in and out:
         progress: Progress,
         vectors: Vectors,
@@ -122,7 +123,8 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         if b == 0 and thread == 0:
             busy_out[0] = 0
         phase = progress.phase[b]
-        if phase == EVALUATE:
+        runs = may_run(b, progress, limits, stretch_end)
+        if phase == EVALUATE and runs:
             frame = progress.frame[b]
             tip = tips[b]
             if gathering.tip_row >= 0:
@@ -194,7 +196,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
                 progress.vertical[b] = sums[VERTICAL]
                 progress.push[b] = pushed
                 progress.gap[b] = smallest
-        elif thread == 0 and phase != SEARCH:
+        elif thread == 0 and not (phase == SEARCH and runs):
             progress.act[b] = NOTHING
 
     return evaluate

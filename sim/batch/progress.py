@@ -24,6 +24,7 @@ class Limits:
         searches: Most steps of conjugate gradients for one of Newton.
         newton: Most Newton steps for a frame.
         halvings: Most halvings of a step.
+        lead: Frames that an environment may be ahead of the stretch's end.
     """
 
     residual: wp.float64
@@ -32,6 +33,7 @@ class Limits:
     searches: wp.int32
     newton: wp.int32
     halvings: wp.int32
+    lead: wp.int32
 
 
 def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
@@ -43,6 +45,7 @@ def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
     limits.searches = options.search_max
     limits.newton = options.newton_max
     limits.halvings = options.halving_max
+    limits.lead = options.lead_max
     return limits
 
 
@@ -89,6 +92,14 @@ class Progress:
     gap: wp.array(dtype=wp.float64)
     changed: wp.array(dtype=wp.int32)
     spent: wp.array(dtype=wp.int32)
+
+
+@wp.func
+def may_run(
+    b: wp.int32, progress: Progress, limits: Limits, stretch_end: wp.array(dtype=wp.int32)
+) -> wp.bool:
+    """Return whether the stiffness that preconditions is still near to an environment."""
+    return progress.frame[b] < stretch_end[0] + limits.lead
 
 
 def new_progress(count: int, device: Device) -> Any:

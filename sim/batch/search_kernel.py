@@ -18,7 +18,7 @@ from sim.batch.element_forces import BatchGel, Tangents, rates_function
 from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact
 from sim.batch.phases import ADVANCE_SEARCH, END_SEARCH, SEARCH
-from sim.batch.progress import Progress
+from sim.batch.progress import Limits, Progress, may_run
 from sim.batch.vectors import Vectors
 from sim.elements import ElementOrder, reference_element
 from sim.warp_start import start_warp
@@ -65,11 +65,13 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
     def search(
         # Model:
+        limits: Limits,
         gel: BatchGel,
         surface: BatchSurface,
         gathering: Gathering,
         # Data in:
         tangents: Tangents,
+        stretch_end: wp.array(dtype=wp.int32),
         # Data in and out:
         progress: Progress,
         vectors: Vectors,
@@ -78,7 +80,7 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
         sources_out: wp.array2d(dtype=Any),
     ):
         b, thread = wp.tid()
-        if progress.phase[b] == SEARCH:
+        if progress.phase[b] == SEARCH and may_run(b, progress, limits, stretch_end):
             along = wp.tile_load(vectors.directions[b], shape=wp.static(width), storage="shared")
             sink = wp.float32(0.0)
             if gathering.tip_row >= 0:

@@ -116,6 +116,7 @@ class Tick:
             [
                 *(self._limits, self._gel, self._surface, self._contact_settings),
                 *(self._evaluate_gathering, self._shares, self._loads, self._tips),
+                self.stretch_end,
             ],
             [
                 *(self.progress, self.vectors, self._contact, self._tangents),
@@ -128,7 +129,10 @@ class Tick:
         self._device.launch_blocks(
             self._search_kernel,
             self._columns,
-            [self._gel, self._surface, self._search_gathering, self._tangents],
+            [
+                *(self._limits, self._gel, self._surface, self._search_gathering),
+                *(self._tangents, self.stretch_end),
+            ],
             [self.progress, self.vectors, self._contact, self.sources],
             threads=self._searching.threads,
         )

@@ -134,6 +134,25 @@ def test_a_batch_can_be_pressed_again(pilot: Pilot) -> None:
     assert np.array_equal(batch.press().force_n, batch.press().force_n)
 
 
+@pytest.mark.parametrize(("lead_max", "least", "most"), [(0, 1, 2), (3, 3, 5)])
+def test_none_goes_farther_ahead_than_it_may(
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch, lead_max: int, least: int, most: int
+) -> None:
+    """A press of a tenth of the depth waits for its neighbour: a stiffness serves two frames."""
+    environments = [_environment(), _environment(depths_m=0.1 * _DEPTHS)]
+    batch = Batch(pilot, environments, options=replace(_EXACT, lead_max=lead_max))
+    batch.prepare()
+    run, apart = batch.tick.run, []
+
+    def watched() -> None:
+        run()
+        apart.append(int(np.ptp(batch.tick.progress.frame.numpy())))
+
+    monkeypatch.setattr(batch.tick, "run", watched)
+    assert not batch.press().failed.any()
+    assert least <= max(apart) <= most
+
+
 @pytest.mark.parametrize("is_pushed", [False, True])
 def test_factors_and_inverses_are_one_preconditioner(model: Model, is_pushed: bool) -> None:
     """What the CPU solves is what the GPU multiplies with."""
