@@ -71,6 +71,8 @@ class BatchOptions:
         search_max: Most steps of conjugate gradients for one of Newton.
         newton_max: Most Newton steps for a frame.
         halving_max: Most halvings of a Newton step.
+        retry_max: Most further starts of a frame where Newton did not arrive: from the last frame
+            as it is, then half extrapolated.
         lead_max: Frames that an environment may be ahead of the slowest one's stiffness. Farther
             from it conjugate gradients take many times as long, or fail.
     """
@@ -81,6 +83,7 @@ class BatchOptions:
     search_max: int = 100
     newton_max: int = 40
     halving_max: int = 12
+    retry_max: int = 2
     lead_max: int = 1
 
 

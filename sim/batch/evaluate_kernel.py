@@ -24,7 +24,16 @@ from sim.batch.contact_forces import (
 from sim.batch.element_forces import BatchGel, Tangents, forces_function
 from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact
-from sim.batch.phases import EVALUATE, GIVE_UP, NEXT_FRAME, NOTHING, SEARCH, SHORTEN, START
+from sim.batch.phases import (
+    EVALUATE,
+    GIVE_UP,
+    NEXT_FRAME,
+    NOTHING,
+    SEARCH,
+    SHORTEN,
+    START,
+    START_ANEW,
+)
 from sim.batch.progress import Limits, Progress, may_run
 from sim.batch.vectors import Vectors
 from sim.elements import ElementOrder, reference_element
@@ -55,6 +64,8 @@ def judged(
         act = wp.int32(NEXT_FRAME)
     elif progress.newton[b] >= limits.newton or not finite:
         act = wp.int32(GIVE_UP)
+        if progress.retries[b] < limits.retries:
+            act = wp.int32(START_ANEW)
     return act
 
 
@@ -78,6 +89,10 @@ def change(
         fraction = wp.float64(0.5) * progress.fraction[b]
         step = fraction * wp.float64(vectors.steps[b, row])
         vectors.trials[b, row] = vectors.accepted[b, row] + step
+    elif act == START_ANEW:
+        last_step = vectors.before[b, row] - vectors.long_before[b, row]
+        ahead_by = wp.float64(0.5) * wp.float64(progress.retries[b])
+        vectors.trials[b, row] = vectors.before[b, row] + ahead_by * last_step
     elif act == NEXT_FRAME:
         last = vectors.before[b, row]
         older = vectors.long_before[b, row]

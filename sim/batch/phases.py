@@ -20,3 +20,4 @@ END_SEARCH = wp.constant(3)  # the direction has no positive curvature: take wha
 SHORTEN = wp.constant(4)  # halve Newton's step
 NEXT_FRAME = wp.constant(5)  # in balance: extrapolate to the next frame
 GIVE_UP = wp.constant(6)
+START_ANEW = wp.constant(7)  # Newton did not get there: begin the frame from another state

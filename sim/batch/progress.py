@@ -24,6 +24,7 @@ class Limits:
         searches: Most steps of conjugate gradients for one of Newton.
         newton: Most Newton steps for a frame.
         halvings: Most halvings of a step.
+        retries: Most further starts of a frame.
         lead: Frames that an environment may be ahead of the stretch's end.
     """
 
@@ -33,6 +34,7 @@ class Limits:
     searches: wp.int32
     newton: wp.int32
     halvings: wp.int32
+    retries: wp.int32
     lead: wp.int32
 
 
@@ -45,6 +47,7 @@ def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
     limits.searches = options.search_max
     limits.newton = options.newton_max
     limits.halvings = options.halving_max
+    limits.retries = options.retry_max
     limits.lead = options.lead_max
     return limits
 
@@ -59,6 +62,7 @@ class Progress:
         newton: Newton steps of this frame.
         searches: Steps of conjugate gradients of this Newton step.
         halvings: Of this Newton step.
+        retries: Further starts of this frame.
         trying: 1 while a step is tried.
         fraction: Of the step that is tried.
         slope: Of the energy along the step [J].
@@ -79,6 +83,7 @@ class Progress:
     newton: wp.array(dtype=wp.int32)
     searches: wp.array(dtype=wp.int32)
     halvings: wp.array(dtype=wp.int32)
+    retries: wp.array(dtype=wp.int32)
     trying: wp.array(dtype=wp.int32)
     fraction: wp.array(dtype=wp.float64)
     slope: wp.array(dtype=wp.float64)
@@ -106,7 +111,7 @@ def new_progress(count: int, device: Device) -> Any:
     """Return the arrays for so many environments."""
     progress = Progress()
     names = ("phase", "frame", "newton", "searches", "halvings", "trying", "act")
-    for name in (*names, "changed", "spent"):
+    for name in (*names, "changed", "spent", "retries"):
         setattr(progress, name, device.zeros(count, wp.int32))
     names = ("length", "fraction", "slope", "scaled", "first_scaled")
     for name in (*names, "norm", "vertical", "gap"):

@@ -98,7 +98,7 @@ class Tick:
         for array in (
             *(self.sources, self.lifts, progress.gap),
             *(progress.frame, progress.newton, progress.trying, progress.spent),
-            *(progress.halvings, progress.searches),
+            *(progress.halvings, progress.searches, progress.retries),
         ):
             array.zero_()
         for array in (found.residual, found.imbalance, found.gap):

@@ -22,6 +22,7 @@ from sim.batch.phases import (
     SEARCH,
     SHORTEN,
     START,
+    START_ANEW,
     WAIT,
 )
 from sim.batch.progress import Limits, Progress
@@ -88,6 +89,11 @@ def note(
         progress.frame[b] = progress.frame[b] + 1
         progress.newton[b] = 0
         progress.trying[b] = 0
+        progress.retries[b] = 0
+    elif act == START_ANEW:
+        progress.newton[b] = 0
+        progress.trying[b] = 0
+        progress.retries[b] = progress.retries[b] + 1
     elif act == GIVE_UP:
         progress.phase[b] = FAILED
     if goes_on:

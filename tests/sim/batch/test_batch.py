@@ -213,6 +213,19 @@ def test_courses_must_be_given_and_grow(given: dict[str, object], told: str) -> 
         _environment(**given)
 
 
+def test_a_frame_is_begun_anew_before_it_is_given_up(pilot: Pilot) -> None:
+    """With a Newton step too few, every further start costs evaluations, and counts anew."""
+    hasty = replace(_EXACT, newton_max=1)
+    spent = []
+    for retry_max in (0, 1, 2):
+        batch = Batch(pilot, [_environment()], options=replace(hasty, retry_max=retry_max))
+        found = batch.press()
+        assert found.failed.all()
+        assert batch.tick.progress.retries.numpy()[0] == retry_max
+        spent.append(int(found.evaluations[0]))
+    assert spent[0] < spent[1] < spent[2]
+
+
 def test_a_press_that_fails_is_told_from_those_that_do_not(pilot: Pilot) -> None:
     """One Newton step is not enough: the frames that were not reached are not numbers."""
     hasty = replace(_EXACT, newton_max=1)
