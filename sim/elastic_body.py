@@ -11,6 +11,7 @@ from sim import elasticity
 from sim.arrays import FloatArray, IntArray
 from sim.device import KERNEL_EPSILON, Device, on_host
 from sim.discretisation import Discretisation
+from sim.element_gradient import element_gradient_kernel
 from sim.laws.tangent import Law, Tangent
 from sim.prony import PronySeries
 from sim.relaxation import Relaxation
@@ -41,7 +42,7 @@ class ElasticBody:
         device: Device,
     ) -> None:
         self._device = device
-        self._kernels = elasticity.elastic_kernels(law)
+        self._law, self._kernels = law, elasticity.elastic_kernels(law)
         self._reference = pad.reference
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
@@ -83,9 +84,9 @@ class ElasticBody:
 
         What the gel remembers is left out.
         """
-        return self._device.record(
-            self._kernels.gradient, self._shape, [*self._arrays, positions], [out]
-        )
+        nodes, _, *model = self._arrays
+        kernel = element_gradient_kernel(self._law, self._reference.order)
+        return self._device.record(kernel, self._shape[:1], [nodes, *model, positions], [out])
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""

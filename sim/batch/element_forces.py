@@ -12,21 +12,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from sim.batch.environment import Environment
 from sim.batch.numbering import Numbering
 from sim.device import Device
 from sim.discretisation import Discretisation
+from sim.element_gradient import shape_gradients
 from sim.elements import ReferenceElement
 from sim.laws.tangent import Law, Tangent
 from sim.warp_start import start_warp
 
 start_warp()
-
-# Rounding leaves so much of a gradient that is zero.
-_ZERO = 1e-14
 
 
 @wp.func
@@ -171,18 +168,6 @@ def kept_stress_rate(
         + C * on_cofactor
         + cofactor_rate(G, H) * kept(b, place + 13 * stride, tangents)
     )
-
-
-def shape_gradients(reference: ReferenceElement) -> list[Any]:
-    """Return the shape functions' gradients, which the functions below compile in.
-
-    Half of them are zero and cost nothing then.
-
-    Returns:
-        By quadrature point, node and reference coordinate.
-    """
-    gradients = reference.gradients
-    return np.where(np.abs(gradients) < _ZERO, 0.0, gradients).tolist()
 
 
 def forces_function(law: Law, reference: ReferenceElement) -> Any:
