@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from sim.arrays import FloatArray, IntArray
 
 
+# A height map takes what is no farther from the indenter for touching.
+_OVERLOOKED_M = 5e-6
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactOptions:
     """Settings of contact.
@@ -39,8 +43,8 @@ class ContactOptions:
 
     @property
     def is_wide(self) -> bool:
-        """The gel stays about d_hat off the indenter; by less only where it is pressed hard."""
-        return self.extension >= 1.0
+        """The gel stays about d_hat off the indenter, and that is too far to be overlooked."""
+        return self.extension >= 1.0 and self.distance_m > _OVERLOOKED_M
 
     def gap_least_m(self, extension: float) -> float:
         """Return the gap below which a point needs a barrier that is extended less [m]."""

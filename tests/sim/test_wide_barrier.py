@@ -57,3 +57,11 @@ def test_a_grown_body_is_as_far_from_the_body_everywhere() -> None:
     np.testing.assert_allclose(below, 0.3e-3 - (0.3e-3 + by) * np.cos(angle), atol=1e-12)
     assert grown(Sphere(diameter_m=2e-3), by) == Sphere(diameter_m=2e-3 + 2.0 * by)
     assert grown(Plane(), by) == Plane()
+
+
+def test_a_narrow_barrier_leaves_the_body_as_it_is() -> None:
+    """A micrometre is within what counts as touching; growing by it would widen the contact."""
+    scene = replace(_SCENE, barrier_m=1e-6)
+    path = path_for(scene, plan_effects(scene))
+    assert not path.model.contact_options.is_wide
+    assert surface_state(path, path.advance(0.05e-3)).indenter == scene.indenter
