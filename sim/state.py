@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from sim.arrays import FloatArray, IntArray
 
-
 # A height map takes what is no farther from the indenter for touching.
 _OVERLOOKED_M = 5e-6
 
