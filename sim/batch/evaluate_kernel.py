@@ -23,7 +23,7 @@ from sim.batch.contact_forces import (
 )
 from sim.batch.element_forces import BatchGel, Tangents, forces_function
 from sim.batch.layout import Layout
-from sim.batch.numbering import Gathering, gathered, gathered_contact
+from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
 from sim.batch.phases import (
     EVALUATE,
     GIVE_UP,
@@ -102,6 +102,53 @@ def change(
         vectors.before[b, row] = now
 
 
+@wp.func
+def tip_of(
+    b: wp.int32, tips: wp.array(dtype=wp.vec3d), gathering: Gathering, vectors: Vectors
+) -> wp.vec3d:
+    """Return where an environment's indenter ends [m]."""
+    tip = tips[b]
+    if gathering.tip_row >= 0:
+        lift = vectors.trials[b, gathering.tip_row]
+        tip += wp.vec3d(wp.float64(0.0), wp.float64(0.0), lift)
+    return tip
+
+
+@wp.func
+def touch(
+    b: wp.int32,
+    thread: wp.int32,
+    tip: wp.vec3d,
+    surface: BatchSurface,
+    settings: BatchContact,
+    displacements: Any,
+    contact: ContactPoints,
+) -> wp.vec4d:
+    """Find contact at a thread's points; return the force on the indenter and the smallest gap."""
+    push = wp.vec3d()
+    nearest = wp.float64(1.0)
+    for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
+        v, stiffness, gap = contact_force(i, b, tip, surface, settings, displacements)
+        contact.forces[b, i] = v
+        contact.touching[b, i] = wp.where(gap < settings.distance, 1, 0)
+        if gap < settings.distance:
+            contact.stiffness[b, i] = stiffness
+            nearest = wp.min(nearest, gap)
+        push += v
+    return wp.vec4d(push[0], push[1], push[2], nearest)
+
+
+@wp.func
+def summands(
+    row: wp.int32, b: wp.int32, y: wp.float64, gathering: Gathering, vectors: Vectors
+) -> wp.vec3d:
+    """Return what an unknown adds to the sums."""
+    vertical = wp.float64(0.0)
+    if gathering.vertical[row] == 1:
+        vertical = y
+    return wp.vec3d(y * y, y * wp.float64(vectors.steps[b, row]), vertical)
+
+
 @cache
 def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
     """Build the kernel; it launches over [environment_count, threads of a block]."""
@@ -141,25 +188,12 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         runs = may_run(b, progress, limits, stretch_end)
         if phase == EVALUATE and runs:
             frame = progress.frame[b]
-            tip = tips[b]
-            if gathering.tip_row >= 0:
-                lift = vectors.trials[b, gathering.tip_row]
-                tip += wp.vec3d(wp.float64(0.0), wp.float64(0.0), lift)
             at = wp.tile_load(vectors.trials[b], shape=wp.static(width), storage="shared")
-            pushing = wp.vec3d()
-            nearest = wp.float64(1.0)
-            for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
-                v, stiffness, gap = contact_force(i, b, tip, surface, settings, at)
-                contact.forces[b, i] = v
-                contact.touching[b, i] = wp.where(gap < settings.distance, 1, 0)
-                if gap < settings.distance:
-                    contact.stiffness[b, i] = stiffness
-                    nearest = wp.min(nearest, gap)
-                pushing += v
-            all_push = wp.tile_sum(wp.tile(pushing, preserve_type=True))
+            tip = tip_of(b, tips, gathering, vectors)
+            felt = touch(b, thread, tip, surface, settings, at, contact)
+            all_push = wp.tile_sum(wp.tile(wp.vec3d(felt[0], felt[1], felt[2]), preserve_type=True))
             pushed = all_push[0]
-            all_gaps = wp.tile_min(wp.tile(nearest))
-            smallest = all_gaps[0]
+            all_gaps = wp.tile_min(wp.tile(felt[3]))
             for i in range(thread, surface.rest.shape[0] * surface.rest.shape[1], wp.block_dim()):
                 spread_contact(i, b, surface, contact)
 
@@ -188,10 +222,8 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
                         y = loads[frame, b] - pushed[2]
                     vectors.forces[b, row] = y
                     if c == gathering.starts.shape[0] - 1:
-                        part[RESIDUAL] = part[RESIDUAL] + y * y
-                        part[SLOPE] = part[SLOPE] + y * wp.float64(vectors.steps[b, row])
-                        if gathering.vertical[row] == 1:
-                            part[VERTICAL] = part[VERTICAL] + y
+                        part += summands(row, b, y, gathering, vectors)
+                wait_for_all(contributions)
             all_sums = wp.tile_sum(wp.tile(part, preserve_type=True))
             sums = all_sums[0]
             act = judged(b, sums, pushed, limits, progress)
@@ -210,7 +242,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
                 progress.norm[b] = norm
                 progress.vertical[b] = sums[VERTICAL]
                 progress.push[b] = pushed
-                progress.gap[b] = smallest
+                progress.gap[b] = all_gaps[0]
         elif thread == 0 and not (phase == SEARCH and runs):
             progress.act[b] = NOTHING
 

@@ -173,3 +173,9 @@ def gathered_contact(
     for i in range(gathering.contact_starts[row], gathering.contact_starts[row + 1]):
         y += face_forces[b, gathering.contact_places[i]]
     return y
+
+
+@wp.func
+def wait_for_all(contributions: Any):
+    """Let no thread write to shared memory before all have read what is there."""
+    wp.tile_scatter_masked(contributions, 0, contributions.dtype(0.0), False)

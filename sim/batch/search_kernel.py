@@ -16,7 +16,7 @@ import warp as wp
 from sim.batch.contact_forces import BatchSurface, ContactPoints, contact_rate, spread_contact
 from sim.batch.element_forces import BatchGel, Tangents, rates_function
 from sim.batch.layout import Layout
-from sim.batch.numbering import Gathering, gathered, gathered_contact
+from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
 from sim.batch.phases import ADVANCE_SEARCH, END_SEARCH, SEARCH
 from sim.batch.progress import Limits, Progress, may_run
 from sim.batch.vectors import Vectors
@@ -122,6 +122,7 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
                     vectors.rates[b, row] = wp.float32(y)
                     if c == gathering.starts.shape[0] - 1:
                         part += y * wp.float64(along[row])
+                wait_for_all(contributions)
             all_curvature = wp.tile_sum(wp.tile(part))
             curvature = all_curvature[0]
             advances = curvature > wp.float64(0.0)

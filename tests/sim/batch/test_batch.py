@@ -9,8 +9,10 @@ import pytest
 import warp as wp
 
 from sim.arrays import FloatArray
+from sim.batch import tick
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
+from sim.batch.layout import Layout
 from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
 from sim.batch.preconditioner import FactoredStiffness
@@ -132,6 +134,20 @@ def test_a_batch_can_be_pressed_again(pilot: Pilot) -> None:
     """Nothing of the first press is left in the second."""
     batch = Batch(pilot, [_environment()], options=_EXACT)
     assert np.array_equal(batch.press().force_n, batch.press().force_n)
+
+
+def test_elements_may_go_through_shared_memory_bit_by_bit(
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chunk after chunk, the last of them not full, gives what one chunk gives."""
+    whole = Batch(pilot, [_environment()], options=_EXACT).press()
+    small = Layout(threads=32, chunk=32, resident=1, width=4 * 768)
+    assert len(pilot.model.elements) % small.chunk
+    monkeypatch.setattr(tick, "evaluating", lambda *_: small)
+    monkeypatch.setattr(tick, "searching", lambda *_: small)
+    found = Batch(pilot, [_environment()], options=_EXACT).press()
+    assert found.force_n == pytest.approx(whole.force_n, rel=1e-6, abs=1e-9)
+    assert np.abs(found.imbalance).max() <= 1e-7
 
 
 @pytest.mark.parametrize("lead_max", [0, 4])
