@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from reports.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, PNG_DPI, STYLE
 
@@ -97,6 +98,7 @@ def _draw_growth(axes: Axes, growth: Growth) -> None:
         axes.loglog(
             sizes, middle[1] * (sizes / middle[0]) ** power, style, color=colour, label=text
         )
+    _mark(axes, growth.sizes)
     axes.set_xlabel("Tetrahedra $n$")
     axes.set_ylabel("Processor time of a press (s)")
     axes.set_title("Growth with elements", loc="left")
@@ -104,7 +106,17 @@ def _draw_growth(axes: Axes, growth: Growth) -> None:
 
 
 def _draw_batches(axes: Axes, batches: Sequence[tuple[int, float]]) -> None:
-    axes.loglog(*zip(*batches, strict=True), "o-", color=BLUE, markersize=4)
+    counts, speeds = zip(*batches, strict=True)
+    axes.loglog(counts, speeds, "o-", color=BLUE, markersize=4)
+    _mark(axes, counts)
+    # Whole decades: an axis of less has labels that nobody can read.
+    axes.set_ylim(10 ** np.floor(np.log10(min(speeds))), 10 ** np.ceil(np.log10(max(speeds))))
     axes.set_xlabel("Environments")
     axes.set_ylabel("Frames a second, all together")
     axes.set_title("Growth with environments", loc="left")
+
+
+def _mark(axes: Axes, measured: Sequence[float]) -> None:
+    """Label the measured places of a logarithmic axis and no others."""
+    axes.set_xticks(measured, [f"{place:.0f}" for place in measured])
+    axes.xaxis.set_minor_formatter(NullFormatter())
