@@ -111,12 +111,7 @@ def run_bench(
     if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
         on_progress(f"F_z with preset {against}")
         exact_n = exact_force(scene, preset=against)
-    frames: list[FrameRow] = []
-    if Part.FRAMES in parts:
-        on_progress("frames")
-        for travelled in travels(scene, exact_n=exact_n):
-            on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
-            frames.append(travelled)
+    frames = _frames(scene, exact_n, on_progress) if Part.FRAMES in parts else []
     reuse: list[ReuseRow] = []
     if Part.REUSE in parts:
         on_progress("what reuse saves")
@@ -139,9 +134,7 @@ def run_bench(
     if Part.RENDERING in parts:
         on_progress(f"rendering, batches on {batch_device()}")
         rendering += measure_rendering(scene)
-    without_gpu = [what for part, what in _NO_GPU.items() if part in parts]
-    if batch_device() == "cpu":
-        absent += [f"{what}, which is done on a GPU: there is none here" for what in without_gpu]
+    absent += _without_gpu(parts)
     return Bench(
         frames=tuple(frames),
         reuse=tuple(reuse),
@@ -153,6 +146,27 @@ def run_bench(
         growth=tuple(grown),
         absent=tuple(absent),
     )
+
+
+def _frames(scene: Scene, exact_n: float, on_progress: Progress) -> list[FrameRow]:
+    """Travel with preset fast, and with finer meshes while its force is too far off."""
+    on_progress("frames")
+    frames = []
+    for travelled in travels(scene, exact_n=exact_n):
+        on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
+        frames.append(travelled)
+    return frames
+
+
+def _without_gpu(parts: Collection[Part]) -> list[str]:
+    """Return what of these parts a machine without a GPU cannot measure; nothing on one with it."""
+    if batch_device() != "cpu":
+        return []
+    return [
+        f"{what}, which is done on a GPU: there is none here"
+        for part, what in _NO_GPU.items()
+        if part in parts
+    ]
 
 
 def _side_by_side(
