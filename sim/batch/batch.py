@@ -26,6 +26,7 @@ from sim.batch.environment import BatchOptions, BatchResult, Environment
 from sim.batch.pilot import Pilot
 from sim.batch.tick import Tick
 from sim.device import Device, on_host
+from sim.stress import SurfaceStress
 
 # A test costs a GPU some microseconds, a few ticks too many cost few environments more: they would
 # go on with a stiffness that is no longer the nearest.
@@ -101,6 +102,11 @@ class Batch:
         pattern, count = self.pilot.model.pattern, len(self.environments)
         found = on_host(self.tick.vectors.before)[:count, : pattern.dof_count]
         return np.stack([pattern.nodal(row) for row in found])
+
+    def surface_stresses(self) -> list[SurfaceStress]:
+        """Return the stress on the last frames' surface, environment by environment."""
+        self.tick.stress.launch(self.tick.vectors.before)
+        return self.tick.stress.fetch()
 
     def _go(self, stretch: int) -> None:
         """Go on to the end of a stretch."""

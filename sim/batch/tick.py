@@ -19,6 +19,7 @@ from sim.batch.pilot import Pilot
 from sim.batch.preconditioner import preconditioner
 from sim.batch.progress import iteration_limits, new_progress
 from sim.batch.search_kernel import search_kernel
+from sim.batch.surface_stress import StressExtraction
 from sim.batch.turn_kernel import Found, begin, turn
 from sim.batch.vectors import clear, new_vectors
 from sim.device import Device
@@ -40,6 +41,7 @@ class Tick:
         vectors: Over the unknowns.
         lifts: Of the indenter where it is pushed [m], shape [frame_count, column_count].
         found: What every frame gives.
+        stress: The surface's stress at displacements such as ``vectors.before``.
     """
 
     def __init__(
@@ -174,6 +176,9 @@ class Tick:
         self._contact = contact_points(self._columns, self._surface, device)
         self._contact_settings = batch_contact(
             model.contact_options, extension=self._options.extension
+        )
+        self.stress = StressExtraction(
+            pad, numbered, model.law, self._gel, environment_count=self._count, device=device
         )
         order = pad.reference.order
         self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)

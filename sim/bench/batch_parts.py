@@ -1,4 +1,4 @@
-"""What the launches of a batch's tick take, each alone."""
+"""What the launches of a batch's tick take, each alone, and taking the stress off afterwards."""
 
 from __future__ import annotations
 
@@ -28,6 +28,35 @@ class BatchPartsRow:
     environments: int
     doing: str
     parts_s: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StressTimes:
+    """What the stress on the surface of all environments takes (paper, Algorithm 1).
+
+    Attributes:
+        face_count: Faces of an environment.
+        device_s: From displacements to stresses, both on the device [s].
+        host_s: The same with its launch from the host and the copy to the host's memory [s].
+    """
+
+    face_count: int
+    device_s: float
+    host_s: float
+
+
+def stress_times(batch: Batch, *, repeats: int = _REPEATS) -> StressTimes:
+    """Time taking the stress off the last press; the shortest of the ways to the host."""
+    extraction, displacements = batch.tick.stress, batch.tick.vectors.before
+    device_s = _time_of(
+        lambda: extraction.launch(displacements), device=batch.device, repeats=repeats
+    )
+    fetched = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        batch.surface_stresses()
+        fetched.append(time.perf_counter() - started)
+    return StressTimes(face_count=extraction.face_count, device_s=device_s, host_s=min(fetched))
 
 
 def batch_parts(batch: Batch, *, repeats: int = _REPEATS) -> list[BatchPartsRow]:

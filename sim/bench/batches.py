@@ -12,7 +12,7 @@ from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
-from sim.bench.batch_parts import BatchPartsRow, batch_parts
+from sim.bench.batch_parts import BatchPartsRow, StressTimes, batch_parts, stress_times
 from sim.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.press import press
 from sim.scene import Preset, Scene, Target
@@ -40,6 +40,7 @@ class BatchRow:
         residual: Norm of the unbalanced force over the contact force, the largest.
         gap_m: The smallest [m].
         failed_count: Environments that did not reach their last frame.
+        stress: What taking the stress off the surface takes.
         parts: What each launch of a tick takes.
     """
 
@@ -55,6 +56,7 @@ class BatchRow:
     residual: float
     gap_m: float
     failed_count: int
+    stress: StressTimes
     parts: tuple[BatchPartsRow, ...]
 
     @property
@@ -138,5 +140,6 @@ def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device:
         residual=float(np.nanmax(found.residual)),
         gap_m=float(np.nanmin(found.gap_m)),
         failed_count=int(found.failed.sum()),
+        stress=stress_times(batch),
         parts=tuple(batch_parts(batch)),
     )

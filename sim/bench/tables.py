@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sim.bench.batches import BALANCE
+from sim.bench.batch_tables import TIMES, batches_section, parts_section, stress_section
 from sim.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.bench.growth import EXPONENT_WANTED, exponent, local_exponents
 from sim.bench.peer.table import peer_section
@@ -14,12 +14,9 @@ from sim.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.bench.suite import Bench
 from sim.verification.section import Section
 
-# To which times are to grow less than the environments.
-_FEW = 60
 FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
-_TIMES = "none: a time belongs to the machine and what else it does"
 
 
 def sections(found: Bench) -> list[Section]:
@@ -27,8 +24,9 @@ def sections(found: Bench) -> list[Section]:
     tables: dict[Callable[[Bench], Section], Sequence[object]] = {
         _frames: found.frames,
         _reuse: found.reuse,
-        _batches: found.batches,
-        _batch_parts: found.batches,
+        batches_section: found.batches,
+        stress_section: found.batches,
+        parts_section: found.batches,
         _peers: found.peers,
         _phases: found.phases,
         _rendering: found.rendering,
@@ -106,89 +104,11 @@ def _reuse(found: Bench) -> Section:
             )
             for row in found.reuse
         ),
-        criterion=_TIMES,
+        criterion=TIMES,
         passed=True,
         note="The travel of the frames with preset fast, in its own way and in others that each "
         "leave one thing out, all on the same mesh; then the forces of a replay. An evaluation is "
         "one of the forces. F_z is that at the end.",
-    )
-
-
-def _batches(found: Bench) -> Section:
-    rows = found.batches
-    few = [row for row in rows if row.environments <= _FEW]
-    counts, times = [float(row.environments) for row in few], [row.wall_s for row in few]
-    growth = ""
-    if len(few) > 1:
-        power = exponent(counts, times)
-        growth = f" Up to {_FEW} environments time grows with their number to the {power:.2f}."
-    return Section(
-        title="Environments side by side",
-        columns=(
-            "device",
-            "environments",
-            "frames [1/s]",
-            "frame of all [ms]",
-            "evaluations",
-            "F_z off by [%]",
-            "imbalance",
-            "residual",
-            "gap [um]",
-            "failed",
-        ),
-        rows=tuple(
-            (
-                row.device,
-                row.environments,
-                round(row.frames_per_s),
-                row.frame_ms,
-                row.evaluations,
-                1e2 * row.force_error,
-                row.imbalance,
-                row.residual,
-                1e6 * row.gap_m,
-                row.failed_count,
-            )
-            for row in rows
-        ),
-        criterion="F_z within 3 % of preset accurate, base reaction and indenter force alike to "
-        f"{BALANCE:g}, every gap positive, every environment at its last frame",
-        passed=all(
-            abs(row.force_error) <= FORCE_ERROR_MAX
-            and row.imbalance <= BALANCE
-            and row.gap_m > 0.0
-            and row.failed_count == 0
-            for row in rows
-        ),
-        note=f"The same travel over one rest mesh of {rows[0].tet_count} quadratic tetrahedra and "
-        f"{rows[0].unknown_count} unknowns; moduli and depths differ by up to 10 %. An evaluation "
-        "is one of the forces, or of the stiffness times a direction; their number is the mean for "
-        f"a frame. Set-up, once for all: {rows[0].setup_s:.1f} s."
-        + growth
-        + "".join(f" Not measured: {text}." for text in found.absent if "images" not in text),
-    )
-
-
-def _batch_parts(found: Bench) -> Section:
-    rows = [row for batch in found.batches for row in batch.parts]
-    names = list(rows[0].parts_s)
-    return Section(
-        title="Parts of an evaluation",
-        columns=("environments", "doing", *(f"{name} [us]" for name in names), "together [us]"),
-        rows=tuple(
-            (
-                row.environments,
-                row.doing,
-                *(round(1e6 * row.parts_s[name], 1) for name in names),
-                round(1e6 * sum(row.parts_s.values()), 1),
-            )
-            for row in rows
-        ),
-        criterion=_TIMES,
-        passed=True,
-        note="Each launch alone, repeated, on the untouched gel, all environments doing the same: "
-        "evaluating forces, or the stiffness along a direction of the search. In a batch each "
-        "environment does what it needs, all in the same launches.",
     )
 
 
@@ -217,7 +137,7 @@ def _phases(found: Bench) -> Section:
             )
             for name in names
         ),
-        criterion=_TIMES,
+        criterion=TIMES,
         passed=True,
         note="Each alone, on the state at the end of a press. Assembly: energy, gradient and "
         "Newton matrix of the elements. Contact: gaps, energy, forces and their sum at the nodes. "

@@ -22,6 +22,7 @@ from sim.loading import LoadingPath
 from sim.model import Model
 from sim.pad import DiscPad
 from sim.scene import Material, Scene, Target
+from sim.stress import surface_stress
 from tacauchy_rig.errors import ConfigError
 
 _YOUNG, _POISSON = 0.3e6, 0.47
@@ -134,6 +135,42 @@ def test_a_batch_can_be_pressed_again(pilot: Pilot) -> None:
     """Nothing of the first press is left in the second."""
     batch = Batch(pilot, [_environment()], options=_EXACT)
     assert np.array_equal(batch.press().force_n, batch.press().force_n)
+
+
+def test_the_surface_is_stressed_as_in_a_press(model: Model, pilot: Pilot) -> None:
+    """Algorithm 1 in one launch is Algorithm 1 on the same displacements."""
+    batch = Batch(pilot, [_environment(), _environment(young_pa=2.0 * _YOUNG)], options=_EXACT)
+    batch.press()
+    _check_stresses(batch, model)
+
+
+@pytest.mark.gpu
+def test_a_gpu_finds_the_same_stress(model: Model, pilot: Pilot) -> None:
+    """Algorithm 1 on a GPU is Algorithm 1 on the host."""
+    environments = [_environment(), _environment(young_pa=2.0 * _YOUNG)]
+    batch = Batch(pilot, environments, options=_EXACT, device="cuda:0")
+    batch.press()
+    _check_stresses(batch, model)
+
+
+def _check_stresses(batch: Batch, model: Model) -> None:
+    """Hold every environment's stress against the host's; gels may be stiffer than the model's."""
+    moved = batch.displacements()
+    for number, found in enumerate(batch.surface_stresses()):
+        wanted = surface_stress(model, model.nodes + moved[number])
+        stiffer = batch.environments[number].young_pa / model.young_pa
+        scale = np.abs(wanted.traction_pa).max()
+        assert scale > 0.1 * _YOUNG
+        assert found.traction_pa / stiffer == pytest.approx(
+            wanted.traction_pa, rel=1e-9, abs=1e-9 * scale
+        )
+        assert found.normal_pa / stiffer == pytest.approx(
+            wanted.normal_pa, rel=1e-9, abs=1e-9 * scale
+        )
+        assert found.areas_m2 == pytest.approx(wanted.areas_m2, rel=1e-12)
+        assert found.normals == pytest.approx(wanted.normals, rel=1e-9, abs=1e-12)
+        parts = found.normal_pa[:, None] * found.normals + found.tangential_pa
+        assert parts == pytest.approx(found.traction_pa, rel=1e-9, abs=1e-9 * scale * stiffer)
 
 
 def test_elements_may_go_through_shared_memory_bit_by_bit(

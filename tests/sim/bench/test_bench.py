@@ -179,6 +179,13 @@ def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
             assert min(row.parts_s.values()) > 0.0
 
 
+def test_taking_the_stress_off_is_timed(found: Bench) -> None:
+    """On the device and to the host, with the number of faces that each environment has."""
+    alone, three = (batch.stress for batch in found.batches)
+    assert alone.face_count == three.face_count > 0
+    assert min(alone.device_s, alone.host_s, three.device_s, three.host_s) > 0.0
+
+
 def test_environments_differ_but_the_first() -> None:
     """The first is the scene itself; others are up to a tenth stiffer and shallower."""
     first, *others = environments(_SCENE, 5)
@@ -220,11 +227,11 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = sections(found)
-    assert [len(table.rows) for table in tables] == [1, 4, 2, 4, 7, 3, 1, 2]
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 2, 4, 7, 3, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[2].note
-    assert "Not measured: many images." in tables[5].note
-    assert "exponent" in tables[7].columns[-1]
+    assert "Not measured: many images." in tables[6].note
+    assert "exponent" in tables[8].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Bench) -> None:

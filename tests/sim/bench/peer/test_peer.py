@@ -13,6 +13,7 @@ import pytest
 
 from sim.arrays import FloatArray
 from sim.batch.pad import batch_model
+from sim.bench.batch_parts import StressTimes
 from sim.bench.batches import BALANCE, BatchRow
 from sim.bench.frames import FRAME_COUNT
 from sim.bench.peer.balance import PeerBalance, peer_balance
@@ -234,6 +235,7 @@ def _our_row(count: int, speed: float) -> BatchRow:
         residual=1e-5,
         gap_m=2e-5,
         failed_count=0,
+        stress=StressTimes(face_count=200, device_s=1e-5, host_s=1e-4),
         parts=(),
     )
 
