@@ -105,7 +105,7 @@ class Batch:
 
     def surface_stresses(self) -> list[SurfaceStress]:
         """Return the stress on the last frames' surface, environment by environment."""
-        self.tick.stress.launch(self.tick.vectors.before)
+        self.tick.stress.launch()
         return self.tick.stress.fetch()
 
     def _go(self, stretch: int) -> None:

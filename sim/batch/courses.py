@@ -76,6 +76,8 @@ def stretches(pilot: Pilot, courses: FloatArray) -> list[tuple[int, int]]:
 def extrapolation(courses: FloatArray) -> FloatArray:
     """Return the shares of the last three frames in the next one's start: Lagrange's polynomials.
 
+    The untouched gel, at zero, counts as a frame before the first.
+
     Args:
         courses: Shape [frame_count, environment_count].
 
@@ -85,9 +87,10 @@ def extrapolation(courses: FloatArray) -> FloatArray:
     frames, count = courses.shape
     shares = np.zeros((frames, count, 3))
     shares[:, :, 0] = 1.0
-    for frame in range(1, frames - 1):
-        order = min(frame + 1, 3)
-        known, ahead = courses[frame - order + 1 : frame + 1][::-1], courses[frame + 1]
+    points = np.concatenate([np.zeros((1, count)), courses])
+    for frame in range(frames - 1):
+        order = min(frame + 1, 3) if frame else 2
+        known, ahead = points[frame - order + 2 : frame + 2][::-1], points[frame + 2]
         for k in range(order):
             others = [j for j in range(order) if j != k]
             factors = [(ahead - known[j]) / (known[k] - known[j]) for j in others]

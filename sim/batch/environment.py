@@ -73,6 +73,7 @@ class BatchOptions:
         halving_max: Most halvings of a Newton step.
         retry_max: Most further starts of a frame where Newton did not arrive: from the last frame
             as it is, then half extrapolated.
+        growth_max: Most that a Newton step may multiply the norm of the unbalanced force by.
         lead_max: Frames that an environment may be ahead of the slowest one's stiffness. Farther
             from it conjugate gradients take many times as long, or fail.
     """
@@ -85,6 +86,7 @@ class BatchOptions:
     halving_max: int = 12
     retry_max: int = 2
     lead_max: int = 1
+    growth_max: float = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

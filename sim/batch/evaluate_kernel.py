@@ -56,9 +56,13 @@ def judged(
     act = wp.int32(START)
     residual = wp.sqrt(sums[RESIDUAL])
     finite = wp.isfinite(residual)
-    uphill = progress.trying[b] == 1 and not (sums[SLOPE] <= wp.float64(0.9) * progress.slope[b])
+    uphill = not (sums[SLOPE] <= wp.float64(0.9) * progress.slope[b])
+    # Along a direction that is almost without stiffness a step may leave the gel in tatters and yet
+    # end on a slope downwards.
+    far = residual > limits.growth * progress.started[b]
+    too_long = progress.trying[b] == 1 and (uphill or far)
     enough = wp.max(limits.floor, limits.residual * wp.length(pushed))
-    if (uphill or not finite) and progress.halvings[b] < limits.halvings:
+    if (too_long or not finite) and progress.halvings[b] < limits.halvings:
         act = wp.int32(SHORTEN)
     elif residual <= enough and wp.abs(sums[VERTICAL]) <= enough:
         act = wp.int32(NEXT_FRAME)
@@ -240,6 +244,8 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
             if thread == 0:
                 progress.act[b] = act
                 progress.norm[b] = norm
+                if act == START:
+                    progress.started[b] = norm
                 progress.vertical[b] = sums[VERTICAL]
                 progress.push[b] = pushed
                 progress.gap[b] = all_gaps[0]

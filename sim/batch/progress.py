@@ -26,6 +26,7 @@ class Limits:
         halvings: Most halvings of a step.
         retries: Most further starts of a frame.
         lead: Frames that an environment may be ahead of the stretch's end.
+        growth: Most that a step may multiply the residual norm by.
     """
 
     residual: wp.float64
@@ -36,6 +37,7 @@ class Limits:
     halvings: wp.int32
     retries: wp.int32
     lead: wp.int32
+    growth: wp.float64
 
 
 def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
@@ -49,6 +51,7 @@ def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
     limits.halvings = options.halving_max
     limits.retries = options.retry_max
     limits.lead = options.lead_max
+    limits.growth = options.growth_max
     return limits
 
 
@@ -71,6 +74,7 @@ class Progress:
         act: What an environment does after an evaluation.
         length: Of the step along the direction, while conjugate gradients advance.
         norm: Of the last forces [N].
+        started: Of those at which conjugate gradients began [N].
         vertical: Sum of the last forces along z [N].
         push: Force on the indenter, modelled part [N].
         gap: The smallest [m].
@@ -92,6 +96,7 @@ class Progress:
     act: wp.array(dtype=wp.int32)
     length: wp.array(dtype=wp.float64)
     norm: wp.array(dtype=wp.float64)
+    started: wp.array(dtype=wp.float64)
     vertical: wp.array(dtype=wp.float64)
     push: wp.array(dtype=wp.vec3d)
     gap: wp.array(dtype=wp.float64)
@@ -114,7 +119,7 @@ def new_progress(count: int, device: Device) -> Any:
     for name in (*names, "changed", "spent", "retries"):
         setattr(progress, name, device.zeros(count, wp.int32))
     names = ("length", "fraction", "slope", "scaled", "first_scaled")
-    for name in (*names, "norm", "vertical", "gap"):
+    for name in (*names, "norm", "started", "vertical", "gap"):
         setattr(progress, name, device.zeros(count, wp.float64))
     progress.push = device.zeros(count, wp.vec3d)
     return progress

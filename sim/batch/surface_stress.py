@@ -11,8 +11,10 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import numpy as np
 import warp as wp
 
+from sim.arrays import FloatArray
 from sim.batch.element_forces import BatchGel, inverse_jacobian
 from sim.batch.numbering import Numbering
 from sim.device import Device, on_host
@@ -41,31 +43,17 @@ class StressedFaces:
     parents: wp.array(dtype=wp.int32)
 
 
-@wp.struct
-class FaceStresses:
-    """What is found, each of shape [environment_count, face_count].
-
-    Attributes:
-        normals: Outward unit normals of the deformed faces.
-        areas: Of the deformed faces [m^2].
-        tractions: Stress times normal [Pa].
-        normal_stresses: Their parts along the normal [Pa].
-        tangential: What is left of them [Pa].
-    """
-
-    normals: wp.array2d(dtype=wp.vec3d)
-    areas: wp.array2d(dtype=wp.float64)
-    tractions: wp.array2d(dtype=wp.vec3d)
-    normal_stresses: wp.array2d(dtype=wp.float64)
-    tangential: wp.array2d(dtype=wp.vec3d)
+# Where a face's results lie: normal, area, traction, its normal and its tangential part.
+_AREA, _TRACTION, _NORMAL_STRESS, _TANGENTIAL, _COUNT = 3, 4, 7, 8, 11
 
 
 class StressExtraction:
-    """All that the launch needs, on the device.
+    """The launch with all that it needs, on the device.
 
     Args:
         gel: ``BatchGel`` of the environments.
-        environment_count: How many of them are read.
+        displacements: Over the unknowns [m], on the device; the first ``environment_count`` rows
+            are read.
     """
 
     def __init__(
@@ -74,49 +62,43 @@ class StressExtraction:
         numbered: Numbering,
         law: Law,
         gel: Any,
+        displacements: Any,
         *,
         environment_count: int,
         device: Device,
     ) -> None:
-        self._gel, self._device = gel, device
-        self._kernel = _stress_kernel(law, pad.reference.order)
-        self._faces = StressedFaces()
-        self._faces.rows = device.array(numbered.of_nodes(pad.faces), wp.int32)
-        self._faces.rest = device.array(pad.nodes[pad.faces].transpose(1, 0, 2), wp.vec3d)
-        self._faces.parents = device.array(pad.face_parents, wp.int32)
-        self._shape = (environment_count, len(pad.faces))
-        self._found = FaceStresses()
-        for name in ("normals", "tractions", "tangential"):
-            setattr(self._found, name, device.zeros(self._shape, wp.vec3d))
-        for name in ("areas", "normal_stresses"):
-            setattr(self._found, name, device.zeros(self._shape, wp.float64))
-
-    @property
-    def face_count(self) -> int:
-        """Faces of every environment."""
-        return self._shape[1]
-
-    def launch(self, displacements: Any) -> None:
-        """Find the stresses at displacements [m] on the device, environment by environment."""
-        self._device.launch(
-            self._kernel, self._shape, [self._gel, self._faces, displacements], [self._found]
+        faces = StressedFaces()
+        faces.rows = device.array(numbered.of_nodes(pad.faces), wp.int32)
+        faces.rest = device.array(pad.nodes[pad.faces].transpose(1, 0, 2), wp.vec3d)
+        faces.parents = device.array(pad.face_parents, wp.int32)
+        self.face_count = len(pad.faces)
+        # All in one array, which is one copy to the host.
+        self._found = device.zeros((environment_count, _COUNT, self.face_count), wp.float64)
+        self._launch = device.record(
+            _stress_kernel(law, pad.reference.order),
+            (environment_count, self.face_count),
+            [gel, faces, displacements],
+            [self._found],
         )
+
+    def launch(self) -> None:
+        """Find the stresses at the displacements as they are now."""
+        self._launch.launch()
 
     def fetch(self) -> list[SurfaceStress]:
         """Return what the last launch found, an environment after the other."""
-        found = self._found
-        columns = {
-            "normals": found.normals,
-            "areas_m2": found.areas,
-            "traction_pa": found.tractions,
-            "normal_pa": found.normal_stresses,
-            "tangential_pa": found.tangential,
-        }
-        hosted = {name: on_host(array) for name, array in columns.items()}
-        return [
-            SurfaceStress(**{name: values[b].copy() for name, values in hosted.items()})
-            for b in range(self._shape[0])
-        ]
+        return [_surface_stress(found) for found in np.array(on_host(self._found))]
+
+
+def _surface_stress(found: FloatArray) -> SurfaceStress:
+    """Name the results of an environment, shape [_COUNT, face_count]."""
+    return SurfaceStress(
+        normals=found[:_AREA].T,
+        areas_m2=found[_AREA],
+        traction_pa=found[_TRACTION:_NORMAL_STRESS].T,
+        normal_pa=found[_NORMAL_STRESS],
+        tangential_pa=found[_TANGENTIAL:].T,
+    )
 
 
 @cache
@@ -176,7 +158,7 @@ def _stress_kernel(law: Law, order: ElementOrder) -> Any:
         # Data in:
         displacements: wp.array2d(dtype=wp.float64),
         # Data out:
-        found: FaceStresses,
+        found_out: wp.array3d(dtype=wp.float64),
     ):
         b, i = wp.tid()
         vector = area_vector(i, b, faces, displacements)
@@ -184,10 +166,12 @@ def _stress_kernel(law: Law, order: ElementOrder) -> Any:
         normal = vector / area
         traction = element_stress(faces.parents[i], b, gel, displacements) * normal
         normal_stress = wp.dot(traction, normal)
-        found.normals[b, i] = normal
-        found.areas[b, i] = area
-        found.tractions[b, i] = traction
-        found.normal_stresses[b, i] = normal_stress
-        found.tangential[b, i] = traction - normal_stress * normal
+        tangential = traction - normal_stress * normal
+        found_out[b, wp.static(_AREA), i] = area
+        found_out[b, wp.static(_NORMAL_STRESS), i] = normal_stress
+        for axis in range(3):
+            found_out[b, axis, i] = normal[axis]
+            found_out[b, wp.static(_TRACTION) + axis, i] = traction[axis]
+            found_out[b, wp.static(_TANGENTIAL) + axis, i] = tangential[axis]
 
     return surface_stress

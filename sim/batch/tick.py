@@ -41,7 +41,7 @@ class Tick:
         vectors: Over the unknowns.
         lifts: Of the indenter where it is pushed [m], shape [frame_count, column_count].
         found: What every frame gives.
-        stress: The surface's stress at displacements such as ``vectors.before``.
+        stress: The surface's stress at the last frame of each environment.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class Tick:
         pad = model.discretisation
         centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in filled])
         kept = touchable(pad, pilot.indenter, np.unique(centres, axis=0))
-        numbered = numbering(pilot)
+        numbered = self._numbered = numbering(pilot)
         self._row_count = numbered.row_count
         self._evaluating = evaluating(self._columns, self._row_count)
         self._searching = searching(self._columns, self._row_count)
@@ -176,9 +176,6 @@ class Tick:
         self._contact = contact_points(self._columns, self._surface, device)
         self._contact_settings = batch_contact(
             model.contact_options, extension=self._options.extension
-        )
-        self.stress = StressExtraction(
-            pad, numbered, model.law, self._gel, environment_count=self._count, device=device
         )
         order = pad.reference.order
         self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)
@@ -205,6 +202,15 @@ class Tick:
         # A row more than there are unknowns stays zero, for what is fixed.
         rows = max(self._preconditioner.row_count, self._row_count + 1)
         self.vectors = new_vectors(columns, rows, device)
+        self.stress = StressExtraction(
+            model.discretisation,
+            self._numbered,
+            model.law,
+            self._gel,
+            self.vectors.before,
+            environment_count=self._count,
+            device=device,
+        )
         self.sources = device.zeros((columns, rows), self._preconditioner.kind)
         self.progress = new_progress(columns, device)
         self._tips = device.zeros(columns, wp.vec3d)
