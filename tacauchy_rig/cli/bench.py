@@ -69,11 +69,12 @@ def bench(
     facts = {**asdict(found), "machine": machine(), "versions": versions()}
     write_json(out / "bench.json", facts)
     write_json(json_file, facts)
+    drawn = _draw(found, out)
     page = markdown(
         tables,
         title="Benchmark",
         note=f"{indenter} into {sensor}.",
-        image="bench.png",
+        image=next((file.name for file in drawn if file.suffix == ".png"), ""),
         command=" ".join(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
@@ -86,7 +87,7 @@ def bench(
         machine=machine(),
     )
     write_text(out / "bench.md", page)
-    for file in (*_draw(found, out), out / "bench.json", out / "bench.md"):
+    for file in (*drawn, out / "bench.json", out / "bench.md"):
         say(str(file))
 
 
