@@ -80,7 +80,8 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     gel takes its shape from, and what depths count from.
     """
     model = path.model
-    reach = model.contact_options.distance_m if model.contact_options.is_wide else 0.0
+    options = model.contact_options
+    reach = options.distance_m if options.is_wide else 0.0
     nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
     whole = Unfolding(model.mesh.fold, model.nodes[nodes])
     faces = whole.faces(faces)
@@ -93,6 +94,8 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
         indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
         rest_apex_m=float(model.nodes[:, 2].max()),
+        standoff_m=options.distance_m - reach,
+        mesh_axis_m=model.mesh.axis_m,
     )
 
 

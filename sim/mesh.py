@@ -24,6 +24,7 @@ class TetMesh:
         fold: The symmetry by which these tetrahedra stand for the whole pad.
         layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
             mesh was made for a gel of one material.
+        axis_m: Axis about which it was revolved, x and y [m]; None where it was not.
     """
 
     vertices: FloatArray
@@ -31,6 +32,7 @@ class TetMesh:
     name: str
     fold: Fold = field(default_factory=Fold)
     layers: IntArray | None = None
+    axis_m: tuple[float, float] | None = None
 
     @property
     def content_hash(self) -> str:
@@ -49,6 +51,7 @@ def oriented(
     name: str,
     fold: Fold | None = None,
     layers: IntArray | None = None,
+    axis_m: tuple[float, float] | None = None,
 ) -> TetMesh:
     """Return a mesh with unused vertices dropped and every tetrahedron turned positive."""
     used, inverse = np.unique(tets, return_inverse=True)
@@ -57,7 +60,9 @@ def oriented(
     corners = vertices[tets]
     negative = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return TetMesh(vertices=vertices, tets=tets, name=name, fold=fold or Fold(), layers=layers)
+    return TetMesh(
+        vertices=vertices, tets=tets, name=name, fold=fold or Fold(), layers=layers, axis_m=axis_m
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

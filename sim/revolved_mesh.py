@@ -69,7 +69,7 @@ def revolved_mesh(
     tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
     layers = section.layers[source] if interface_shares else None
     vertices[fold.on_plane(vertices, mean_reach)] = 0.0
-    return oriented(vertices, tets, name=name, fold=fold, layers=layers)
+    return oriented(vertices, tets, name=name, fold=fold, layers=layers, axis_m=centre_m)
 
 
 def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:

@@ -88,7 +88,7 @@ def average_face_gradients(
     """
     node_count = len(positions)
     nodes = positions[triangles6]
-    along = np.einsum("qkn,fnd->fqkd", _shape_derivatives(), nodes)
+    along = np.einsum("qkn,fnd->fqkd", shape_derivatives(), nodes)
     determinant = along[:, :, 0, 0] * along[:, :, 1, 1] - along[:, :, 0, 1] * along[:, :, 1, 0]
     safe = np.where(np.abs(determinant) > _FLAT_M2, determinant, np.inf)
     dx = (along[:, :, 1, 1] * along[:, :, 0, 2] - along[:, :, 0, 1] * along[:, :, 1, 2]) / safe
@@ -104,7 +104,7 @@ def average_face_gradients(
     return np.stack(sums, axis=1) / total[:, None]
 
 
-def _shape_derivatives() -> FloatArray:
+def shape_derivatives() -> FloatArray:
     """Return d(shape functions)/d(s, t) at the six nodes, shape [6 nodes, 2, 6 functions]."""
     places = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
     s, t = places.T

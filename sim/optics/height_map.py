@@ -9,15 +9,21 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.arrays import FloatArray, IntArray
+from sim.indenter import grown
 from sim.optics.contact_bound import indenter_height
 from sim.optics.contact_edge import close_contact, corner_slopes
 from sim.optics.geometry import CameraGeometry
 from sim.optics.gradient_recovery import node_gradients
 from sim.optics.rasterise import rasterise
+from sim.optics.rings import with_round_rings
 from sim.optics.smooth_interpolation import CloughTocherPatches
+from sim.optics.steep_faces import with_steep_faces_split
 from sim.pad import Pad
 from sim.surface import SurfaceState
 from tacauchy_rig.errors import ConfigError
+
+# Of the solver's gap: by so much it varies under the indenter.
+_GAP_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +52,8 @@ def height_maps(
 
     The deformed positions are rasterised, so material that slid sideways is drawn where it is.
     Heights are interpolated with continuous slope over the facets, then bounded by the indenter:
-    in the contact patch the gel is the indenter's surface, and no pixel lies above it.
+    in the contact patch the gel is the surface of what lies within the solver's gap of the
+    indenter, from where depth counts, and no pixel lies above it.
 
     Args:
         surface: Deformed surface and indenter.
@@ -61,6 +68,11 @@ def height_maps(
     """
     if pad is not None:
         surface = _on_top(surface, pad)
+    contact_gap_m = max(contact_gap_m - surface.standoff_m, _GAP_SHARE * surface.standoff_m)
+    rest = interpolate_height(
+        surface.positions_rest, surface.triangles, geometry, triangles6=surface.triangles6
+    )
+    surface = with_steep_faces_split(with_round_rings(_bounded(surface)))
     ceiling = indenter_height(surface, *geometry.pad_grid())
     nodes, gradients, touching = close_contact(surface, contact_gap_m)
     corner_gradients = corner_slopes(nodes, surface.triangles, gradients, touching)
@@ -71,9 +83,7 @@ def height_maps(
     loaded = np.where(under & np.isfinite(ceiling), ceiling, np.minimum(gel, ceiling))
     return HeightMaps(
         loaded=loaded,
-        rest=interpolate_height(
-            surface.positions_rest, surface.triangles, geometry, triangles6=surface.triangles6
-        ),
+        rest=rest,
         contact=np.isfinite(ceiling) & (ceiling - loaded <= contact_gap_m),
     )
 
@@ -85,6 +95,17 @@ def _on_top(surface: SurfaceState, pad: Pad) -> SurfaceState:
     lifted = np.zeros_like(rest)
     lifted[:, 2] = np.where(np.isfinite(lift), lift, 0.0)
     return replace(surface, positions_rest=rest + lifted, positions=surface.positions + lifted)
+
+
+def _bounded(surface: SurfaceState) -> SurfaceState:
+    """Take for the indenter what bounds the gel: all that lies within the solver's gap of it."""
+    away = surface.standoff_m * surface.indenter_rotation[:, 2]
+    return replace(
+        surface,
+        indenter=grown(surface.indenter, surface.standoff_m),
+        indenter_position=surface.indenter_position - away,
+        standoff_m=0.0,
+    )
 
 
 def interpolate_height(
