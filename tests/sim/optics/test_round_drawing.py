@@ -54,7 +54,7 @@ def _camera(*, half_width_m: float, pixel_m: float = _PIXEL_M) -> CameraGeometry
 
 
 def _wall_radii(surface: SurfaceState) -> FloatArray:
-    """Return how far from the axis the wall is a little higher than the fillet, in each direction."""
+    """Return how far from the axis the wall is as high as the fillet and a fifth, all around."""
     geometry = _camera(half_width_m=1.25 * _RADIUS_M)
     loaded = height_maps(surface, geometry).loaded
     level = loaded.min() + 0.12e-3
