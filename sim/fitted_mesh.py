@@ -39,7 +39,8 @@ def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float)
     """Move the top's vertices near a rim onto it.
 
     Args:
-        rim: Points of the rim, much closer to each other than the vertices [m], shape [count, 3].
+        rim: Points of the rim, much closer to each other than the vertices [m], shape [count, 3];
+            mirrored by the planes that mirror the mesh.
         reach_m: How far a vertex may be moved [m].
     """
     if not len(rim):
@@ -50,6 +51,9 @@ def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float)
     near = distance < reach_m
     wanted = mesh.vertices.copy()
     wanted[top[near]] = rim[nearest[near]]
+    mirrored = [mesh.fold.mirror_x, mesh.fold.mirror_y, False]
+    wanted[:, mirrored] = np.abs(wanted[:, mirrored])
+    wanted[mesh.fold.on_plane(mesh.vertices, reach_m)] = 0.0
     return replace(mesh, vertices=_moved(mesh, wanted))
 
 

@@ -80,7 +80,20 @@ def footprint_mesh(
     depth = footprint_depth(scene)
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
     touched = scene_footprint(scene, depth_m=depth)
-    base = _base_mesh(scene, shares)
+    return refined_under(scene, _base_mesh(scene, shares), touched, refinement=refinement)
+
+
+def refined_under(
+    scene: Scene, base: TetMesh, touched: Footprint, *, refinement: float = 1.0
+) -> TetMesh:
+    """Return a coarse mesh of a scene's pad, or of its part, refined where it is touched.
+
+    Args:
+        refinement: Make every edge this many times shorter.
+
+    Raises:
+        ConfigError: An element became too flat.
+    """
     sizing = _sizing(scene, touched, FOOTPRINT_RESOLUTIONS[scene.preset], refinement)
     fine = bisected(base, sizing.size_at)
     reach = 2.0 * (scene.filling.epsilon_r or _EPSILON_R) * diagonal(scene.pad)

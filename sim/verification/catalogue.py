@@ -40,5 +40,5 @@ SECTIONS: dict[str, Callable[[], Section]] = {
     "mesh-table": mesh_table.measure,
     "height-map": height_map.measure,
 }
-# Hours on two cores: preset reference on a mesh that is no revolved one.
+# A page of its own, docs/height_map.md.
 ON_REQUEST = frozenset({"height-map"})
