@@ -6,13 +6,15 @@ indentation alone, with ``GREY_EXPONENTS`` in place of the terms of slope and pl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.optics.polynomial import IndexArray, RealArray, polynomial_exponents
+from sim.optics.pixel_kernel import LANES
+from sim.optics.pixel_planes import PixelLayout, Planes, SampledBand
+from sim.optics.polynomial import RealArray, polynomial_exponents
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
@@ -33,11 +35,6 @@ class GreyDepthModel:
     change: FloatArray
     provenance: Mapping[str, object] = field(default_factory=dict)
 
-    @property
-    def sees_curvature(self) -> bool:
-        """Depth is all that it sees."""
-        return False
-
     def evaluate(
         self,
         tilt: RealArray,
@@ -57,9 +54,9 @@ class GreyDepthModel:
         level = np.interp(indentation_m, self.depth_m, self.change).astype(tilt.dtype)
         return np.broadcast_to(level, (3, len(level)))
 
-    def of_pixels(self, position: RealArray, columns: int) -> GreyPixels:
+    def of_pixels(self, position: RealArray, layout: PixelLayout) -> GreyPixels:
         """Return it made ready for the pixels of an image."""
-        del position, columns
+        del position, layout
         return GreyPixels(model=self)
 
 
@@ -69,25 +66,16 @@ class GreyPixels:
 
     model: GreyDepthModel
 
-    def rows(
-        self, rows: slice, tilt: RealArray, indentation_m: RealArray, curvature: RealArray | None
-    ) -> RealArray:
-        """Return the change of red, green and blue of whole rows, shape [3, pixel_count]."""
-        del rows, curvature
-        samples = indentation_m.shape[0]
-        change = self.model.evaluate(tilt[0], tilt[1], indentation_m.reshape(-1))
-        return np.asarray(change.reshape(3, samples, -1).mean(axis=1))
+    def over(self, band: SampledBand, change: Planes) -> Callable[[], None]:
+        """Return what writes the change of grey of a band's pixels; see ``PixelColours``."""
 
-    def scattered(
-        self,
-        pixels: IndexArray,
-        tilt: RealArray,
-        indentation_m: RealArray,
-        curvature: RealArray | None,
-    ) -> RealArray:
-        """Return the same of pixels anywhere in the image."""
-        del pixels
-        return self.rows(slice(0, 0), tilt, indentation_m, curvature)
+        def shade() -> None:
+            dent = band.of_pixels(band.buffers.dent)
+            levels = np.interp(dent, self.model.depth_m, self.model.change)
+            rows = change.values[:, band.rows]
+            rows[..., LANES : LANES + dent.shape[2]] = levels.mean(axis=0)
+
+        return shade
 
 
 def nominal_grey(depth_m: Sequence[float], change: Sequence[float]) -> GreyDepthModel:

@@ -19,6 +19,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric_pixels import PhotometricPixels
+from sim.optics.pixel_planes import PixelLayout
 from sim.optics.polynomial import RealArray, evaluate_polynomial
 from sim.optics.shading_terms import ShadingTerms, read_terms
 from sim.optics.tilt import Float32Array, bounded_tilt
@@ -61,11 +62,6 @@ class PhotometricModel:
                 remedy="they must be [terms, 5] and [terms, 3]",
             )
 
-    @property
-    def sees_curvature(self) -> bool:
-        """Whether ``evaluate`` wants the surface's curvature."""
-        return self.terms is not None
-
     def evaluate(
         self,
         tilt: RealArray,
@@ -93,9 +89,9 @@ class PhotometricModel:
             change += self.term_coefficients.T.astype(tilt.dtype) @ values
         return change
 
-    def of_pixels(self, position: RealArray, columns: int) -> PhotometricPixels:
+    def of_pixels(self, position: RealArray, layout: PixelLayout) -> PhotometricPixels:
         """Return it made ready for the pixels of an image; arguments as there."""
-        return PhotometricPixels(self, position, columns)
+        return PhotometricPixels(self, position, layout)
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""

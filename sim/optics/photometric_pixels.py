@@ -1,21 +1,29 @@
 """The photometric model over the pixels of one image, made ready for many surfaces.
 
 What depends on a pixel's place alone is summed beforehand: the polynomial's powers of v for each
-row, and each near lamp's direction and colour for each pixel.
+row, and each near lamp's direction and colours for each pixel or row.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import warp as wp
 
-from sim.optics.polynomial import IndexArray, RealArray, polynomial_plan, sum_places, surface_means
-from sim.optics.shading_terms import CREASE_UNIT_M, softened
-from sim.optics.tilt import bounded_tilt
+from sim.arrays import IntArray
+from sim.optics.pixel_kernel import LANES, Block, Colours, colour_blocks
+from sim.optics.pixel_planes import CPU, PixelLayout, Planes, SampledBand
+from sim.optics.polynomial import RealArray
+from sim.optics.tilt import Float32Array
 
 if TYPE_CHECKING:
     from sim.optics.photometric import PhotometricModel
+
+# Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
+_LEVEL_TILT = 0.01
+_NO_LIMIT_M = 1e3
 
 
 class PhotometricPixels:
@@ -24,105 +32,108 @@ class PhotometricPixels:
     Args:
         model: Colour of a surface.
         position: Normalised place of every pixel, row after row, shape [2, height * width].
-        columns: Width of the image.
+        layout: Of the image.
     """
 
-    def __init__(self, model: PhotometricModel, position: RealArray, columns: int) -> None:
-        self._model, self._position, self._columns = model, position, columns
-        self._plan = polynomial_plan(model.exponents, model.coefficients, np.dtype(np.float32))
-        plan = self._plan
-        self._surface = plan.surface[:, [0, 1, 4]]
-        self._along, across = (max(place[k] for place in plan.places) + 1 for k in (0, 1))
-        grid = np.zeros((self._along, across, 3, len(self._surface)), dtype=np.float32)
-        by_place = plan.weights.reshape(-1, 3, len(self._surface))
-        for place, weights in zip(plan.places, by_place, strict=True):
-            grid[place] = weights
-        v_powers = np.vander(position[1, ::columns], across, increasing=True)
-        weights = np.einsum("rd,cdks->rcks", v_powers.astype(np.float32), grid)
-        self._row_weights = weights.reshape(len(weights), -1, len(self._surface))
-        self._lamps, self._colours = _lamp_planes(model, position)
+    def __init__(self, model: PhotometricModel, position: RealArray, layout: PixelLayout) -> None:
+        columns = layout.geometry.width
+        u, v = position[0, :columns], position[1, ::columns]
+        degrees = _degrees(model.exponents)
+        weights = _row_weights(model, degrees, v)
+        lamps = _lamp_planes(model, position, layout)
+        colours: Any = Colours()
+        colours.tilt_limit = model.tilt_limit
+        colours.depth_limit = min(model.indentation_limit_m, _NO_LIMIT_M)
+        colours.along_powers, colours.depth_powers = degrees.shape
+        colours.degrees = wp.array(degrees.ravel(), dtype=wp.int32, device=CPU)
+        colours.weight_count = weights.shape[1] * 3
+        colours.weights = wp.array(weights.ravel(), dtype=wp.float32, device=CPU)
+        colours.along = wp.array(_in_blocks(u), dtype=Block, device=CPU)
+        colours.lamp_count = 0 if model.terms is None else len(model.terms.lamps)
+        colours.bend = 0.0 if model.terms is None else model.terms.softness**2
+        colours.crease_limit = 0.0 if model.terms is None else model.terms.crease_limit
+        colours.lamps = wp.array(lamps.reshape(-1, LANES), dtype=Block, device=CPU)
+        colours.lamp_weights = wp.array(
+            _lamp_weights(model, v).ravel(), dtype=wp.float32, device=CPU
+        )
+        self._colours = colours
 
-    def rows(
-        self, rows: slice, tilt: RealArray, indentation_m: RealArray, curvature: RealArray | None
-    ) -> RealArray:
-        """Return red, green, blue [grey levels] of whole rows, shape [3, pixel_count].
-
-        Args:
-            rows: Of the image.
-            tilt: Shape [2, sample_count, pixel_count].
-            indentation_m: Shape [sample_count, pixel_count].
-            curvature: Divergence of the tilt [1/m], likewise; None where no model sees it.
-        """
-        features = self._features(tilt, indentation_m)
-        count, columns = rows.stop - rows.start, self._columns
-        split = features.reshape(-1, count, columns).transpose(1, 0, 2)
-        parts = (self._row_weights[rows] @ split).reshape(count, self._along, 3, columns)
-        total = parts[:, self._along - 1]
-        for power in range(self._along - 2, -1, -1):
-            total *= self._position[0, :columns]
-            total += parts[:, power]
-        change = np.ascontiguousarray(total.transpose(1, 0, 2)).reshape(3, -1)
-        pixels = slice(rows.start * columns, rows.stop * columns)
-        return self._shaded(change, pixels, tilt, curvature)
-
-    def scattered(
-        self,
-        pixels: IndexArray,
-        tilt: RealArray,
-        indentation_m: RealArray,
-        curvature: RealArray | None,
-    ) -> RealArray:
-        """Return the same of pixels anywhere in the image."""
-        features = self._features(tilt, indentation_m)
-        change = np.empty((3, len(pixels)), dtype=np.float32)
-        sum_places(self._plan, features, self._position[:, pixels], change)
-        return self._shaded(change, pixels, tilt, curvature)
-
-    def _features(self, tilt: RealArray, indentation_m: RealArray) -> RealArray:
-        depth = np.minimum(indentation_m, np.float32(self._model.indentation_limit_m))
-        return surface_means(self._surface, bounded_tilt(tilt, self._model.tilt_limit), depth)
-
-    def _shaded(
-        self,
-        change: RealArray,
-        pixels: slice | IndexArray,
-        tilt: RealArray,
-        curvature: RealArray | None,
-    ) -> RealArray:
-        """Add near lamps and creases, see ``shading_terms``."""
-        terms = self._model.terms
-        if terms is None or curvature is None:
-            return change
-        upright = np.sqrt(np.maximum(1.0 - tilt[0] ** 2 - tilt[1] ** 2, np.float32(0.0)))
-        for plane, colours in zip(self._lamps, self._colours[:-1], strict=True):
-            along, across, height, level = plane[:, pixels]
-            cosine = tilt[0] * along
-            cosine += tilt[1] * across
-            cosine += upright * height
-            lit = _mean(softened(cosine, terms.softness)) - level
-            change += colours[:, pixels] * lit
-        crease = _mean(np.clip(curvature, -terms.crease_limit, terms.crease_limit))
-        change += self._colours[-1][:, pixels] * (crease * np.float32(CREASE_UNIT_M))
-        return change
+    def over(self, band: SampledBand, change: Planes) -> Callable[[], None]:
+        """Return what writes the change of colour of a band's pixels; see ``PixelColours``."""
+        held = band.buffers
+        count = (band.rows.stop - band.rows.start) * band.layout.blocks
+        whole: Any = change.blocks.reshape((3, -1))
+        inputs = [
+            self._colours,
+            band.band,
+            _LEVEL_TILT,
+            held.along.shifted,
+            held.across.blocks,
+            held.dent.blocks,
+        ]
+        recorded: Any = wp.launch(
+            colour_blocks, dim=count, inputs=inputs, outputs=[whole], device=CPU, record_cmd=True
+        )
+        launch: Callable[[], None] = recorded.launch
+        return launch
 
 
-def _mean(samples: RealArray) -> RealArray:
-    """Return the mean over the first axis."""
-    return samples[0] if len(samples) == 1 else np.asarray(samples.mean(axis=0))
-
-
-def _lamp_planes(
-    model: PhotometricModel, position: RealArray
-) -> tuple[list[RealArray], list[RealArray]]:
-    """Return each lamp's direction and light on level gel, and each term's colours, by pixel.
+def _degrees(exponents: IntArray) -> IntArray:
+    """Return the highest degree of tilt beside each power of u (falling) and of indentation.
 
     Returns:
-        Shapes [4, pixel_count] for each lamp, [3, pixel_count] for each lamp and for creases.
+        Shape [powers of u, powers of indentation]; -1 where there is no such term.
     """
-    if model.terms is None:
-        return [], []
+    along, deep = exponents[:, 2], exponents[:, 4]
+    degrees = np.full((along.max(initial=0) + 1, deep.max(initial=0) + 1), -1, dtype=np.int32)
+    np.maximum.at(degrees, (along, deep), exponents[:, 0] + exponents[:, 1])
+    return degrees[::-1]
+
+
+def _row_weights(model: PhotometricModel, degrees: IntArray, v: RealArray) -> Float32Array:
+    """Return each row's coefficients in the order in which the kernel comes to the terms.
+
+    Returns:
+        Shape [row_count, term_count, 3].
+    """
+    order = [
+        (a, b, len(degrees) - 1 - c, e)
+        for c, row in enumerate(degrees.tolist())
+        for e, degree in enumerate(row)
+        for b in range(degree + 1)
+        for a in range(degree - b + 1)
+    ]
+    place = {term: number for number, term in enumerate(order)}
+    weights = np.zeros((len(v), len(order), 3))
+    for (a, b, c, d, e), levels in zip(model.exponents.tolist(), model.coefficients, strict=True):
+        weights[:, place[a, b, c, e]] += (v.astype(np.float64) ** d)[:, None] * levels
+    return weights.astype(np.float32)
+
+
+def _lamp_planes(model: PhotometricModel, position: RealArray, layout: PixelLayout) -> Float32Array:
+    """Return each lamp's direction and light on level gel, shape [4 lamp_count, row, column]."""
+    if model.terms is None or not model.terms.lamps:
+        return np.zeros((0, LANES), dtype=np.float32)
     place = np.stack([position[0], position[1] * np.float32(model.terms.aspect)])
     lamps = [lamp.seen_from(place, softness=model.terms.softness) for lamp in model.terms.lamps]
-    basis = np.stack([np.ones_like(position[0]), *position])
-    weights = model.term_coefficients.astype(np.float32).reshape(len(lamps) + 1, 3, 3)
-    return lamps, [each.T @ basis for each in weights]
+    return _in_blocks(np.concatenate(lamps).reshape(-1, layout.geometry.width))
+
+
+def _lamp_weights(model: PhotometricModel, v: RealArray) -> Float32Array:
+    """Return level and slope along each row of the colours of lamps and creases.
+
+    Returns:
+        Shape [row_count, lamp_count + 1, 3, 2].
+    """
+    if model.terms is None:
+        return np.zeros((len(v), 1, 3, 2), dtype=np.float32)
+    level, along, across = model.term_coefficients.reshape(-1, 3, 3).transpose(1, 0, 2)
+    levels = level + v[:, None, None] * across
+    return np.stack([levels, np.broadcast_to(along, levels.shape)], axis=-1).astype(np.float32)
+
+
+def _in_blocks(rows: RealArray) -> Float32Array:
+    """Fill rows up to whole blocks, shape [row_count, blocks, LANES] or [blocks, LANES]."""
+    short = -rows.shape[-1] % LANES
+    widths = [(0, 0)] * (rows.ndim - 1) + [(0, short)]
+    return np.pad(rows, widths, mode="edge").reshape(*rows.shape[:-1], -1, LANES).astype(np.float32)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 
 RealArray = NDArray[np.floating]
-IndexArray = NDArray[np.int64]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
 _ROWS = 8  # taller products of this kind take twice as long a row
@@ -118,36 +117,14 @@ def polynomial_plan(
     )
 
 
-def surface_means(surface: IntArray, tilt: RealArray, indentation_m: RealArray) -> RealArray:
-    """Return the means of p^a q^b w^e over the samples of pixels, shape [term_count, pixel_count].
-
-    Args:
-        surface: Exponents a, b, e, shape [term_count, 3].
-        tilt: Shape [2, sample_count, pixel_count].
-        indentation_m: Shape [sample_count, pixel_count].
-    """
-    samples, pixels = indentation_m.shape
-    depth = indentation_m.reshape(-1) / tilt.dtype.type(INDENTATION_UNIT_M)
-    powers = _all_powers((*tilt.reshape(2, -1), depth), surface)
-    means = np.empty((len(surface), pixels), dtype=tilt.dtype)
-    scratch = None if samples == 1 else np.empty(samples * pixels, dtype=tilt.dtype)
-    for row, term in zip(means, surface.tolist(), strict=True):
-        product = _product(powers, term, row if scratch is None else scratch)
-        if product is not row:
-            np.add.reduce(product.reshape(samples, pixels), axis=0, out=row)
-    if samples > 1:
-        means *= tilt.dtype.type(1.0 / samples)
-    return means
-
-
 def _sum_terms(
     plan: PolynomialPlan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
 ) -> None:
     """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
-    sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
+    _sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
 
 
-def sum_places(
+def _sum_places(
     plan: PolynomialPlan, features: RealArray, position: RealArray, out: RealArray
 ) -> None:
     """Sum place monomial x (weights @ features).
