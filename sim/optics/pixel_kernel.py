@@ -23,8 +23,13 @@ LANES = 16
 ROOM_ROWS = 2
 Block = wp.types.vector(length=LANES, dtype=wp.float32)
 ByteBlock = wp.types.vector(length=LANES, dtype=wp.uint8)
-# With Warp's own flags the compiler does not put a whole block into an instruction.
-wp.set_module_options({"cpu_compiler_flags": "-march=native"})
+# Warp's own flags keep the compiler from putting a whole block into an instruction.
+wp.set_module_options(
+    {
+        "cpu_compiler_flags": "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
+        " -mllvm=-slp-recursion-max-depth=12"
+    }
+)
 
 
 @wp.struct
@@ -41,23 +46,49 @@ class Band:
 
 
 @wp.func
-def _place(band: Band, fine: int, block: int) -> int:
-    """Return where a block of a row of samples lies."""
-    row = fine / band.samples
-    part = fine - row * band.samples
-    local = row - band.first + ROOM_ROWS
-    return part * band.samples * band.plane + local * (band.blocks + 2) + 1 + block
+def _place(band: Band, row: int, block: int) -> int:
+    """Return where a block of the first samples of a row of pixels lies."""
+    return (row - band.first + ROOM_ROWS) * (band.blocks + 2) + 1 + block
 
 
 @wp.func
-def _besides(band: Band, planes: wp.array2d(dtype=Block), at: int, b: int, side: int) -> Block:
-    """Return the samples left (-1) or right (1) of a block of the ``b``-th samples."""
-    aside = b + side
-    if aside < 0:
-        return planes[0, at + (band.samples - 1) * band.plane]
-    if aside == band.samples:
-        return planes[2, at - (band.samples - 1) * band.plane]
-    return planes[1, at + side * band.plane]
+def _above(band: Band, row: int, a: int, at: int) -> int:
+    """Return where the samples above those at a place lie; the border's are themselves."""
+    if a > 0:
+        return at - band.samples * band.plane
+    if row > 0:
+        return at + (band.samples - 1) * band.samples * band.plane - (band.blocks + 2)
+    return at
+
+
+@wp.func
+def _below(band: Band, row: int, a: int, at: int) -> int:
+    """Return where the samples below lie."""
+    if a < band.samples - 1:
+        return at + band.samples * band.plane
+    if row < band.rows - 1:
+        return at - (band.samples - 1) * band.samples * band.plane + (band.blocks + 2)
+    return at
+
+
+@wp.func
+def _per_distance(band: Band, row: int, a: int) -> wp.float32:
+    """Return one over the distance between the samples above and below [1/m]."""
+    if row == 0 and a == 0:
+        return band.per_y
+    if row == band.rows - 1 and a == band.samples - 1:
+        return band.per_y
+    return wp.float32(0.5) * band.per_y
+
+
+@wp.func
+def _across_row(band: Band, planes: wp.array2d(dtype=Block), at: int, b: int) -> Block:
+    """Return the samples right of a block of the ``b``-th samples less those left of it."""
+    wrap = (band.samples - 1) * band.plane
+    first, last = b == 0, b == band.samples - 1
+    left = planes[wp.where(first, 0, 1), wp.where(first, at + wrap, at - band.plane)]
+    right = planes[wp.where(last, 2, 1), wp.where(last, at - wrap, at + band.plane)]
+    return right - left
 
 
 @wp.kernel(enable_backward=False)
@@ -70,9 +101,9 @@ def continue_rows(
 ):
     """Go on linearly by a sample at both ends of rows: differences are one-sided there."""
     row = start + wp.tid()
+    plane = LANES * band.plane
     for a in range(band.samples):
-        first = LANES * _place(band, row * band.samples + a, 0)
-        plane = LANES * band.plane
+        first = LANES * _place(band, row, 0) + a * band.samples * plane
         end = first + (band.samples - 1) * plane + columns - 1
         after, before = first + 1, end - 1
         if band.samples > 1:
@@ -99,18 +130,13 @@ def tilt_samples(
     t = wp.tid()
     i = t / band.blocks
     k = t - i * band.blocks
+    row = start + i
     for a in range(band.samples):
-        fine = (start + i) * band.samples + a
-        above, below = wp.max(fine - 1, 0), wp.min(fine + 1, band.rows * band.samples - 1)
-        per_y = band.per_y / wp.float32(below - above)
-        here = _place(band, fine, k)
-        up, down = _place(band, above, k), _place(band, below, k)
+        per_y = _per_distance(band, row, a)
         for b in range(band.samples):
-            aside = b * band.plane
-            at = here + aside
-            p = _besides(band, height, at, b, 1) - _besides(band, height, at, b, -1)
-            p = p * band.half_per_x
-            q = (height[1, down + aside] - height[1, up + aside]) * per_y
+            at = _place(band, row, k) + (a * band.samples + b) * band.plane
+            p = _across_row(band, height, at, b) * band.half_per_x
+            q = (height[1, _below(band, row, a, at)] - height[1, _above(band, row, a, at)]) * per_y
             scale = wp.cw_mul(p, p) + wp.cw_mul(q, q)
             for n in range(LANES):
                 scale[n] = wp.float32(1.0) / wp.sqrt(wp.float32(1.0) + scale[n])
@@ -125,20 +151,14 @@ def _bend(
     along: wp.array2d(dtype=Block),
     across: wp.array(dtype=Block),
     row: int,
-    block: int,
-    s: int,
+    a: int,
+    b: int,
+    at: int,
 ) -> Block:
     """Divergence of the tilt by central differences, one-sided at the border."""
-    a = s / band.samples
-    b = s - a * band.samples
-    fine = row * band.samples + a
-    above, below = wp.max(fine - 1, 0), wp.min(fine + 1, band.rows * band.samples - 1)
-    at = _place(band, fine, block) + b * band.plane
-    up = _place(band, above, block) + b * band.plane
-    down = _place(band, below, block) + b * band.plane
-    right, left = _besides(band, along, at, b, 1), _besides(band, along, at, b, -1)
-    per_y = band.per_y / wp.float32(below - above)
-    return (right - left) * band.half_per_x + (across[down] - across[up]) * per_y
+    p = _across_row(band, along, at, b) * band.half_per_x
+    q = across[_below(band, row, a, at)] - across[_above(band, row, a, at)]
+    return p + q * _per_distance(band, row, a)
 
 
 @wp.struct
@@ -270,39 +290,39 @@ def colour_blocks(
     i = t / band.blocks
     k = t - i * band.blocks
     row = band.first + i
-    count = band.samples * band.samples
-    at = _place(band, row * band.samples, k)
     p, q, w, bend = Block(), Block(), Block(), Block()
-    for s in range(count):
-        p += along[1, at + s * band.plane]
-        q += across[at + s * band.plane]
-        w += dent[at + s * band.plane]
-        bend += _bend(band, along, across, row, k, s)
-    share = wp.float32(1.0) / wp.float32(count)
+    at = _place(band, row, k)
+    for a in range(band.samples):
+        for b in range(band.samples):
+            p += along[1, at]
+            q += across[at]
+            w += dent[at]
+            bend += _bend(band, along, across, row, a, b, at)
+            at += band.plane
+    share = wp.float32(1.0) / wp.float32(band.samples * band.samples)
     p, q, w, bend = p * share, q * share, w * share, bend * share
     apart = Block()
-    for s in range(count):
-        p_off, q_off = along[1, at + s * band.plane] - p, across[at + s * band.plane] - q
-        for n in range(LANES):
-            further = wp.max(wp.abs(p_off[n]), wp.abs(q_off[n]))
-            apart[n] = wp.max(apart[n], further)
+    if band.samples > 1:
+        at = _place(band, row, k)
+        for _s in range(band.samples * band.samples):
+            p_off, q_off = along[1, at] - p, across[at] - q
+            apart = wp.max(apart, wp.max(wp.abs(p_off), wp.abs(q_off)))
+            at += band.plane
     total = Rgb()
-    if wp.max(apart) > level_tilt:
-        for s in range(count):
-            sample = at + s * band.plane
-            one = _colour(
-                model,
-                band,
-                row,
-                k,
-                _chosen(apart, level_tilt, along[1, sample], p),
-                _chosen(apart, level_tilt, across[sample], q),
-                _chosen(apart, level_tilt, dent[sample], w),
-                _chosen(apart, level_tilt, _bend(band, along, across, row, k, s), bend),
-            )
-            total.red += share * one.red
-            total.green += share * one.green
-            total.blue += share * one.blue
+    if band.samples > 1 and wp.max(apart) > level_tilt:
+        at = _place(band, row, k)
+        for a in range(band.samples):
+            for b in range(band.samples):
+                p_one = _chosen(apart, level_tilt, along[1, at], p)
+                q_one = _chosen(apart, level_tilt, across[at], q)
+                w_one = _chosen(apart, level_tilt, dent[at], w)
+                bend_one = _bend(band, along, across, row, a, b, at)
+                bend_one = _chosen(apart, level_tilt, bend_one, bend)
+                one = _colour(model, band, row, k, p_one, q_one, w_one, bend_one)
+                total.red += share * one.red
+                total.green += share * one.green
+                total.blue += share * one.blue
+                at += band.plane
     else:
         total = _colour(model, band, row, k, p, q, w, bend)
     to = row * (band.blocks + 2) + 1 + k

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from sim.optics.pixel_planes import PixelLayout, Planes, SampleBuffers, SampledB
 from sim.optics.polynomial import RealArray
 from sim.optics.shadow import ShadowCaster
 from sim.optics.tilt import Float32Array, surface_tilt
+from sim.optics.two_threads import TwoThreads
 from tacauchy_rig.errors import ConfigError
 
 # So much of every array stays in the cache together.
@@ -53,7 +55,8 @@ class TactileRenderer:
     """Renders height maps over one no-contact frame.
 
     image = no-contact frame + model(loaded gel) - model(unloaded gel), less the shadows that the
-    dent casts: the unloaded gel gives back the no-contact frame exactly.
+    dent casts: the unloaded gel gives back the no-contact frame exactly. One image at a time, on
+    two threads.
 
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
@@ -93,17 +96,18 @@ class TactileRenderer:
         self._colours = model.of_pixels(places, layout)
         self._change = Planes(3, geometry.height, layout.blocks)
         rows = min(max(1, _BAND_PIXELS // geometry.width), geometry.height)
-        buffers = SampleBuffers(layout, rows)
+        buffers = [SampleBuffers(layout, rows) for _ in range(2)]
         self._bands = [
             SampledBand(
                 layout,
                 slice(start, min(start + rows, geometry.height)),
                 rest_height,
-                buffers,
+                buffers[number % 2],
             )
-            for start in range(0, geometry.height, rows)
+            for number, start in enumerate(range(0, geometry.height, rows))
         ]
         self._colour = [self._colours.over(band, self._change) for band in self._bands]
+        self._threads = TwoThreads()
         self._find_change(rest_height)
         weights = gaussian_weights(blur_px)
         change = blurred(self._pixels_of(self._change), weights)
@@ -120,15 +124,16 @@ class TactileRenderer:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
         self._find_change(height)
-        for expose in self._expose:
-            expose()
+        self._threads.run(self._expose[::2], self._expose[1::2])
         return self._exposed.image()
 
     def _find_change(self, height: NDArray[np.floating]) -> None:
         """Find the mean change of colour of each pixel's samples."""
-        for band, colour in zip(self._bands, self._colour, strict=True):
-            band.sample(height)
-            colour()
+        tasks = [
+            partial(_sample_and_colour, band, colour, height)
+            for band, colour in zip(self._bands, self._colour, strict=True)
+        ]
+        self._threads.run(tasks[::2], tasks[1::2])
         if self._shadows is not None:
             dent = (self._rest_height - height).astype(np.float32)
             tilt = surface_tilt(height, self._fine)
@@ -137,6 +142,13 @@ class TactileRenderer:
 
     def _pixels_of(self, planes: Planes) -> Float32Array:
         return planes.values[:, :, LANES : LANES + self._geometry.width]
+
+
+def _sample_and_colour(
+    band: SampledBand, colour: Callable[[], None], height: NDArray[np.floating]
+) -> None:
+    band.sample(height)
+    colour()
 
 
 def render_tactile_image(
