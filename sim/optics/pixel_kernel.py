@@ -24,12 +24,11 @@ ROOM_ROWS = 2
 Block = wp.types.vector(length=LANES, dtype=wp.float32)
 ByteBlock = wp.types.vector(length=LANES, dtype=wp.uint8)
 # Warp's own flags keep the compiler from putting a whole block into an instruction.
-wp.set_module_options(
-    {
-        "cpu_compiler_flags": "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
-        " -mllvm=-slp-recursion-max-depth=12"
-    }
+CPU_FLAGS = (
+    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
+    " -mllvm=-slp-recursion-max-depth=12"
 )
+wp.set_module_options({"cpu_compiler_flags": CPU_FLAGS})
 
 
 @wp.struct
@@ -46,7 +45,7 @@ class Band:
 
 
 @wp.func
-def _place(band: Band, row: int, block: int) -> int:
+def place_of(band: Band, row: int, block: int) -> int:
     """Return where a block of the first samples of a row of pixels lies."""
     return (row - band.first + ROOM_ROWS) * (band.blocks + 2) + 1 + block
 
@@ -103,7 +102,7 @@ def continue_rows(
     row = start + wp.tid()
     plane = LANES * band.plane
     for a in range(band.samples):
-        first = LANES * _place(band, row, 0) + a * band.samples * plane
+        first = LANES * place_of(band, row, 0) + a * band.samples * plane
         end = first + (band.samples - 1) * plane + columns - 1
         after, before = first + 1, end - 1
         if band.samples > 1:
@@ -134,7 +133,7 @@ def tilt_samples(
     for a in range(band.samples):
         per_y = _per_distance(band, row, a)
         for b in range(band.samples):
-            at = _place(band, row, k) + (a * band.samples + b) * band.plane
+            at = place_of(band, row, k) + (a * band.samples + b) * band.plane
             p = _across_row(band, height, at, b) * band.half_per_x
             q = (height[1, _below(band, row, a, at)] - height[1, _above(band, row, a, at)]) * per_y
             scale = wp.cw_mul(p, p) + wp.cw_mul(q, q)
@@ -291,7 +290,7 @@ def colour_blocks(
     k = t - i * band.blocks
     row = band.first + i
     p, q, w, bend = Block(), Block(), Block(), Block()
-    at = _place(band, row, k)
+    at = place_of(band, row, k)
     for a in range(band.samples):
         for b in range(band.samples):
             p += along[1, at]
@@ -303,14 +302,14 @@ def colour_blocks(
     p, q, w, bend = p * share, q * share, w * share, bend * share
     apart = Block()
     if band.samples > 1:
-        at = _place(band, row, k)
+        at = place_of(band, row, k)
         for _s in range(band.samples * band.samples):
             p_off, q_off = along[1, at] - p, across[at] - q
             apart = wp.max(apart, wp.max(wp.abs(p_off), wp.abs(q_off)))
             at += band.plane
     total = Rgb()
     if band.samples > 1 and wp.max(apart) > level_tilt:
-        at = _place(band, row, k)
+        at = place_of(band, row, k)
         for a in range(band.samples):
             for b in range(band.samples):
                 p_one = _chosen(apart, level_tilt, along[1, at], p)

@@ -34,16 +34,34 @@ class Planes:
         self._memory = np.zeros(count * LANES + 2 * room, dtype=np.float32)
         inner = self._memory[room : room + count * LANES]
         self.values: Float32Array = inner.reshape(plane_count, row_count, -1)
-        start, size = inner.ctypes.data, inner.itemsize
-        self.single: Any = wp.array(ptr=start, dtype=wp.float32, shape=len(inner), device=CPU)
-        self.blocks: Any = wp.array(ptr=start, dtype=Block, shape=count, device=CPU)
-        self.shifted: Any = wp.array(
-            ptr=start - reach * size,
-            dtype=Block,
-            shape=(2 * reach + 1, count),
-            strides=(size, LANES * size),
-            device=CPU,
+        self.single: Any = wp.array(
+            ptr=inner.ctypes.data, dtype=wp.float32, shape=len(inner), device=CPU
         )
+        self.blocks: Any = blocks_of(inner)
+        self.shifted: Any = shifted_blocks(inner, first=-reach, count=2 * reach + 1)
+
+
+def blocks_of(values: Float32Array) -> Any:
+    """Return values block by block, as Warp sees them; they must outlive it."""
+    count = values.size // LANES
+    return wp.array(ptr=values.ctypes.data, dtype=Block, shape=count, device=CPU)
+
+
+def shifted_blocks(values: Float32Array, *, first: int, count: int) -> Any:
+    """Return blocks that start at each of ``count`` shifts, shape [count, block_count].
+
+    Args:
+        values: Their memory must reach as far as the shifts.
+        first: Values by which the first of them lies further on.
+        count: Shifts, each by a value more.
+    """
+    return wp.array(
+        ptr=values.ctypes.data + first * values.itemsize,
+        dtype=Block,
+        shape=(count, values.size // LANES),
+        strides=(values.itemsize, LANES * values.itemsize),
+        device=CPU,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

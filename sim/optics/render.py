@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -17,8 +17,9 @@ from sim.optics.pixel_kernel import LANES
 from sim.optics.pixel_planes import PixelLayout, Planes, SampleBuffers, SampledBand
 from sim.optics.polynomial import RealArray
 from sim.optics.shadow import ShadowCaster
-from sim.optics.tilt import Float32Array, surface_tilt
-from sim.optics.two_threads import TwoThreads
+from sim.optics.shadow_planes import ShadowPlanes
+from sim.optics.tilt import Float32Array
+from sim.optics.two_threads import Task, TwoThreads
 from tacauchy_rig.errors import ConfigError
 
 # So much of every array stays in the cache together.
@@ -85,7 +86,6 @@ class TactileRenderer:
         blur_px: float = 0.0,
     ) -> None:
         self._geometry, self._fine = geometry, geometry.refined(samples)
-        self._samples, self._shadows = samples, shadows
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
         _check_shape(
             "unloaded height map", rest_height.shape, (self._fine.height, self._fine.width)
@@ -106,7 +106,8 @@ class TactileRenderer:
             )
             for number, start in enumerate(range(0, geometry.height, rows))
         ]
-        self._colour = [self._colours.over(band, self._change) for band in self._bands]
+        self._shadows = None if shadows is None else ShadowPlanes(shadows, layout, rest_height)
+        self._colour = [self._coloured(band) for band in self._bands]
         self._threads = TwoThreads()
         self._find_change(rest_height)
         weights = gaussian_weights(blur_px)
@@ -129,26 +130,29 @@ class TactileRenderer:
 
     def _find_change(self, height: NDArray[np.floating]) -> None:
         """Find the mean change of colour of each pixel's samples."""
+        if self._shadows is not None:
+            lamps = self._shadows.follow(height)
+            self._threads.run(lamps[::2], lamps[1::2])
         tasks = [
-            partial(_sample_and_colour, band, colour, height)
-            for band, colour in zip(self._bands, self._colour, strict=True)
+            partial(_sample_and_colour, band, colours, height)
+            for band, colours in zip(self._bands, self._colour, strict=True)
         ]
         self._threads.run(tasks[::2], tasks[1::2])
-        if self._shadows is not None:
-            dent = (self._rest_height - height).astype(np.float32)
-            tilt = surface_tilt(height, self._fine)
-            change = self._pixels_of(self._change)
-            change += self._shadows.darkening(dent, tilt, self._fine, samples=self._samples)
+
+    def _coloured(self, band: SampledBand) -> list[Task]:
+        tasks = [self._colours.over(band, self._change)]
+        return tasks if self._shadows is None else tasks + self._shadows.over(band, self._change)
 
     def _pixels_of(self, planes: Planes) -> Float32Array:
         return planes.values[:, :, LANES : LANES + self._geometry.width]
 
 
 def _sample_and_colour(
-    band: SampledBand, colour: Callable[[], None], height: NDArray[np.floating]
+    band: SampledBand, colours: Sequence[Task], height: NDArray[np.floating]
 ) -> None:
     band.sample(height)
-    colour()
+    for colour in colours:
+        colour()
 
 
 def render_tactile_image(

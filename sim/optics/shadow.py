@@ -43,8 +43,6 @@ class ShadowCaster:
         indentation_m: NDArray[np.floating],
         tilt: Float32Array,
         geometry: CameraGeometry,
-        *,
-        samples: int = 1,
     ) -> Float32Array:
         """Return the light taken away [grey levels, not positive], shape [3, height, width].
 
@@ -52,14 +50,11 @@ class ShadowCaster:
             indentation_m: Unloaded minus loaded height [m], of the geometry's size.
             tilt: Of the loaded gel, shape [2, ...] of the same.
             geometry: Pixels.
-            samples: The mean is taken of so many pixels both ways, to a smaller image.
         """
         bulge = np.asarray(indentation_m, dtype=np.float32)
-
-        taken = np.zeros((3, *(size // samples for size in bulge.shape)), dtype=np.float32)
+        taken = np.zeros((3, *bulge.shape), dtype=np.float32)
         for lamp in self.lamps:
             share = lost_share(bulge, tilt, lamp, geometry, softness_m=self.softness_m)
-            share = _mean_of(share, samples)
             for channel, level in enumerate(lamp.colour):
                 taken[channel] -= np.float32(level) * share
         return taken
@@ -72,17 +67,6 @@ def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
         return None
     lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
     return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))
-
-
-def _mean_of(values: Float32Array, samples: int) -> Float32Array:
-    """Return the mean of every ``samples`` x ``samples`` values."""
-    if samples == 1:
-        return values
-    total = np.zeros([size // samples for size in values.shape], dtype=np.float32)
-    for row in range(samples):
-        for column in range(samples):
-            total += values[row::samples, column::samples]
-    return np.asarray(total * np.float32(1.0 / samples**2))
 
 
 def lost_share(
