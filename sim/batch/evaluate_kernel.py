@@ -22,6 +22,7 @@ from sim.batch.contact_forces import (
     spread_contact,
 )
 from sim.batch.element_forces import BatchGel, Tangents, forces_function
+from sim.batch.handing_over import hand_over_function, room_for
 from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
 from sim.batch.phases import (
@@ -153,13 +154,58 @@ def summands(
     return wp.vec3d(y * y, y * wp.float64(vectors.steps[b, row]), vertical)
 
 
+@wp.func
+def act_on(
+    b: wp.int32,
+    thread: wp.int32,
+    act: wp.int32,
+    norm: wp.float64,
+    gathering: Gathering,
+    shares: wp.array3d(dtype=wp.float64),
+    progress: Progress,
+    vectors: Vectors,
+    sources_out: wp.array2d(dtype=Any),
+    lift_out: wp.array2d(dtype=wp.float64),
+):
+    """Do to a thread's unknowns what is called for, and say what the preconditioner is asked."""
+    frame = progress.frame[b]
+    for row in range(thread, gathering.row_count, wp.block_dim()):
+        change(row, b, act, frame, shares, progress, vectors)
+        # The preconditioner is asked for nothing unless a search starts.
+        source = wp.float32(0.0)
+        if act == START:
+            source = vectors.residuals[b, row] / wp.float32(norm)
+        sources_out[b, row] = sources_out.dtype(source)
+        if act == NEXT_FRAME and row == gathering.tip_row:
+            lift_out[frame, b] = vectors.before[b, row]
+
+
+@wp.func
+def keep(
+    b: wp.int32,
+    act: wp.int32,
+    sums: wp.vec3d,
+    pushed: wp.vec3d,
+    gap: wp.float64,
+    progress: Progress,
+):
+    """Keep what was found of an environment."""
+    norm = wp.sqrt(sums[RESIDUAL])
+    progress.act[b] = act
+    progress.norm[b] = norm
+    if act == START:
+        progress.started[b] = norm
+    progress.vertical[b] = sums[VERTICAL]
+    progress.push[b] = pushed
+    progress.gap[b] = gap
+
+
 @cache
 def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
     """Build the kernel; it launches over [environment_count, threads of a block]."""
     reference = reference_element(order)
-    element_forces, node_count = forces_function(law, reference), reference.node_count
-    chunk, width = layout.chunk, layout.width
-    idle = 3 * node_count * chunk
+    hand_over = hand_over_function(forces_function(law, reference), reference, layout)
+    width, room = layout.width, room_for(reference, layout)
     bounds = (layout.threads, layout.resident)
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
@@ -202,20 +248,9 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
                 spread_contact(i, b, surface, contact)
 
             part = wp.vec3d()
-            contributions = wp.tile_zeros(
-                shape=wp.static(idle + 1), dtype=wp.float64, storage="shared"
-            )
+            contributions = wp.tile_zeros(shape=wp.static(room), dtype=wp.float64, storage="shared")
             for c in range(gathering.starts.shape[0]):
-                for i in range(thread, wp.static(chunk), wp.block_dim()):
-                    e = c * wp.static(chunk) + i
-                    known = e < gathering.element_count
-                    total = element_forces(
-                        wp.min(e, gathering.element_count - 1), b, gel, at, tangents
-                    )
-                    for k in range(wp.static(node_count)):
-                        for axis in range(3):
-                            place = (3 * k + axis) * wp.static(chunk) + i
-                            wp.tile_scatter_masked(contributions, place, total[k, axis], known)
+                hand_over(c, b, thread, gel, at, tangents, gathering, contributions)
                 for row in range(thread, gathering.row_count, wp.block_dim()):
                     y = gathered(row, c, gathering, contributions)
                     if c == 0:
@@ -232,23 +267,11 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
             sums = all_sums[0]
             act = judged(b, sums, pushed, limits, progress)
             norm = wp.sqrt(sums[RESIDUAL])
-            for row in range(thread, gathering.row_count, wp.block_dim()):
-                change(row, b, act, frame, shares, progress, vectors)
-                # The preconditioner is asked for nothing unless a search starts.
-                source = wp.float32(0.0)
-                if act == START:
-                    source = vectors.residuals[b, row] / wp.float32(norm)
-                sources_out[b, row] = sources_out.dtype(source)
-                if act == NEXT_FRAME and row == gathering.tip_row:
-                    lift_out[frame, b] = vectors.before[b, row]
+            act_on(
+                b, thread, act, norm, gathering, shares, progress, vectors, sources_out, lift_out
+            )
             if thread == 0:
-                progress.act[b] = act
-                progress.norm[b] = norm
-                if act == START:
-                    progress.started[b] = norm
-                progress.vertical[b] = sums[VERTICAL]
-                progress.push[b] = pushed
-                progress.gap[b] = all_gaps[0]
+                keep(b, act, sums, pushed, all_gaps[0], progress)
         elif thread == 0 and not (phase == SEARCH and runs):
             progress.act[b] = NOTHING
 

@@ -15,6 +15,7 @@ import warp as wp
 
 from sim.batch.contact_forces import BatchSurface, ContactPoints, contact_rate, spread_contact
 from sim.batch.element_forces import BatchGel, Tangents, rates_function
+from sim.batch.handing_over import hand_over_function, room_for
 from sim.batch.layout import Layout
 from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
 from sim.batch.phases import ADVANCE_SEARCH, END_SEARCH, SEARCH
@@ -53,13 +54,32 @@ def take_what_there_is(row: wp.int32, b: wp.int32, is_first: wp.bool, vectors: V
     vectors.trials[b, row] = vectors.accepted[b, row] + wp.float64(d)
 
 
+@wp.func
+def touch_rates(
+    b: wp.int32,
+    thread: wp.int32,
+    sink: wp.float32,
+    surface: BatchSurface,
+    along: Any,
+    contact: ContactPoints,
+) -> wp.float64:
+    """Find how a thread's contact forces change; return the change of the force that pushes."""
+    pushing = wp.float64(0.0)
+    for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
+        # Where nothing touches, ``evaluate`` has left a zero.
+        if contact.touching[b, i] == 1:
+            v = contact_rate(i, sink, contact.stiffness[b, i], surface, along)
+            contact.forces[b, i] = v
+            pushing += v[2]
+    return pushing
+
+
 @cache
 def search_kernel(order: ElementOrder, layout: Layout) -> Any:
     """Build the kernel; it launches over [environment_count, threads of a block]."""
     reference = reference_element(order)
-    element_rates, node_count = rates_function(reference), reference.node_count
-    chunk, width = layout.chunk, layout.width
-    idle = 3 * node_count * chunk
+    hand_over = hand_over_function(rates_function(reference), reference, layout)
+    width, room = layout.width, room_for(reference, layout)
     bounds = (layout.threads, layout.resident)
 
     @wp.kernel(enable_backward=False, module="unique", launch_bounds=bounds)
@@ -85,32 +105,16 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
             sink = wp.float32(0.0)
             if gathering.tip_row >= 0:
                 sink = along[gathering.tip_row]
-            pushing = wp.float64(0.0)
-            for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
-                # Where nothing touches, ``evaluate`` has left a zero.
-                if contact.touching[b, i] == 1:
-                    v = contact_rate(i, sink, contact.stiffness[b, i], surface, along)
-                    contact.forces[b, i] = v
-                    pushing += v[2]
+            pushing = touch_rates(b, thread, sink, surface, along, contact)
             all_push = wp.tile_sum(wp.tile(pushing))
             pushed = all_push[0]
             for i in range(thread, surface.rest.shape[0] * surface.rest.shape[1], wp.block_dim()):
                 spread_contact(i, b, surface, contact)
 
             part = wp.float64(0.0)
-            contributions = wp.tile_zeros(
-                shape=wp.static(idle + 1), dtype=wp.float32, storage="shared"
-            )
+            contributions = wp.tile_zeros(shape=wp.static(room), dtype=wp.float32, storage="shared")
             for c in range(gathering.starts.shape[0]):
-                for i in range(thread, wp.static(chunk), wp.block_dim()):
-                    e = c * wp.static(chunk) + i
-                    known = e < gathering.element_count
-                    last = gathering.element_count - 1
-                    total = element_rates(wp.min(e, last), b, gel, along, tangents)
-                    for k in range(wp.static(node_count)):
-                        for axis in range(3):
-                            place = (3 * k + axis) * wp.static(chunk) + i
-                            wp.tile_scatter_masked(contributions, place, total[k, axis], known)
+                hand_over(c, b, thread, gel, along, tangents, gathering, contributions)
                 for row in range(thread, gathering.row_count, wp.block_dim()):
                     y = gathered(row, c, gathering, contributions)
                     if c == 0:
