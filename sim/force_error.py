@@ -1,26 +1,26 @@
 """What is believed about the error of F_z on a mesh, from presses that were measured.
 
-``sim.accuracy.preset_errors`` presses a few scenes with every setting and on finer meshes, and
-writes what it finds to a file that ships with the program; ``sim.force_error_fit`` lays a fit
-through it, and ``force_error`` reads that. A scene outside what was measured gets no number here:
-``sim.richardson`` presses it again on coarser meshes.
+``sim.accuracy.preset_errors`` presses a few scenes with every setting and on finer meshes, lays a
+fit through what it finds (``sim.force_error_fit``) and writes both to a file that ships with the
+program. A scene outside what was measured gets no number here: ``sim.richardson`` presses it again
+on coarser meshes.
 """
 
 from __future__ import annotations
 
 import statistics
 from dataclasses import replace
+from functools import cache
 
-from sim.effects import plan_effects
 from sim.force_error_fit import QUANTILE, Circumstances, ForceErrorFit, fits
 from sim.force_error_rows import ForceErrorRow, indenter_kind, rows
 from sim.indenter import Cylinder, Sphere
 from sim.laws.catalogue import LawName
-from sim.mesh import TetMesh
 from sim.mesh_choice import MeshKind, mesh_choice, mesh_depth
-from sim.presets import mesh_for
-from sim.scene import ContactMode, Effect, Preset, Scene
-from sim.settings import Setting, setting_of
+from sim.presets import sectors_of
+from sim.scene import ContactMode, Preset, Scene
+from sim.section_error import section_error
+from sim.settings import FAST, Setting, setting_of
 
 _DEPTH_SHARE_MAX = 0.25
 # A fit is believed this far beyond what it was laid through.
@@ -36,63 +36,66 @@ def force_error(scene: Scene, *, depth_m: float | None = None) -> tuple[float | 
     """
     depth = mesh_depth(scene) if depth_m is None else depth_m
     kind, setting, indenter = indenter_kind(scene.indenter), setting_of(scene), scene.indenter
-    fit, outside = fits().get(kind), _outside(scene, depth)
-    if outside:
-        return None, outside
-    if fit is None or not isinstance(indenter, Cylinder | Sphere):
-        return None, f"no {kind} was measured"
-    if not is_measured(setting):
-        return None, f"no {kind} was measured on preset {setting}"
+    fit, unknown = fits().get(kind), why_unknown(scene, depth_m=depth)
+    if unknown or fit is None or not isinstance(indenter, Cylinder | Sphere):
+        return None, unknown
     if setting.preset is Preset.PAPER:
         return _worst(kind, setting)
-    found = circumstances_of(scene, indenter)
-    outside = _beyond(fit, found, depth / mesh_depth(scene))
-    if outside:
-        return None, outside
-    tried = {Setting(preset, fine): error for preset, fine, error in scene.tried_errors}
-    if setting in tried:
-        return tried[setting], (
-            f"{kind}: this mesh tried at small strains; {QUANTILE:.0%} of {fit.press_count} "
-            "measured presses stay within what that said of them"
-        )
-    error = fit.believed(setting, whole_tet_count(_mesh(scene)), _limited(fit, found))
+    limited = _limited(fit, circumstances_of(scene, indenter))
+    error = fit.believed(section_error(scene, depth_m=depth), sectors_of(scene), limited)
     return error, (
-        f"{kind}: fit through {fit.press_count} presses against the limit of finer meshes, "
-        f"{fit.safety:.2g} times its middle so that {QUANTILE:.0%} of presses left out lie below"
+        f"{kind}: the mesh's section tried at small strains; {QUANTILE:.0%} of {fit.press_count} "
+        "measured presses, each left out in its turn, err by no more than a fit through the others "
+        "makes of that"
     )
 
 
-def middle_error(scene: Scene) -> float | None:
-    """Return the error that is as likely too small as too large, or None where none is known."""
-    fit, indenter = fits().get(indenter_kind(scene.indenter)), scene.indenter
+def why_unknown(scene: Scene, *, depth_m: float) -> str:
+    """Say why nothing is believed about a scene's F_z at a depth [m], or nothing."""
+    kind, setting, indenter = indenter_kind(scene.indenter), setting_of(scene), scene.indenter
+    fit, outside = fits().get(kind), _outside(scene, depth_m)
+    if outside:
+        return outside
     if fit is None or not isinstance(indenter, Cylinder | Sphere):
-        return None
-    limited = _limited(fit, circumstances_of(scene, indenter))
-    return fit.middle(setting_of(scene), whole_tet_count(_mesh(scene)), limited)
+        return f"no {kind} was measured"
+    if not is_measured(setting):
+        return f"no {kind} was measured on preset {setting}"
+    if setting.preset is Preset.PAPER:
+        return ""
+    return _beyond(fit, circumstances_of(scene, indenter), depth_m / mesh_depth(scene))
 
 
 def is_measured(setting: Setting) -> bool:
     """Return whether any press was measured with a setting."""
-    return any(row.setting == setting for row in rows())
+    return setting in _spent(None)
 
 
 def time_ratio(setting: Setting, to: Setting, *, kind: str | None = None) -> float:
     """Return how many times as long a press takes with one setting as with another.
 
-    It is the median over the presses that were measured on both, of processor time, so that a
-    busy machine changes it little.
+    Each one's is the median over its presses of processor time over preset fast's, so that a busy
+    machine changes it little.
 
     Args:
         kind: Of the indenter; one that was not measured gets the median over all.
     """
+    return _over_fast(setting, kind) / _over_fast(to, kind)
+
+
+@cache
+def _over_fast(setting: Setting, kind: str | None) -> float:
+    own, fast = (_spent(kind)[each] for each in (setting, FAST))
+    return statistics.median(seconds / fast[press] for press, seconds in own.items())
+
+
+@cache
+def _spent(kind: str | None) -> dict[Setting, dict[int, float]]:
+    """Return the processor time of every setting's presses [s]."""
     known = [row for row in rows() if row.kind == kind] or rows()
-    spent = {(row.press, row.setting): row.cpu_s for row in known}
-    ratios = [
-        seconds / spent[press, to]
-        for (press, own), seconds in spent.items()
-        if own == setting and (press, to) in spent
-    ]
-    return statistics.median(ratios)
+    found: dict[Setting, dict[int, float]] = {}
+    for row in known:
+        found.setdefault(row.setting, {})[row.press] = row.cpu_s
+    return found
 
 
 def measured_kinds() -> tuple[str, ...]:
@@ -113,15 +116,6 @@ def circumstances_of(scene: Scene, indenter: Cylinder | Sphere) -> Circumstances
         radius_share=indenter.radius_m / scene.pad.height_m,
         fillet_share=fillet / indenter.radius_m,
     )
-
-
-def whole_tet_count(mesh: TetMesh) -> int:
-    """Return how many tetrahedra a mesh would have without its symmetry."""
-    return len(mesh.tets) * mesh.fold.copies
-
-
-def _mesh(scene: Scene) -> TetMesh:
-    return mesh_for(scene, folded=plan_effects(scene).is_on(Effect.SYMMETRY))
 
 
 def _worst(kind: str, setting: Setting) -> tuple[float | None, str]:

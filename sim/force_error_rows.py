@@ -29,12 +29,12 @@ class ForceErrorRow:
         depth_share: Depth over the depth that the mesh was made for.
         pad_share: Depth over the pad's height.
         refinement: Every edge this many times shorter than the preset's.
-        tet_count: Of the mesh of the whole pad, without symmetry.
+        sector_count: Sectors of a full turn.
         force_n: F_z that was found [N].
         limit_n: F_z that finer and finer meshes tend to [N].
         doubt: Relative error that the limit itself may have.
-        small_strain_error: Relative error of F_z at small strains on the same mesh, with its sign
-            (``sim.pilot``); None where it was not looked for.
+        section_error: Relative error of F_z at small strains on the mesh's section, with its sign
+            (``sim.section_error``); None for a mesh that was not revolved.
         cpu_s: Processor time of the whole path to the deepest of its depths, mesh included [s].
     """
 
@@ -46,14 +46,14 @@ class ForceErrorRow:
     fillet_share: float
     preset: Preset
     refinement: float
-    tet_count: int
+    sector_count: int
     depth_m: float
     depth_share: float
     pad_share: float
     force_n: float
     limit_n: float
     doubt: float
-    small_strain_error: float | None
+    section_error: float | None
     cpu_s: float
 
     @property
@@ -68,11 +68,18 @@ class ForceErrorRow:
 
 
 @cache
+def stored() -> dict[str, Any]:
+    """Return what the file holds: ``rows``, and ``fits`` by kind of indenter."""
+    found: dict[str, Any] = json.loads(resources.files("sim").joinpath(FILE).read_text("utf-8"))
+    return found
+
+
+@cache
 def rows() -> tuple[ForceErrorRow, ...]:
     """Return every row of the file."""
-    text = resources.files("sim").joinpath(FILE).read_text("utf-8")
-    found: list[dict[str, Any]] = json.loads(text)
-    return tuple(ForceErrorRow(**{**row, "preset": Preset(row["preset"])}) for row in found)
+    return tuple(
+        ForceErrorRow(**{**row, "preset": Preset(row["preset"])}) for row in stored()["rows"]
+    )
 
 
 def indenter_kind(indenter: Indenter) -> str:

@@ -18,7 +18,7 @@ from sim.moving_press import moving_press
 from sim.newton import NewtonOptions
 from sim.path_point import PathPoint
 from sim.presets import build_model, densities_of
-from sim.scene import Drive, Effect, Scene
+from sim.scene import Drive, Effect, Preset, Scene
 from sim.settings import setting_of
 from sim.stress import surface_stress
 from sim.tolerance import Alternative, alternatives, expected_error
@@ -135,14 +135,15 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene)),) if heavy else (),
-        options=_QUICKLY if is_quick else NewtonOptions(),
+        options=_QUICKLY if is_quick and scene.is_light else NewtonOptions(),
         is_quick=is_quick,
     )
 
 
 def keeps_factors(scene: Scene, model: Model) -> bool:
     """Return whether a scene's path keeps its factors from state to state."""
-    return scene.is_light and model.relaxation is None and model.device == "cpu"
+    plain = scene.is_smooth and scene.preset is not Preset.PAPER
+    return plain and model.relaxation is None and model.device == "cpu"
 
 
 def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:

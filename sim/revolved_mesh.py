@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.fold import Fold
-from sim.graded_plane import Grading, triangulate_half_section
+from sim.graded_plane import Grading, Triangulation, triangulate_half_section
 from sim.mesh import TetMesh, oriented
 from sim.pad import ParametricPad
 from tacauchy_rig.errors import ConfigError
@@ -70,6 +70,17 @@ def revolved_mesh(
     layers = section.layers[source] if interface_shares else None
     vertices[fold.on_plane(vertices, mean_reach)] = 0.0
     return oriented(vertices, tets, name=name, fold=fold, layers=layers, axis_m=centre_m)
+
+
+def revolved_section(
+    pad: ParametricPad, grading: Grading, *, centre_m: tuple[float, float], sector_count: int
+) -> Triangulation:
+    """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
+    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
+    start, end = _turn(fold)
+    _, reaches = pad.sectors(np.array(centre_m), sector_count, start_rad=start, end_rad=end)
+    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
+    return triangulate_half_section(mean_reach, pad.height_m, grading)
 
 
 def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:

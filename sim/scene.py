@@ -186,15 +186,13 @@ class Scene:
         outputs: What is asked for besides the force.
         tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
         effects: Effects switched on or off by the user, against the plan.
-        refinement: Every edge this many times shorter than the preset's.
+        refinement: Every edge this many times shorter than the preset's; in a light scene in the
+            section through the axis, while the sectors become more with its root.
         drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
         filling: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
-        tried_errors: Preset, refinement and believed relative error of F_z of meshes that were
-            tried at small strains on the way to a tolerance. They change no press, only what is
-            believed of it.
     """
 
     pad: Pad
@@ -217,7 +215,6 @@ class Scene:
     barrier_m: float | None = None
     filling: Filling = field(default_factory=Filling)
     sensor: str = ""
-    tried_errors: tuple[tuple[Preset, float, float], ...] = field(default=(), repr=False)
 
     @property
     def has_sharp_rim(self) -> bool:
@@ -225,14 +222,15 @@ class Scene:
         return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
 
     @property
-    def is_light(self) -> bool:
-        """Preset fast can do with a coarser rim, a wide barrier and factors that are kept.
-
-        That is for a rounded body that goes straight down into one gel, without friction.
-        """
+    def is_smooth(self) -> bool:
+        """A rounded body goes straight down into one gel, without friction."""
         straight = self.motion.is_straight and self.contact is ContactMode.FRICTIONLESS
-        round_and_plain = self._edge_radius_m > 0.0 and not self.layers
-        return self.preset is Preset.FAST and straight and round_and_plain
+        return straight and self._edge_radius_m > 0.0 and not self.layers
+
+    @property
+    def is_light(self) -> bool:
+        """Preset fast can do with a coarser rim, a wide barrier and fewer sectors."""
+        return self.preset is Preset.FAST and self.is_smooth
 
     @property
     def contact_distance_m(self) -> float:
@@ -251,11 +249,12 @@ class Scene:
         """Return a contact distance that halves Newton's iterations [m].
 
         Under a 5 mm cylinder with a fillet of 0.3 mm, 1 mm deep in a GelSight Mini, F_z is 1.0 %
-        larger with 40 um than with 10 um.
+        larger with 40 um than with 10 um. On shorter edges it falls as the mesh's own error does.
         """
         depth = self.target.depth_m
         widest = _DEPTH_SHARE * depth if depth is not None else _WIDE_BARRIER_M
-        return min(_ROUND_SHARE * self._edge_radius_m, widest, _WIDE_BARRIER_M)
+        widest = min(_ROUND_SHARE * self._edge_radius_m, widest, _WIDE_BARRIER_M)
+        return widest / max(1.0, self.refinement) ** 2
 
     @property
     def _edge_radius_m(self) -> float:

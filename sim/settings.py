@@ -30,26 +30,15 @@ def setting_of(scene: Scene) -> Setting:
 
 
 FAST = Setting(Preset.FAST)
-COARSEST_BALANCED = Setting(Preset.BALANCED, 0.78)
-# Neighbouring costs are about 1.2 to 1.8 times apart. The larger steps are where a turn gets four
-# sectors more, 16 to 20 from the fourth to the fifth setting of fast and balanced. Left out, for
-# they cost as much as another and err more: fast with edges 0.77 times as long, balanced 1.67,
-# 1.43 and 1.11 times, accurate 1.39 and 1.5 times.
+# Neighbouring costs are 1.3 to 1.8 times apart.
+LADDER = tuple(
+    Setting(Preset.FAST, refinement)
+    for refinement in (0.62, 0.75, 0.9, 1.0, 1.18, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.85, 3.3)
+)
 SETTINGS = (
     Setting(Preset.PAPER),
-    Setting(Preset.FAST, 0.7),
-    Setting(Preset.FAST, 0.85),
-    FAST,
-    Setting(Preset.FAST, 1.08),
-    Setting(Preset.FAST, 1.15),
-    COARSEST_BALANCED,
-    Setting(Preset.BALANCED, 1.0 / 1.13),
-    Setting(Preset.BALANCED, 0.94),
+    *LADDER,
     Setting(Preset.BALANCED),
-    Setting(Preset.BALANCED, 1.08),
-    Setting(Preset.BALANCED, 1.12),
     Setting(Preset.ACCURATE),
-    Setting(Preset.ACCURATE, 1.2),
-    Setting(Preset.REFERENCE, 0.85),
     Setting(Preset.REFERENCE),
 )

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 from sim.effect_estimates import expected_depth, expected_force
 from sim.effects import EffectPlan, plan_effects
-from sim.force_error import force_error, is_measured, middle_error, time_ratio, typical_error
-from sim.force_error_fit import fits
+from sim.force_error import force_error, is_measured, time_ratio, typical_error, why_unknown
 from sim.force_error_rows import indenter_kind
-from sim.pilot import ANCHOR, Pilot, is_piloted, pilot_depth
 from sim.scene import Effect, Preset, Scene
+from sim.section_error import section_depth, section_force
 from sim.settings import FAST, SETTINGS, Setting, setting_of
 from tacauchy_rig.errors import ConfigError
 
-# Up to here a press takes no longer than looking for something cheaper.
-ENOUGH = Setting(Preset.FAST, 1.15)
-# What the table believes to err this many times too much is not tried.
-_HOPELESS = 3.0
 # Preset paper's error was measured with its linear element.
 _MEASURED_WITH = {Effect.LOCKING_FREE_ELEMENT}
 
@@ -108,29 +104,30 @@ def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[f
 def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     """Return a scene with the cheapest settings whose believed error keeps a tolerance.
 
-    Where the table alone asks for more than ``ENOUGH``, the scene's own meshes are tried at small
-    strains first, which tells more of them and takes a fraction of what it may save: against an
-    anchor, and where that leaves only what is finer, against the limit of finer meshes. Effects are
-    left out within what the mesh leaves of the tolerance.
+    They are looked for from preset fast upwards, or downwards where that keeps it. Effects are left
+    out within what the mesh leaves of the tolerance.
 
     Raises:
         ConfigError: No settings keep it, or nothing is known about such a scene.
     """
+    depth = _depth(scene)
+    force = scene.target.force_n or _force(scene, depth)
+    search = _Search(scene, tolerance.of(force), depth)
     order = settings_by_cost(indenter_kind(scene.indenter))
-    search = _Search(scene, tolerance.of(expected_force(scene)), expected_depth(scene))
-    by_table = search.first(order)
-    if by_table is not None and order.index(setting_of(by_table)) <= order.index(ENOUGH):
-        return by_table
-    if search.reason and not search.known:
+    start = order.index(FAST)
+    found = next((kept for each in order[start:] if (kept := search.kept_by(each))), None)
+    if found is not None and setting_of(found) == FAST:
+        cheaper = (each for each in reversed(order[:start]) if each.preset is FAST.preset)
+        *_, found = (found, *takewhile(bool, map(search.kept_by, cheaper)))
+    if found is not None:
+        return found
+    if not any(setting.preset is not Preset.PAPER for setting in search.known):
         raise ConfigError(
             f"no preset promises {tolerance} here: {search.reason}",
             remedy="choose a preset instead; `press --estimate-error` says what it was worth",
         )
-    found = search.after_pilot(order, by_table) or by_table
-    if found is not None:
-        return found
     best = min(search.known, key=lambda setting: search.known[setting])
-    nearest = f"{search.known[best]:.2%} ({search.known[best] * expected_force(scene):.2g} N)"
+    nearest = f"{search.known[best]:.2%} ({search.known[best] * force:.2g} N)"
     raise ConfigError(
         f"no preset promises {tolerance}, {search.allowed:.2%} of the force expected; preset "
         f"{best} comes nearest with {nearest}",
@@ -140,12 +137,13 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
 
 @dataclass(slots=True)
 class _Search:
-    """Tries settings on a scene until one is believed to keep a tolerance.
+    """Tries settings on a scene.
 
     Attributes:
         allowed: The tolerance, relative.
+        depth_m: Where the error is judged [m].
         known: The believed error of every setting that was tried.
-        reason: Why nothing was believed of the last that was tried.
+        reason: Why nothing was believed of the last that nothing was.
     """
 
     scene: Scene
@@ -154,55 +152,30 @@ class _Search:
     known: dict[Setting, float] = field(default_factory=dict)
     reason: str = ""
 
-    def first(self, order: Sequence[Setting]) -> Scene | None:
-        """Return the scene with the first settings that keep the tolerance."""
-        for setting in order:
-            found = self._kept_by(setting.applied(self.scene))
-            if found is not None:
-                return found
-        return None
-
-    def after_pilot(self, order: Sequence[Setting], by_table: Scene | None) -> Scene | None:
-        """Return the same after presses at small strains, which reach up to preset accurate.
-
-        Only what is cheaper than the table's choice is tried.
-        """
-        fit = fits()[indenter_kind(self.scene.indenter)]
-        pilot = Pilot(self.scene, pilot_depth(self.scene))
-        own = middle_error(ANCHOR.applied(self.scene)) or 0.0
-        end = len(order) if by_table is None else order.index(setting_of(by_table))
-        tried = [each for each in order[:end] if is_piloted(each) and self._hopes(each)]
-        near = [each for each in tried if order.index(each) < order.index(ANCHOR)]
-        found = self._first_tried(
-            near, lambda each: fit.believed_over_anchor(pilot.over_anchor(each), own)
-        )
-        if found is not None:
-            return found
-        if by_table is not None and order.index(setting_of(by_table)) <= order.index(ANCHOR):
-            return by_table
-        return self._first_tried(tried, lambda each: fit.believed_after(pilot.error(each)))
-
-    def _hopes(self, setting: Setting) -> bool:
-        return self.known.get(setting, 0.0) <= _HOPELESS * self.allowed
-
-    def _first_tried(
-        self, settings: Sequence[Setting], believed: Callable[[Setting], float]
-    ) -> Scene | None:
-        for setting in settings:
-            errors = ((setting.preset, setting.refinement, believed(setting)),)
-            found = self._kept_by(replace(setting.applied(self.scene), tried_errors=errors))
-            if found is not None:
-                return found
-        return None
-
-    def _kept_by(self, tried: Scene) -> Scene | None:
-        setting = setting_of(tried)
-        error, self.reason = force_error(tried, depth_m=self.depth_m)
+    def kept_by(self, setting: Setting) -> Scene | None:
+        """Return the scene with settings, effects left out, if they are believed to do."""
+        tried = setting.applied(self.scene)
+        error, basis = force_error(tried, depth_m=self.depth_m)
         if error is None:
+            self.reason = basis
             return None
         spared = replace(tried, tolerance=max(0.0, self.allowed - error))
         self.known[setting] = _error(spared, self.depth_m) or error
         return spared if self.known[setting] <= self.allowed else None
+
+
+def _depth(scene: Scene) -> float:
+    """Return the depth of a scene's target [m], the better known where its section is."""
+    known = _is_known(scene)
+    return section_depth(scene) if known else expected_depth(scene)
+
+
+def _force(scene: Scene, depth_m: float) -> float:
+    return section_force(scene, depth_m=depth_m) if _is_known(scene) else expected_force(scene)
+
+
+def _is_known(scene: Scene) -> bool:
+    return not why_unknown(FAST.applied(scene), depth_m=expected_depth(scene))
 
 
 def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple[Alternative, ...]:
@@ -216,10 +189,16 @@ def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple
     own, order = setting_of(scene), settings_by_cost(kind)
     if own not in order:
         return ()
-    errors = {each: _error(each.applied(scene), depth_m) for each in order}
-    ranks = {each: typical_error(each) if errors[each] is None else errors[each] for each in order}
-    cheaper = _worth_it(order[: order.index(own)], ranks)[-1:]
-    better = tuple(each for each in order if (ranks[each] or 0.0) < (ranks[own] or 0.0))[:1]
+    errors, ranks = dict[Setting, float | None](), dict[Setting, float]()
+
+    def rank(setting: Setting) -> float:
+        if setting not in ranks:
+            error = errors[setting] = _error(setting.applied(scene), depth_m)
+            ranks[setting] = typical_error(setting) if error is None else error
+        return ranks[setting]
+
+    cheaper = _worth_it(order[: order.index(own)], rank)[-1:]
+    better = next(((each,) for each in order if rank(each) < rank(own)), ())
     return tuple(
         Alternative(
             role=role,
@@ -233,19 +212,17 @@ def alternatives(scene: Scene, *, depth_m: float, wall_s: float | None) -> tuple
     )
 
 
-def _worth_it(
-    order: Sequence[Setting], ranks: Mapping[Setting, float | None]
-) -> tuple[Setting, ...]:
+def _worth_it(order: Sequence[Setting], rank: Callable[[Setting], float]) -> tuple[Setting, ...]:
     """Return the settings than which none that is cheaper errs less.
 
     Args:
         order: The cheapest first.
-        ranks: Their errors.
+        rank: The error of one.
     """
     found: list[Setting] = []
     for setting in order:
-        least = min((ranks[each] or 0.0 for each in found), default=float("inf"))
-        if (ranks[setting] or 0.0) < least:
+        least = min((rank(each) for each in found), default=float("inf"))
+        if rank(setting) < least:
             found.append(setting)
     return tuple(found)
 

@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
+from sim.accuracy.fitted_errors import fits_through
 from sim.accuracy.force_limit import COARSENING, ForceLimit, limits_of, pressed_path
 from sim.accuracy.press_store import PressStore
 from sim.accuracy.training_scenes import TRAINING, Training
-from sim.force_error import circumstances_of, whole_tet_count
+from sim.force_error import circumstances_of
 from sim.force_error_rows import ForceErrorRow, indenter_kind
 from sim.indenter import describe
 from sim.mesh_choice import mesh_depth
-from sim.pilot import is_piloted
-from sim.presets import mesh_for
+from sim.presets import sectors_of
 from sim.scene import Preset
+from sim.section_error import section_error
 from sim.settings import Setting
 
 
@@ -27,7 +28,7 @@ def measure_preset_errors(
     presses: Sequence[Training] = TRAINING,
     on_progress: Callable[[str], None] = lambda _text: None,
 ) -> list[ForceErrorRow]:
-    """Press every scene with every setting and write the rows to a JSON file; half an hour.
+    """Press every scene with every setting and write the rows to a JSON file; a quarter of an hour.
 
     Args:
         store: Keeps every press, so that what was killed goes on.
@@ -42,27 +43,21 @@ def measure_preset_errors(
     for number, press in enumerate(presses, start=1):
         on_progress(f"{describe(press.scene.indenter)}, nu {press.scene.material.poisson:g}")
         rows += _rows(number, press, store)
+    fits = json.dumps({kind: asdict(fit) for kind, fit in fits_through(rows).items()}, indent=1)
     text = ",\n".join(json.dumps(asdict(row)) for row in rows)
-    file.write_text(f"[\n{text}\n]\n", "utf-8")
+    file.write_text(f'{{"fits": {fits},\n"rows": [\n{text}\n]}}\n', "utf-8")
     return rows
 
 
 def _rows(number: int, press: Training, store: PressStore) -> Iterator[ForceErrorRow]:
     limits = _limits(press, store)
-    piloted = [setting for setting in press.settings if is_piloted(setting)]
-    pilots = [
-        store.small_strain_errors(press.scene, piloted, at) if at in press.pilot_depths_m else {}
-        for at in press.depths_m
-    ]
     scene, kind = press.scene, indenter_kind(press.scene.indenter)
     share = circumstances_of(scene, press.indenter)
     for setting in press.settings:
         tried = setting.applied(scene)
         found = store.pressed_path(tried, press.depths_m)
-        tet_count = whole_tet_count(mesh_for(tried))
-        for depth, force, limit, pilot in zip(
-            press.depths_m, found.forces_n, limits, pilots, strict=True
-        ):
+        revolved = setting.preset is not Preset.PAPER
+        for depth, force, limit in zip(press.depths_m, found.forces_n, limits, strict=True):
             yield ForceErrorRow(
                 press=number,
                 kind=kind,
@@ -72,20 +67,20 @@ def _rows(number: int, press: Training, store: PressStore) -> Iterator[ForceErro
                 fillet_share=share.fillet_share,
                 preset=setting.preset,
                 refinement=setting.refinement,
-                tet_count=tet_count,
+                sector_count=sectors_of(tried) if revolved else 0,
                 depth_m=depth,
                 depth_share=depth / mesh_depth(scene),
                 pad_share=depth / scene.pad.height_m,
                 force_n=force,
                 limit_n=limit.force_n,
                 doubt=limit.doubt,
-                small_strain_error=pilot.get(setting),
+                section_error=section_error(tried, depth_m=depth) if revolved else None,
                 cpu_s=found.cpu_s,
             )
 
 
 def _limits(press: Training, store: PressStore) -> tuple[ForceLimit, ...]:
-    fine = replace(press.scene, preset=press.finest, refinement=1.0)
+    fine = replace(press.scene, preset=Preset.REFERENCE, refinement=1.0)
     coarse = replace(fine, refinement=1.0 / COARSENING)
     return limits_of(
         press.scene, *(store.pressed_path(scene, press.depths_m) for scene in (fine, coarse))

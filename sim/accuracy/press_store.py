@@ -10,10 +10,8 @@ from pathlib import Path
 
 from sim.accuracy.force_limit import PressedPath, pressed_path
 from sim.effects import plan_effects
-from sim.pilot import Pilot
 from sim.presets import mesh_for
-from sim.scene import Effect, Preset, Scene
-from sim.settings import Setting
+from sim.scene import Effect, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,24 +36,6 @@ class PressStore:
         found = pressed_path(scene, depths_m)
         self.folder.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(asdict(found)) + "\n", "utf-8")
-        return found
-
-    def small_strain_errors(
-        self, scene: Scene, settings: Sequence[Setting], depth_m: float
-    ) -> dict[Setting, float]:
-        """Return the relative errors of F_z at small strains, or take what was found before."""
-        number = hashlib.sha256(repr((_posed(scene), depth_m)).encode()).hexdigest()[:16]
-        file = self.folder / f"small-strain-{number}.json"
-        kept: list[tuple[Preset, float, float]] = (
-            json.loads(file.read_text("utf-8")) if file.exists() else []
-        )
-        found = {Setting(Preset(preset), fine): error for preset, fine, error in kept}
-        if not set(settings) <= set(found):
-            pilot = Pilot(scene, depth_m)
-            found = {setting: pilot.error(setting) for setting in settings}
-            self.folder.mkdir(parents=True, exist_ok=True)
-            kept = [(each.preset, each.refinement, error) for each, error in found.items()]
-            file.write_text(json.dumps(kept) + "\n", "utf-8")
         return found
 
 

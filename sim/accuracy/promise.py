@@ -156,8 +156,7 @@ def _everything_on(scene: Scene) -> Scene:
 
 def limit_at(scene: Scene, depth_m: float, store: PressStore) -> ForceLimit:
     """Return the limit at a depth, on the mesh that the scene's own target asks for."""
-    finest = Preset.REFERENCE if scene.preset is Preset.REFERENCE else Preset.ACCURATE
-    fine = _everything_on(replace(scene, preset=finest, refinement=1.0))
+    fine = _everything_on(replace(scene, preset=Preset.REFERENCE, refinement=1.0))
     coarse = replace(fine, refinement=1.0 / COARSENING)
     (limit,) = limits_of(scene, *(store.pressed_path(each, [depth_m]) for each in (fine, coarse)))
     return limit
@@ -216,8 +215,8 @@ def section(
         passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
         note=f"Kept on {kept} of {len(found)}, at no more than {COST_WANTED:g} times the time on "
         f"{thrifty}, the choice's own time included; on {plain} without it. "
-        "The true error is against the limit that preset accurate (reference, where "
-        "that is chosen) and edges 1.5 times as long tend to (Richardson). The scenes had no part "
+        "The true error is against the limit that preset reference and edges 1.5 times as long "
+        "tend to (Richardson). The scenes had no part "
         f"in the table that chooses.{note}",
         command=command,
     )

@@ -178,12 +178,10 @@ _SECOND = (
     ),
 )
 
-JUDGED_BEFORE = (*_FIRST, *_SECOND)
+_THIRD_DISC = DiscPad(radius_m=10.5e-3, height_m=4.2e-3)
+_THIRD_BOX = BoxPad(size_x_m=20e-3, size_y_m=23e-3, height_m=3.8e-3)
 
-_FRESH_DISC = DiscPad(radius_m=10.5e-3, height_m=4.2e-3)
-_FRESH_BOX = BoxPad(size_x_m=20e-3, size_y_m=23e-3, height_m=3.8e-3)
-
-FRESH = (
+_THIRD = (
     Promise(
         name="4.6 mm punch, 0.22 mm fillet, nu 0.46, 0.3 mm deep",
         scene=_gelsight(_punch(4.6e-3, 0.22e-3), Target(depth_m=0.3e-3), poisson=0.46),
@@ -191,12 +189,12 @@ FRESH = (
     ),
     Promise(
         name="6.2 mm punch, 0.3 mm fillet, box 3.8 mm, nu 0.475, to 3 N",
-        scene=_bare(_FRESH_BOX, _punch(6.2e-3, 0.3e-3), Target(force_n=3.0), poisson=0.475),
+        scene=_bare(_THIRD_BOX, _punch(6.2e-3, 0.3e-3), Target(force_n=3.0), poisson=0.475),
         tolerance=Tolerance(force_n=0.09),
     ),
     Promise(
         name="5.8 mm punch, 0.16 mm fillet, disc 4.2 mm, nu 0.435, 0.45 mm deep",
-        scene=_bare(_FRESH_DISC, _punch(5.8e-3, 0.16e-3), Target(depth_m=0.45e-3), poisson=0.435),
+        scene=_bare(_THIRD_DISC, _punch(5.8e-3, 0.16e-3), Target(depth_m=0.45e-3), poisson=0.435),
         tolerance=Tolerance(relative=0.025),
     ),
     Promise(
@@ -216,7 +214,7 @@ FRESH = (
     ),
     Promise(
         name="8.6 mm ball, disc 4.2 mm, nu 0.44, to 0.5 N",
-        scene=_bare(_FRESH_DISC, Sphere(diameter_m=8.6e-3), Target(force_n=0.5), poisson=0.44),
+        scene=_bare(_THIRD_DISC, Sphere(diameter_m=8.6e-3), Target(force_n=0.5), poisson=0.44),
         tolerance=Tolerance(force_n=0.01),
     ),
     Promise(
@@ -226,12 +224,70 @@ FRESH = (
     ),
     Promise(
         name="5.6 mm ball, box 3.8 mm, nu 0.46, 0.35 mm deep",
-        scene=_bare(_FRESH_BOX, Sphere(diameter_m=5.6e-3), Target(depth_m=0.35e-3), poisson=0.46),
+        scene=_bare(_THIRD_BOX, Sphere(diameter_m=5.6e-3), Target(depth_m=0.35e-3), poisson=0.46),
         tolerance=Tolerance(relative=0.06),
     ),
     Promise(
         name="10.5 mm ball, box 3.8 mm, nu 0.42, 0.4 mm deep",
-        scene=_bare(_FRESH_BOX, Sphere(diameter_m=10.5e-3), Target(depth_m=0.4e-3), poisson=0.42),
+        scene=_bare(_THIRD_BOX, Sphere(diameter_m=10.5e-3), Target(depth_m=0.4e-3), poisson=0.42),
+        tolerance=Tolerance(relative=0.02),
+    ),
+)
+
+JUDGED_BEFORE = (*_FIRST, *_SECOND, *_THIRD)
+
+_FRESH_DISC = DiscPad(radius_m=10.8e-3, height_m=4.8e-3)
+_FRESH_BOX = BoxPad(size_x_m=19.5e-3, size_y_m=21.5e-3, height_m=3.3e-3)
+
+FRESH = (
+    Promise(
+        name="4.4 mm punch, 0.18 mm fillet, nu 0.455, 0.33 mm deep",
+        scene=_gelsight(_punch(4.4e-3, 0.18e-3), Target(depth_m=0.33e-3), poisson=0.455),
+        tolerance=Tolerance(relative=0.015),
+    ),
+    Promise(
+        name="6.6 mm punch, 0.32 mm fillet, box 3.3 mm, nu 0.468, to 2.4 N",
+        scene=_bare(_FRESH_BOX, _punch(6.6e-3, 0.32e-3), Target(force_n=2.4), poisson=0.468),
+        tolerance=Tolerance(force_n=0.072),
+    ),
+    Promise(
+        name="5.4 mm punch, 0.13 mm fillet, disc 4.8 mm, nu 0.43, 0.5 mm deep",
+        scene=_bare(_FRESH_DISC, _punch(5.4e-3, 0.13e-3), Target(depth_m=0.5e-3), poisson=0.43),
+        tolerance=Tolerance(relative=0.025),
+    ),
+    Promise(
+        name="3.2 mm punch, 0.16 mm fillet, nu 0.478, 0.35 mm deep",
+        scene=_gelsight(_punch(3.2e-3, 0.16e-3), Target(depth_m=0.35e-3), poisson=0.478),
+        tolerance=Tolerance(relative=0.04),
+    ),
+    Promise(
+        name="7.2 mm punch, 0.24 mm fillet, nu 0.415, to 2.8 N",
+        scene=_gelsight(_punch(7.2e-3, 0.24e-3), Target(force_n=2.8), poisson=0.415),
+        tolerance=Tolerance(force_n=0.035),
+    ),
+    Promise(
+        name="11.5 mm ball, nu 0.465, 0.5 mm deep",
+        scene=_gelsight(Sphere(diameter_m=11.5e-3), Target(depth_m=0.5e-3), poisson=0.465),
+        tolerance=Tolerance(relative=0.04),
+    ),
+    Promise(
+        name="8.2 mm ball, disc 4.8 mm, nu 0.445, to 0.4 N",
+        scene=_bare(_FRESH_DISC, Sphere(diameter_m=8.2e-3), Target(force_n=0.4), poisson=0.445),
+        tolerance=Tolerance(force_n=0.008),
+    ),
+    Promise(
+        name="17.5 mm ball, nu 0.455, 0.35 mm deep",
+        scene=_gelsight(Sphere(diameter_m=17.5e-3), Target(depth_m=0.35e-3), poisson=0.455),
+        tolerance=Tolerance(relative=0.03),
+    ),
+    Promise(
+        name="6.2 mm ball, box 3.3 mm, nu 0.47, 0.3 mm deep",
+        scene=_bare(_FRESH_BOX, Sphere(diameter_m=6.2e-3), Target(depth_m=0.3e-3), poisson=0.47),
+        tolerance=Tolerance(relative=0.06),
+    ),
+    Promise(
+        name="9.8 mm ball, box 3.3 mm, nu 0.425, 0.38 mm deep",
+        scene=_bare(_FRESH_BOX, Sphere(diameter_m=9.8e-3), Target(depth_m=0.38e-3), poisson=0.425),
         tolerance=Tolerance(relative=0.02),
     ),
 )

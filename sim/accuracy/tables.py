@@ -8,7 +8,7 @@ from dataclasses import replace
 from sim.accuracy.mesh_chance import EDGE_SHIFT
 from sim.accuracy.study import QUANTITIES, Row, Study
 from sim.force_error import force_error, time_ratio
-from sim.force_error_fit import QUANTILE, fits
+from sim.force_error_fit import QUANTILE
 from sim.force_error_rows import indenter_kind
 from sim.indenter import Cylinder, Indenter, Sphere
 from sim.scene import Preset, Scene, Target
@@ -141,7 +141,6 @@ def presets_section(*, command: str) -> Section:
         for poisson in _EXAMPLE_POISSON
     }
     times = {f"time over fast's, {name}": indenter_kind(each) for name, each in _EXAMPLES.items()}
-    safeties = ", ".join(f"{fit.safety:.2f} ({kind})" for kind, fit in fits().items())
     return Section(
         title="What the presets are worth",
         columns=("settings", *times, *scenes),
@@ -157,10 +156,11 @@ def presets_section(*, command: str) -> Section:
         passed=True,
         note="Believed relative error of F_z, examples: 0.5 mm deep in a GelSight Mini with "
         "another Poisson's ratio, the punch 5 mm wide with a fillet of 0.2 mm, the ball 10 mm. It "
-        "is a fit through training presses (sim/force_error_fit.py) times a safety of "
-        f"{safeties}, by which {QUANTILE:.0%} of the errors of presses that were left out of the "
-        "fit, each in its turn, lie below; for preset paper the largest that was measured. Times "
-        "are medians of ratios of processor times on one thread. Kept in sim/force_errors.json.",
+        "is what the edges of the mesh's section do at small strains, and what a fit through "
+        f"training presses makes of that (sim/force_error_fit.py): {QUANTILE:.0%} of the errors of "
+        "presses that were left out of the fit, each in its turn, lie below; for preset paper the "
+        "largest that was measured. Times are medians of ratios of processor times on one thread. "
+        "Kept in sim/force_errors.json.",
         command=command,
     )
 

@@ -28,12 +28,8 @@ class Effort(IntEnum):
     LONGEST = 2
 
 
-_LONG = {Setting(Preset.BALANCED, 1.08), Setting(Preset.BALANCED, 1.12)}
-_LONGEST = {
-    Setting(Preset.ACCURATE, 1.2),
-    Setting(Preset.REFERENCE, 0.85),
-    Setting(Preset.REFERENCE),
-}
+_LONG = {Setting(Preset.FAST, 2.5), Setting(Preset.FAST, 2.85)}
+_LONGEST = {Setting(Preset.FAST, 3.3), Setting(Preset.REFERENCE)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,16 +44,6 @@ class Training:
     indenter: Cylinder | Sphere
     depths_m: tuple[float, ...]
     effort: Effort
-
-    @property
-    def pilot_depths_m(self) -> tuple[float, ...]:
-        """Where its meshes are tried at small strains too [m]: the least and the largest."""
-        return self.depths_m[0], self.depths_m[-1]
-
-    @property
-    def finest(self) -> Preset:
-        """The preset that its limit is found from."""
-        return Preset.REFERENCE if self.effort is Effort.LONGEST else Preset.ACCURATE
 
     @property
     def settings(self) -> tuple[Setting, ...]:

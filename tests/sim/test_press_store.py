@@ -13,7 +13,6 @@ from sim.accuracy.press_store import PressStore
 from sim.indenter import Sphere
 from sim.pad import BoxPad
 from sim.scene import Material, Preset, Scene, Target
-from sim.settings import Setting
 
 _SCENE = Scene(
     pad=BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=4e-3),
@@ -40,14 +39,3 @@ def test_a_press_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for scene, depth in ((replace(_SCENE, refinement=0.6), 1e-4), (_SCENE, 2e-4)):
         PressStore(folder=tmp_path).pressed_path(scene, [depth])
     assert len(made) == 3
-
-
-def test_errors_at_small_strains_are_kept_too(tmp_path: Path) -> None:
-    """They are the same when read again, and asked for anew where one is missing."""
-    store = PressStore(folder=tmp_path)
-    fast, coarse = Setting(Preset.FAST), Setting(Preset.FAST, 0.7)
-    first = store.small_strain_errors(_SCENE, [fast], 1e-4)
-    assert store.small_strain_errors(_SCENE, [fast], 1e-4) == first
-    more = store.small_strain_errors(_SCENE, [fast, coarse], 1e-4)
-    assert more[fast] == pytest.approx(first[fast], rel=1e-6)
-    assert more[coarse] > more[fast]

@@ -48,15 +48,15 @@ def test_an_error_of_known_order_is_extrapolated_away(
 
 
 def test_the_scenes_are_held_out_and_each_gets_a_preset() -> None:
-    """Three times ten, of indenters that neither the table nor the other tens have."""
+    """Four times ten, of indenters that neither the table nor the other tens have."""
     sets = [
         {describe(press.scene.indenter) for press in TRAINING},
         *(
             {describe(each.scene.indenter) for each in ten}
-            for ten in (FRESH, JUDGED_BEFORE[:10], JUDGED_BEFORE[10:])
+            for ten in (FRESH, JUDGED_BEFORE[:10], JUDGED_BEFORE[10:20], JUDGED_BEFORE[20:])
         ),
     ]
-    assert (len(FRESH), len(JUDGED_BEFORE)) == (10, 20)
+    assert (len(FRESH), len(JUDGED_BEFORE)) == (10, 30)
     assert not any(one & other for one, other in combinations(sets, 2))
     loose = [each for each in FRESH if each.tolerance.relative == 0.06]
     for each in loose:
