@@ -168,7 +168,7 @@ def measure(
     *,
     on_progress: Callable[[str], None] = lambda _text: None,
 ) -> list[Settled]:
-    """Settle every promise; ten take half an hour on one core.
+    """Settle every promise; ten take a quarter of an hour on one core.
 
     Raises:
         RigError: A press does not go through.

@@ -1,7 +1,9 @@
 """Scenes and tolerances on which the choice of settings is judged; it never saw them.
 
-``FRESH`` decides. ``JUDGED_BEFORE`` were, and what they gave led to another method: none of their
-numbers is in the table, but they are no longer unseen. Every ten have the same tolerances.
+``FRESH`` decides. ``JUDGED_BEFORE`` were, and what they gave led to another method or was looked at
+while it was made: none of their numbers is in the table, but they are no longer unseen.
+``JUDGED_LAST`` are the ten of them that were fresh before ``FRESH``. Every ten have the same
+tolerances.
 """
 
 from __future__ import annotations
@@ -235,6 +237,7 @@ _THIRD = (
 )
 
 JUDGED_BEFORE = (*_FIRST, *_SECOND, *_THIRD)
+JUDGED_LAST = _THIRD
 
 _FRESH_DISC = DiscPad(radius_m=10.8e-3, height_m=4.8e-3)
 _FRESH_BOX = BoxPad(size_x_m=19.5e-3, size_y_m=21.5e-3, height_m=3.3e-3)

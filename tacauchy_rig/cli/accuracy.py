@@ -22,7 +22,7 @@ from sim.accuracy.configurations import (
 )
 from sim.accuracy.preset_errors import measure_preset_errors
 from sim.accuracy.press_store import PressStore
-from sim.accuracy.promise_scenes import FRESH, JUDGED_BEFORE
+from sim.accuracy.promise_scenes import FRESH, JUDGED_LAST
 from sim.accuracy.study import Row, Study, error_bar, study
 from sim.accuracy.tables import study_section
 from sim.elements import ElementOrder
@@ -41,9 +41,10 @@ from tacauchy_rig.cli.versions import versions
 _PROMISES = {
     PROMISES: (FRESH, promises.TITLE, ""),
     OLD_PROMISES: (
-        JUDGED_BEFORE,
+        JUDGED_LAST,
         f"{promises.TITLE}, on scenes that were judged before",
-        " Other tables were judged on them before this one was made: the other ten decide.",
+        " Another method was judged on them, and they were looked at while this one was made: the "
+        "other ten decide.",
     ),
 }
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -68,7 +69,7 @@ def accuracy(
     full: Annotated[bool, typer.Option("--full", help="Measure many more settings.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Other meshes of the same sizes.")] = 0,
     promise: Annotated[
-        bool, typer.Option("--promise", help="Judge --tolerance on thirty scenes instead.")
+        bool, typer.Option("--promise", help="Judge --tolerance on twenty scenes instead.")
     ] = False,
     presets: Annotated[
         Path | None,

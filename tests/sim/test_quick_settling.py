@@ -14,8 +14,8 @@ from sim.loading import LoadingPath
 from sim.model import Model
 from sim.newton import NewtonOptions
 from sim.pad import DiscPad
-from sim.presets import build_model
-from sim.press import path_for
+from sim.presets import LIGHT, build_model, light_resolution
+from sim.press import keeps_factors, path_for
 from sim.quick_forces import QuickForces
 from sim.scene import ContactMode, Material, Motion, Preset, Scene, Target
 
@@ -58,6 +58,40 @@ def test_it_finds_what_newton_finds_with_fewer_factors(indenter: Indenter) -> No
     assert found is not None
     assert 0 < found.factorisations <= 2 * len(DEPTHS)
     assert found.evaluations < 40 * len(DEPTHS)
+
+
+@pytest.mark.parametrize("indenter", [PUNCH, BALL])
+def test_finer_presets_find_what_newton_finds(indenter: Indenter) -> None:
+    """To a residual of 1e-8 and with a narrow barrier the forces are alike to 1e-7."""
+    scene = replace(SCENE, indenter=indenter, preset=Preset.BALANCED, refinement=0.5)
+    quick = path_for(scene, plan_effects(scene))
+    exact = LoadingPath(quick.model, indenter)
+    for depth in (0.2e-3, 0.4e-3):
+        one, other = (path.advance(depth) for path in (quick, exact))
+        assert one.force_n[2] == pytest.approx(other.force_n[2], rel=1e-7)
+        assert one.equilibrium.residual_n <= 1e-8 * one.force_n[2]
+    assert quick.quick is not None
+    assert quick.quick.factorisations < exact.counts.newton_iterations
+
+
+def test_the_papers_preset_is_left_to_newton() -> None:
+    """Its linear element and its barrier are the paper's, and so is its method."""
+    paper = replace(SCENE, preset=Preset.PAPER)
+    assert paper.is_smooth
+    assert not keeps_factors(paper, build_model(SCENE))
+
+
+@pytest.mark.parametrize(
+    ("refinement", "count"), [(0.62, 8), (0.9, 12), (1.0, 16), (1.8, 16), (2.2, 20), (3.3, 24)]
+)
+def test_the_sectors_of_a_light_mesh_become_more_with_the_root(
+    refinement: float, count: int
+) -> None:
+    """Its edges in the section are what is refined; preset fast is as it is."""
+    found = light_resolution(refinement)
+    assert found.sector_count == count
+    assert found.smooth_share == pytest.approx(LIGHT.smooth_share / refinement)
+    assert light_resolution(1.0) == LIGHT
 
 
 def test_a_load_is_met(model: Model) -> None:
