@@ -43,8 +43,7 @@ _PROMISES = {
     OLD_PROMISES: (
         JUDGED_LAST,
         f"{promises.TITLE}, on scenes that were judged before",
-        " Another method was judged on them, and they were looked at while this one was made: the "
-        "other ten decide.",
+        " They were looked at while the method was made: the other ten decide.",
     ),
 }
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
