@@ -55,7 +55,7 @@ class BatchRenderer:
         device: Warp's name of the device, such as ``cuda:0``; None takes its default.
 
     Raises:
-        ConfigError: A shape is wrong, the model's degree is above 7, or it has lamps and creases.
+        ConfigError: A shape is wrong, or the model's degree is above 7.
     """
 
     def __init__(

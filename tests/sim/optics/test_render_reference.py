@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from sim.optics.geometry import CameraGeometry
+from sim.optics.nominal import Lamp
 from sim.optics.photometric import PhotometricModel, normalised_positions
 from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer
 from sim.optics.shading_terms import NearLamp, ShadingTerms
+from sim.optics.shadow import ShadowCaster
+from sim.optics.tilt import surface_tilt
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
 
 _TERMS = ShadingTerms(
@@ -22,6 +25,17 @@ _TERMS = ShadingTerms(
     softness=0.1,
     aspect=0.75,
     crease_limit=3e3,
+)
+_SHADOWS = ShadowCaster(
+    lamps=[
+        Lamp(azimuth_rad=azimuth, elevation_rad=0.25, colour=colour)
+        for azimuth, colour in (
+            (-1.57, (80.0, 9.0, 0.0)),
+            (0.5, (0.0, 80.0, 0.0)),
+            (2.7, (9.0, 0.0, 80.0)),
+        )
+    ],
+    softness_m=8e-5,
 )
 _LOW = polynomial_exponents(tilt_degree=2, position_degree=4, indentation_degree=2)
 
@@ -55,6 +69,7 @@ def _plain_change(
     model: PhotometricModel,
     geometry: CameraGeometry,
     samples: int,
+    shadows: ShadowCaster | None,
 ) -> np.ndarray:
     """Return the mean change of every sample's colour, in double precision."""
     fine = geometry.refined(samples)
@@ -66,15 +81,25 @@ def _plain_change(
     places = places.repeat(samples, axis=1).repeat(samples, axis=2)
     tilt = np.stack([p.ravel(), q.ravel()])
     change = model.evaluate(tilt, places.reshape(2, -1), (rest - height).ravel(), bend.ravel())
+    if shadows is not None:
+        dark = shadows.darkening(rest - height, surface_tilt(height, fine), fine)
+        change = change + dark.reshape(3, -1)
     split = change.reshape(3, geometry.height, samples, geometry.width, samples)
     return split.mean(axis=(2, 4)).transpose(1, 2, 0)
 
 
 @pytest.mark.parametrize(("width", "height"), [(128, 96), (83, 61), (15, 20)])
 @pytest.mark.parametrize("samples", [1, 2, 3])
-@pytest.mark.parametrize(("exponents", "terms"), [(BALL_EXPONENTS, _TERMS), (_LOW, None)])
+@pytest.mark.parametrize(
+    ("exponents", "terms", "shadows"), [(BALL_EXPONENTS, _TERMS, _SHADOWS), (_LOW, None, None)]
+)
 def test_image_is_that_of_the_formula(
-    width: int, height: int, samples: int, exponents: np.ndarray, terms: ShadingTerms | None
+    width: int,
+    height: int,
+    samples: int,
+    exponents: np.ndarray,
+    terms: ShadingTerms | None,
+    shadows: ShadowCaster | None,
 ) -> None:
     """Level, bent and steep pixels, borders too, agree with every sample's colour to one level."""
     geometry, model = _camera(width, height), _model(exponents, terms)
@@ -85,11 +110,13 @@ def test_image_is_that_of_the_formula(
     )
     loaded = rest - (APEX_M - press)
     background = np.random.default_rng(5).integers(80, 170, (height, width, 3)).astype(np.uint8)
-    change = _plain_change(loaded, rest, model, geometry, samples)
-    change -= _plain_change(rest, rest, model, geometry, samples)
+    change = _plain_change(loaded, rest, model, geometry, samples, shadows)
+    change -= _plain_change(rest, rest, model, geometry, samples, shadows)
     blurred = cv2.GaussianBlur(change, (0, 0), 0.75, borderType=cv2.BORDER_REFLECT_101)
     expected = np.clip(np.floor(background + blurred + 0.5), 0, 255)
-    renderer = TactileRenderer(background, rest, model, geometry, samples=samples, blur_px=0.75)
+    renderer = TactileRenderer(
+        background, rest, model, geometry, shadows=shadows, samples=samples, blur_px=0.75
+    )
     image = renderer.render(loaded)
     apart = np.abs(image.astype(int) - expected)
     assert apart.max() <= 1
