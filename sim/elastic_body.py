@@ -88,6 +88,14 @@ class ElasticBody:
         kernel = element_gradient_kernel(self._law, self._reference.order)
         return self._device.record(kernel, self._shape[:1], [nodes, *model, positions], [out])
 
+    def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
+        """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
+        energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
+        launch = self._device.record(
+            self._kernels.energy, self._shape, [*self._arrays, positions], [energies, ratios]
+        )
+        return on_host(ratios), launch
+
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         shape = (*self._shape, self._reference.node_count)

@@ -18,7 +18,7 @@ import warp as wp
 
 from sim.elements import ElementOrder, ReferenceElement, reference_element
 from sim.laws.tangent import Law
-from sim.warp_start import start_warp
+from sim.warp_start import CPU_FLAGS, start_warp
 
 start_warp()
 
@@ -43,7 +43,9 @@ def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
     gradients, node_count = shape_gradients(reference), reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(
+        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
+    )
     def element_gradient(
         # Model:
         nodes: wp.array2d(dtype=wp.int32),

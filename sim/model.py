@@ -99,6 +99,10 @@ class Model:
         """Return a launch that adds the elastic gradient [N] at positions [m] on the device."""
         return self._gel.recorded_gradient(positions, out)
 
+    def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
+        """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
+        return self._gel.recorded_ratios(positions)
+
     def recorded_push(
         self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
     ) -> Any:

@@ -36,6 +36,7 @@ class QuickForces:
         push, gap = cpu.zeros(1, wp.vec3d), cpu.zeros(1, wp.float64)
         self._at, self.elastic, self._contact = (a.numpy() for a in (positions, elastic, contact))
         self.push, self.gap = push.numpy()[0], gap.numpy()
+        self._ratios, self._find_ratios = model.recorded_ratios(positions)
         self._launches = (
             model.recorded_gradient(positions, elastic),
             model.recorded_push(positions, [contact, push, gap], indenter, extension=extension),
@@ -55,3 +56,8 @@ class QuickForces:
         gel.launch()
         contact.launch()
         return np.asarray(self.elastic + self._contact)
+
+    def smallest_ratio(self) -> float:
+        """Return the smallest volume ratio of the state that was evaluated last."""
+        self._find_ratios.launch()
+        return float(self._ratios.min())

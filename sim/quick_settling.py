@@ -179,7 +179,7 @@ class QuickSettling:
         self.factorisations += 1
 
     def _equilibrium(self, state: State, gradient: FloatArray, steps: int) -> Equilibrium | None:
-        _, ratio = self.model.elastic_energy(state.positions)
+        ratio = self._forces.smallest_ratio()
         if not (self._forces.gap[0] > 0.0 and ratio > 0.0):
             return None
         return Equilibrium(
@@ -230,7 +230,7 @@ class _Factor:
         self._model, self._indenter, self._potentials = model, indenter, potentials
         self.solver: LinearSolver = rough_solver(model.pattern)
         self._border = self._along = np.zeros(0)
-        self._corner = 0.0
+        self._contact_n_m, self._corner = np.zeros(0), 0.0
 
     def renew(self, state: State) -> None:
         """Take another state's stiffness, made semidefinite where it is not."""
@@ -249,6 +249,8 @@ class _Factor:
         if held:
             return self.solver.solve(right)
         if not self._along.size:
+            pushed = self._model.scatter(-self._contact_n_m[..., 2])
+            self._border = self._model.pattern.unknowns(pushed)
             self._along = self.solver.solve(self._border)
             self._corner -= float(self._border @ self._along)
         nodes = self.solver.solve(right[:-1])
@@ -262,5 +264,5 @@ class _Factor:
         for potential in self._potentials:
             data[model.pattern.indptr[:-1]] += model.pattern.unknowns(potential.diagonal())
         self.solver.factorise(data)
-        self._border = model.pattern.unknowns(model.scatter(-contact.stiffness[..., 2]))
-        self._along, self._corner = np.zeros(0), float(contact.stiffness[..., 2, 2].sum())
+        self._along, self._contact_n_m = np.zeros(0), contact.stiffness
+        self._corner = float(contact.stiffness[..., 2, 2].sum())

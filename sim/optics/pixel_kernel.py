@@ -24,11 +24,11 @@ ROOM_ROWS = 2
 Block = wp.types.vector(length=LANES, dtype=wp.float32)
 ByteBlock = wp.types.vector(length=LANES, dtype=wp.uint8)
 # Warp's own flags keep the compiler from putting a whole block into an instruction.
-CPU_FLAGS = (
+BLOCK_FLAGS = (
     "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
     " -mllvm=-slp-recursion-max-depth=12"
 )
-wp.set_module_options({"cpu_compiler_flags": CPU_FLAGS})
+wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
 
 @wp.struct

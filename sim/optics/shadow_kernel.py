@@ -8,9 +8,9 @@ from __future__ import annotations
 import warp as wp
 
 from sim.optics.horizon import NOTHING_M
-from sim.optics.pixel_kernel import CPU_FLAGS, LANES, Band, Block, place_of
+from sim.optics.pixel_kernel import BLOCK_FLAGS, LANES, Band, Block, place_of
 
-wp.set_module_options({"cpu_compiler_flags": CPU_FLAGS})
+wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
 
 @wp.struct
