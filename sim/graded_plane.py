@@ -6,6 +6,7 @@ of both sides, and a convex layer's Delaunay triangulation contains its outline,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,6 +29,8 @@ class Grading:
         size_m: Edge length on the stretch [m].
         growth: Edge length gained per length of distance from it, plus one.
         size_max_m: Largest edge length [m].
+        near_max_m: Largest edge length up to the radius ``near_m`` [m], at every height; farther
+            out it may be longer by the distance from there.
     """
 
     start_m: float
@@ -35,13 +38,16 @@ class Grading:
     size_m: float
     growth: float = 1.6
     size_max_m: float = 2.5e-3
+    near_max_m: float = math.inf
+    near_m: float = 0.0
 
     def size_at(self, points: FloatArray, height_m: float) -> FloatArray:
         """Return the target edge length at points [count, 2]."""
         nearest = np.clip(points[:, 0], self.start_m, self.end_m)
         distance = np.hypot(points[:, 0] - nearest, points[:, 1] - height_m)
         size = self.size_m + (self.growth - 1.0) / self.growth * distance
-        return np.asarray(np.minimum(size, self.size_max_m))
+        near_max = self.near_max_m + np.maximum(points[:, 0] - self.near_m, 0.0)
+        return np.asarray(np.minimum(size, np.minimum(near_max, self.size_max_m)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

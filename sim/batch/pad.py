@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from sim.effects import plan_effects
 from sim.model import Model
-from sim.presets import LIGHT, build_model, mesh_for
+from sim.presets import BATCH, build_model, mesh_for
 from sim.scene import Effect, Scene
 
 # A barrier of 1 % of the height makes F_z 1 % too large and halves Newton's iterations.
@@ -30,5 +30,5 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
         barrier_m=BARRIER_SHARE * scene.pad.height_m,
         effects=((Effect.FINITE_STRAIN, True), (Effect.LOCKING_FREE_ELEMENT, True)),
     )
-    mesh = mesh_for(scene, folded=symmetric, refinement=refinement, resolution=LIGHT)
+    mesh = mesh_for(scene, folded=symmetric, refinement=refinement, resolution=BATCH)
     return build_model(scene, plan=plan_effects(scene), mesh=mesh)

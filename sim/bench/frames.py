@@ -15,6 +15,8 @@ from sim.settings import FAST, Setting
 TRAVEL_M = 1e-3
 FRAME_COUNT = 20
 FORCE_ERROR_MAX = 0.03
+# Preset accurate, which F_z is compared with, may itself be 1 % above the limit of fine meshes.
+CLOSE = 0.02
 # Tried one after the other until F_z is close enough.
 SETTINGS = (FAST, *(Setting(Preset.FAST, k) for k in (1.2, 1.4, 1.7)), Setting(Preset.BALANCED))
 _REPEATS = 3
@@ -61,7 +63,7 @@ class FrameRow:
 def travels(
     scene: Scene, *, exact_n: float, settings: Sequence[Setting] = SETTINGS
 ) -> Iterator[FrameRow]:
-    """Travel with one setting after the other, until F_z is within 3 %.
+    """Travel with one setting after the other, until F_z is within 2 %.
 
     Args:
         exact_n: F_z that it is compared with [N].
@@ -72,7 +74,7 @@ def travels(
     for setting in settings:
         row = travel(scene, setting, exact_n=exact_n)
         yield row
-        if abs(row.force_error) <= FORCE_ERROR_MAX:
+        if abs(row.force_error) <= CLOSE:
             return
 
 
