@@ -13,8 +13,15 @@ from sim.optics.ball_press import BallPress, Circle, check_sizes
 from sim.optics.lamp_fit import fit_terms
 from sim.optics.no_contact import averaged_no_contact
 from sim.optics.photometric import PhotometricModel
-from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.photometric_fit import (
+    BALL_EXPONENTS,
+    PhotometricSamples,
+    fit_photometric,
+    joined,
+)
 from sim.optics.press_scene import PressScene
+from sim.optics.response import LINEAR, Response
+from sim.optics.response_fit import fit_response
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -81,21 +88,22 @@ def _fit(
     exponents: IntArray,
     known: PhotometricModel | None,
 ) -> PhotometricModel:
-    parts = [
-        scene.samples(press, circle, light, known)
-        for press, circle, light in zip(presses, circles, lights, strict=True)
-    ]
-    samples = PhotometricSamples(
-        tilt=np.concatenate([part.tilt for part in parts], axis=1),
-        position=np.concatenate([part.position for part in parts], axis=1),
-        indentation_m=np.concatenate([part.indentation_m for part in parts]),
-        change=np.concatenate([part.change for part in parts]),
-        counts=np.concatenate([part.counts for part in parts]),
-        curvature=np.concatenate([part.curvature for part in parts if part.curvature is not None]),
-        rest_tilt=None
-        if scene.rest_slope is None
-        else np.concatenate([p.rest_tilt for p in parts if p.rest_tilt is not None], axis=1),
-    )
+    def samples_of(response: Response, model: PhotometricModel | None = None) -> PhotometricSamples:
+        return joined(
+            [
+                scene.samples(press, circle, light, model, response=response)
+                for press, circle, light in zip(presses, circles, lights, strict=True)
+            ]
+        )
+
+    response = LINEAR
+    if known is not None:
+        response = fit_response(samples_of, exponents=exponents, terms=known.terms)
+        if response != known.response:  # its light is not comparable: begin anew
+            known = fit_photometric(
+                samples_of(response), exponents=exponents, terms=known.terms, response=response
+            )
+    samples = samples_of(response, known)
     terms = None
     if scene.lamp_count:
         terms = fit_terms(
@@ -105,7 +113,7 @@ def _fit(
             pixel_m=scene.geometry.mean_scale_m,
             start=None if known is None else known.terms,
         )
-    model = fit_photometric(samples, exponents=exponents, terms=terms)
+    model = fit_photometric(samples, exponents=exponents, terms=terms, response=response)
     return replace(
         model, provenance={"press_count": len(presses), "pixel_count": len(samples.change)}
     )

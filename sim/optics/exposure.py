@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.optics.response import Response
 
 _DARKEST, _BRIGHTEST = 1, 254
+_TELLING = 251  # of a compressed range the last levels tell less than their noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +42,20 @@ class SeenChange:
     def completed(self, predicted: FloatArray) -> FloatArray:
         """Return the change, as predicted where a clipped pixel allows it, shape [n, 3]."""
         return predicted - self.misfit(predicted)
+
+
+def seen_light(levels: NDArray[np.uint8], expected: FloatArray, response: Response) -> SeenChange:
+    """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
+    top = _TELLING if response.bends else _BRIGHTEST
+    light = response.light(np.minimum(levels, top).astype(np.float64))
+    return SeenChange(
+        change=light - response.light(expected), over=levels >= top, under=levels <= _DARKEST
+    )
+
+
+def light_weights(levels: NDArray[np.uint8], response: Response) -> FloatArray:
+    """Return grey levels per unit of light of pixels, shape [n, 3]."""
+    return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
 
 
 def seen_change(levels: NDArray[np.uint8], expected: FloatArray) -> SeenChange:

@@ -15,6 +15,7 @@ from sim.arrays import FloatArray
 from sim.optics.pixel_kernel import LANES
 from sim.optics.pixel_planes import PixelLayout, Planes, SampledBand
 from sim.optics.polynomial import RealArray, polynomial_exponents
+from sim.optics.response import LINEAR, Response
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
@@ -34,6 +35,11 @@ class GreyDepthModel:
     depth_m: FloatArray
     change: FloatArray
     provenance: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def response(self) -> Response:
+        """The table has the camera's response in it."""
+        return LINEAR
 
     def evaluate(
         self,

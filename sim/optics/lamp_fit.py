@@ -47,7 +47,7 @@ def fit_terms(
         start: Lamps to begin from; None searches all around.
     """
     limit = 1.0 / pixel_m
-    few = _thinned(samples)
+    few = samples.thinned(max(1, len(samples.change) // _SAMPLES))
     if start is None:
         start = _all_around(lamp_count, aspect, limit, few)
 
@@ -64,20 +64,6 @@ def fit_terms(
         max_nfev=_EVALUATIONS,
     )
     return _terms(found.x, aspect, limit)
-
-
-def _thinned(samples: PhotometricSamples) -> PhotometricSamples:
-    step = max(1, len(samples.change) // _SAMPLES)
-    curvature = samples.curvature
-    return PhotometricSamples(
-        tilt=samples.tilt[:, ::step],
-        position=samples.position[:, ::step],
-        indentation_m=samples.indentation_m[::step],
-        change=samples.change[::step],
-        counts=samples.counts[::step],
-        curvature=None if curvature is None else curvature[::step],
-        rest_tilt=None if samples.rest_tilt is None else samples.rest_tilt[:, ::step],
-    )
 
 
 def _all_around(
@@ -99,9 +85,9 @@ def _left_over(terms: ShadingTerms, samples: PhotometricSamples) -> FloatArray:
     weight = np.sqrt(_RIDGE * count)
     parts = []
     for channel in range(samples.change.shape[1]):
-        counts = samples.counts[:, channel]
-        known = features * counts
-        wanted = samples.change[:, channel] * counts
+        weights = samples.weighed(channel)
+        known = features * weights
+        wanted = samples.change[:, channel] * weights
         normal = known @ known.T + weight**2 * np.eye(unknowns)
         coefficients = np.linalg.solve(normal, known @ wanted)
         parts += [wanted - coefficients @ known, weight * coefficients]

@@ -21,6 +21,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric_pixels import PhotometricPixels
 from sim.optics.pixel_planes import PixelLayout
 from sim.optics.polynomial import RealArray, evaluate_polynomial
+from sim.optics.response import BRIGHTEST, Response
 from sim.optics.shading_terms import ShadingTerms, read_terms
 from sim.optics.tilt import Float32Array, bounded_tilt
 from tacauchy_rig.errors import ConfigError
@@ -33,6 +34,7 @@ class PhotometricModel:
     """Polynomial in tilt (p, q), normalised pixel position (u, v) and indentation w [mm].
 
     colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k w^e_k, with a + b + e >= 1.
+    It is a change of light, in grey levels below the camera's knee; see ``response``.
 
     Attributes:
         exponents: a, b, c, d, e of each term, shape [term_count, 5].
@@ -42,6 +44,7 @@ class PhotometricModel:
         indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
         terms: Lamps and creases, not bounded by the limit of tilt; None has none.
         term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
+        response: How the camera shows light.
         provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
@@ -51,6 +54,7 @@ class PhotometricModel:
     indentation_limit_m: float = math.inf
     terms: ShadingTerms | None = None
     term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    response: Response = field(default_factory=Response)
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,6 +108,7 @@ class PhotometricModel:
             indentation_limit_m=np.array(self.indentation_limit_m),
             terms=np.array(json.dumps(None if self.terms is None else self.terms.as_json())),
             term_coefficients=self.term_coefficients,
+            knee=np.array(self.response.knee),
             provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
         )
 
@@ -127,6 +132,7 @@ def load_photometric(path: Path) -> PhotometricModel:
                 indentation_limit_m=float(data["indentation_limit_m"]),
                 terms=None if terms is None else read_terms(terms),
                 term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
+                response=Response(knee=float(data["knee"]) if "knee" in data else BRIGHTEST),
                 provenance=json.loads(str(data["provenance"])),
             )
     except FileNotFoundError as error:

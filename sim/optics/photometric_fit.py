@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric import PhotometricModel
 from sim.optics.polynomial import monomials, polynomial_exponents
+from sim.optics.response import LINEAR, Response
 from sim.optics.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
@@ -38,6 +39,7 @@ class PhotometricSamples:
         curvature: Divergence of the tilt [1/m], shape [sample_count]; None is not known.
         rest_tilt: Of the unloaded gel, whose colour is in the no-contact frame, shape
             [2, sample_count]; None is level gel.
+        weights: Of each colour in a fit, like ``change``; None is one.
     """
 
     tilt: FloatArray
@@ -47,6 +49,26 @@ class PhotometricSamples:
     counts: NDArray[np.bool_]
     curvature: FloatArray | None = None
     rest_tilt: FloatArray | None = None
+    weights: FloatArray | None = None
+
+    def weighed(self, channel: int) -> FloatArray:
+        """Return each sample's weight in the fit of one colour, zero where it does not count."""
+        counts = self.counts[:, channel].astype(np.float64)
+        return counts if self.weights is None else counts * self.weights[:, channel]
+
+    def thinned(self, step: int) -> PhotometricSamples:
+        """Return every ``step``-th sample."""
+        curvature, rest, weights = self.curvature, self.rest_tilt, self.weights
+        return PhotometricSamples(
+            tilt=self.tilt[:, ::step],
+            position=self.position[:, ::step],
+            indentation_m=self.indentation_m[::step],
+            change=self.change[::step],
+            counts=self.counts[::step],
+            curvature=None if curvature is None else curvature[::step],
+            rest_tilt=None if rest is None else rest[:, ::step],
+            weights=None if weights is None else weights[::step],
+        )
 
     def features(self, exponents: IntArray, terms: ShadingTerms | None) -> FloatArray:
         """Return what the model is linear in, shape [exponent_count + term_count, sample_count]."""
@@ -71,12 +93,32 @@ class PhotometricSamples:
         return np.asarray(found, dtype=np.float64)
 
 
+def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
+    """Return the samples of several presses as one; what one of them lacks, all lack."""
+
+    def along(axis: int, values: list[FloatArray | None]) -> FloatArray | None:
+        known = [value for value in values if value is not None]
+        return np.concatenate(known, axis=axis) if len(known) == len(parts) else None
+
+    return PhotometricSamples(
+        tilt=np.concatenate([part.tilt for part in parts], axis=1),
+        position=np.concatenate([part.position for part in parts], axis=1),
+        indentation_m=np.concatenate([part.indentation_m for part in parts]),
+        change=np.concatenate([part.change for part in parts]),
+        counts=np.concatenate([part.counts for part in parts]),
+        curvature=along(0, [part.curvature for part in parts]),
+        rest_tilt=along(1, [part.rest_tilt for part in parts]),
+        weights=along(0, [part.weights for part in parts]),
+    )
+
+
 def fit_photometric(
     samples: PhotometricSamples,
     *,
     exponents: IntArray = BALL_EXPONENTS,
     ridge: float = 1e-5,
     terms: ShadingTerms | None = None,
+    response: Response = LINEAR,
     provenance: Mapping[str, object] | None = None,
 ) -> PhotometricModel:
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
@@ -86,6 +128,7 @@ def fit_photometric(
         exponents: Terms of the model, shape [term_count, 5].
         ridge: Weight on the coefficients' squares, per sample.
         terms: Lamps and creases beside the polynomial.
+        response: Of the camera, through which the samples' colours were taken back to light.
         provenance: Where the samples come from; kept with the model.
 
     Raises:
@@ -100,10 +143,11 @@ def fit_photometric(
         )
     coefficients = np.empty((unknowns, 3))
     for channel in range(3):
-        counts = samples.counts[:, channel]
-        known = features[:, counts]
+        counts, weights = samples.counts[:, channel], samples.weighed(channel)
+        known = features[:, counts] * weights[counts]
+        wanted = samples.change[counts, channel] * weights[counts]
         normal = known @ known.T + ridge * count * np.eye(unknowns)
-        coefficients[:, channel] = np.linalg.solve(normal, known @ samples.change[counts, channel])
+        coefficients[:, channel] = np.linalg.solve(normal, known @ wanted)
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -111,5 +155,6 @@ def fit_photometric(
         term_coefficients=coefficients[len(exponents) :],
         tilt_limit=float(np.hypot(*samples.tilt).max()),
         indentation_limit_m=float(samples.indentation_m.max()),
+        response=response,
         provenance=dict(provenance or {}),
     )

@@ -12,6 +12,7 @@ import warp as wp
 from sim.optics.geometry import ImageArray
 from sim.optics.pixel_kernel import LANES, Block, ByteBlock, expose_rows
 from sim.optics.pixel_planes import CPU, PixelLayout, Planes
+from sim.optics.response import LINEAR, Response
 from sim.optics.tilt import Float32Array
 
 
@@ -23,12 +24,19 @@ class ExposedRows:
         weights: Of a pixel's neighbours, as ``gaussian_weights`` has them.
         change: Red, green and blue [grey levels].
         base: What they are added to [grey levels], shape [3, height, width].
+        response: How the camera shows light.
     """
 
     def __init__(
-        self, layout: PixelLayout, weights: Float32Array, change: Planes, base: Float32Array
+        self,
+        layout: PixelLayout,
+        weights: Float32Array,
+        change: Planes,
+        base: Float32Array,
+        *,
+        response: Response = LINEAR,
     ) -> None:
-        self._layout, self._change = layout, change
+        self._layout, self._change, self._response = layout, change, response
         rows, columns = layout.geometry.height, layout.geometry.width
         shape = (3, rows, layout.blocks * LANES)
         whole = np.zeros(shape, dtype=np.float32)
@@ -53,6 +61,7 @@ class ExposedRows:
                 self._layout.blocks,
                 self._layout.geometry.width,
                 rows.start,
+                self._response.knee,
                 self._weights,
                 self._base,
                 self._change.blocks.reshape((3, -1)),

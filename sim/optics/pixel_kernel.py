@@ -336,11 +336,24 @@ def _reflected(place: int, count: int) -> int:
     return wp.where(place < 0, -place, wp.where(place >= count, 2 * count - 2 - place, place))
 
 
+@wp.func
+def _compressed(levels: Block, knee: wp.float32) -> Block:
+    """Return light as the camera shows it, see ``response``."""
+    shown = Block()
+    room = wp.float32(255.0) - knee
+    for n in range(LANES):
+        shown[n] = levels[n]
+        if levels[n] > knee:
+            shown[n] = knee + room * (wp.float32(1.0) - wp.exp((knee - levels[n]) / room))
+    return shown
+
+
 @wp.kernel(enable_backward=False)
 def expose_rows(
     blocks: wp.int32,
     columns: wp.int32,
     start: wp.int32,
+    knee: wp.float32,
     weights: wp.array(dtype=wp.float32),
     base: wp.array2d(dtype=Block),
     # Data in:
@@ -352,7 +365,7 @@ def expose_rows(
     # Data out:
     image_out: wp.array2d(dtype=ByteBlock),
 ):
-    """Weigh neighbours along columns and rows, add what does not change, and round."""
+    """Weigh neighbours along columns and rows, add what does not change, compress and round."""
     i = wp.tid() + start
     reach = weights.shape[0] / 2
     rows = change.shape[1] / (blocks + 2)
@@ -371,6 +384,8 @@ def expose_rows(
             for d in range(weights.shape[0]):
                 levels += weights[d] * row_shifted[d, 1 + k]
             exposed = ByteBlock()
+            if wp.max(levels) > knee and knee < wp.float32(255.0):
+                levels = _compressed(levels, knee)
             for n in range(LANES):
                 bounded = wp.clamp(levels[n] + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0))
                 exposed[n] = wp.uint8(bounded)

@@ -14,12 +14,13 @@ from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
 from sim.optics.ball_press import BallPress, Circle
-from sim.optics.exposure import SeenChange, seen_change
+from sim.optics.exposure import SeenChange, light_weights, seen_change, seen_light
 from sim.optics.gel_profile import GelProfile
 from sim.optics.geometry import CameraGeometry
 from sim.optics.light import fit_light, light_at, no_light
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import PhotometricSamples
+from sim.optics.response import LINEAR, Response
 
 BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7
@@ -95,6 +96,17 @@ class PressScene:
         self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
     ) -> FloatArray:
         """Return the model's colour change [grey levels] at pixels, shape [n, 3]."""
+        change = self.light_change(model, circle, columns, rows)
+        if not model.response.bends:
+            return change
+        there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+        shown = model.response.levels(model.response.light(there) + change)
+        return np.asarray(shown - model.response.levels(model.response.light(there)))
+
+    def light_change(
+        self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
+    ) -> FloatArray:
+        """Return the model's change of light [grey levels] at pixels, shape [n, 3]."""
         tilt, indentation, curvature = self.surface(circle, columns, rows)
         position = self.normalised(columns, rows)
         change = model.evaluate(tilt, position, indentation, curvature)
@@ -138,7 +150,13 @@ class PressScene:
         return rows.ravel(), columns.ravel()
 
     def samples(
-        self, press: BallPress, circle: Circle, light: FloatArray, model: PhotometricModel | None
+        self,
+        press: BallPress,
+        circle: Circle,
+        light: FloatArray,
+        model: PhotometricModel | None,
+        *,
+        response: Response = LINEAR,
     ) -> PhotometricSamples:
         """Return the press's pixels for a fit.
 
@@ -148,14 +166,16 @@ class PressScene:
             light: Its light, shape [3, 3].
             model: Stands in for pixels that are too bright or too dark for the camera; without
                 one they do not count.
+            response: Of the camera.
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
         tilt, indentation, curvature = self.surface(circle, x, y)
-        seen = self._seen(press, rows, columns, light)
+        levels = press.image[rows, columns]
+        seen = seen_light(levels, self._expected(rows, columns, light), response)
         change, counts = seen.change, seen.exposed
         if model is not None:
-            change = seen.completed(self.predict(model, circle, x, y))
+            change = seen.completed(self.light_change(model, circle, x, y))
             counts = np.ones_like(counts)
         return PhotometricSamples(
             tilt=tilt,
@@ -165,7 +185,14 @@ class PressScene:
             counts=counts,
             curvature=curvature,
             rest_tilt=self.rest_tilt(x, y),
+            weights=light_weights(levels, response) if response.bends else None,
         )
+
+    def _expected(
+        self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray
+    ) -> FloatArray:
+        position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
+        return np.asarray(self.background[rows, columns] + light_at(light, position))
 
     def _seen(
         self,
@@ -174,9 +201,7 @@ class PressScene:
         columns: NDArray[np.intp],
         light: FloatArray,
     ) -> SeenChange:
-        position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
-        expected = self.background[rows, columns] + light_at(light, position)
-        return seen_change(press.image[rows, columns], expected)
+        return seen_change(press.image[rows, columns], self._expected(rows, columns, light))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.

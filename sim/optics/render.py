@@ -16,6 +16,7 @@ from sim.optics.pixel_exposure import ExposedRows
 from sim.optics.pixel_kernel import LANES
 from sim.optics.pixel_planes import PixelLayout, Planes, SampleBuffers, SampledBand
 from sim.optics.polynomial import RealArray
+from sim.optics.response import Response
 from sim.optics.shadow import ShadowCaster
 from sim.optics.shadow_planes import ShadowPlanes
 from sim.optics.tilt import Float32Array
@@ -35,7 +36,12 @@ class PixelColours(Protocol):
 
 
 class ColourModel(Protocol):
-    """Change of colour that a surface brings."""
+    """Change of light that a surface brings, and the camera that sees it."""
+
+    @property
+    def response(self) -> Response:
+        """How the camera shows light."""
+        ...
 
     def evaluate(
         self,
@@ -112,13 +118,16 @@ class TactileRenderer:
         self._find_change(rest_height)
         weights = gaussian_weights(blur_px)
         change = blurred(self._pixels_of(self._change), weights)
-        self._base = background.astype(np.float32).transpose(2, 0, 1) - change
-        self._exposed = ExposedRows(layout, weights, self._change, self._base)
+        light = model.response.light(background.astype(np.float32))
+        self._base = light.transpose(2, 0, 1) - change
+        self._exposed = ExposedRows(
+            layout, weights, self._change, self._base, response=model.response
+        )
         self._expose = [self._exposed.of(band.rows) for band in self._bands]
 
     @property
     def base(self) -> Float32Array:
-        """No-contact frame less the unloaded gel's colour [grey levels], [3, height, width]."""
+        """No-contact frame's light less the unloaded gel's [grey levels], [3, height, width]."""
         return self._base
 
     def render(self, height: NDArray[np.floating]) -> ImageArray:

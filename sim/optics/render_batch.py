@@ -98,7 +98,11 @@ class BatchRenderer:
         weights = self._array(gaussian_weights(blur_px), wp.float32)
         base = single.base.transpose(1, 2, 0)
         self._across = [weights]
-        self._exposure = [weights, self._array(base.astype(np.float32), wp.vec3f)]
+        self._exposure = [
+            weights,
+            self._array(base.astype(np.float32), wp.vec3f),
+            float(model.response.knee),
+        ]
         self._lamps: list[_LampOnDevice] = []
         if shadows is not None:
             self._lamps = [self._lamp(lamp, shadows.softness_m, fine) for lamp in shadows.lamps]

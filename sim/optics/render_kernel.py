@@ -268,17 +268,22 @@ def blur_across(
 def expose_pixels(
     weights: wp.array(dtype=wp.float32),
     base: wp.array2d(dtype=wp.vec3f),
+    knee: wp.float32,
     # Data in:
     change: wp.array3d(dtype=wp.vec3f),
     # Data out:
     image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """Weigh neighbours along columns, add what does not change, and round."""
+    """Weigh neighbours along columns, add what does not change, compress and round."""
     b, i, j = wp.tid()
     middle = weights.shape[0] / 2
     level = base[i, j]
     for k in range(weights.shape[0]):
         level += weights[k] * change[b, _reflected(i + k - middle, change.shape[1]), j]
     for channel in range(3):
-        bounded = wp.clamp(level[channel] + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0))
+        shown = level[channel]
+        room = wp.float32(255.0) - knee
+        if shown > knee and room > wp.float32(0.0):
+            shown = knee + room * (wp.float32(1.0) - wp.exp((knee - shown) / room))
+        bounded = wp.clamp(shown + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0))
         image_out[b, i, j, channel] = wp.uint8(bounded)

@@ -51,6 +51,7 @@ def presses(
     click_px: float = 0.0,
     light: float = 0.0,
     seed: int = 0,
+    model: PhotometricModel | None = None,
 ) -> tuple[list[BallPress], list[Circle], np.ndarray]:
     """Render presses at random places.
 
@@ -60,12 +61,13 @@ def presses(
         click_px: Standard deviation of the labels' error in x, y and radius [px].
         light: Standard deviation of each frame's colour offset [grey levels].
         seed: Of the random numbers.
+        model: Colours them; ``true_model`` if None.
 
     Returns:
         The presses as labelled, the true circles, and the true light offsets [count, 3].
     """
     rng = np.random.default_rng(seed)
-    scene, model = press_scene(), true_model()
+    scene, colours = press_scene(), model or true_model()
     rows, columns = (grid.ravel().astype(float) for grid in np.mgrid[:HEIGHT, :WIDTH])
     labelled, circles = [], []
     offsets = rng.normal(0.0, 1.0, (count, 3)) * light
@@ -73,7 +75,7 @@ def presses(
         circle = Circle(
             x_px=rng.uniform(60, 120), y_px=rng.uniform(60, 90), radius_px=rng.uniform(14, 20)
         )
-        change = scene.predict(model, circle, columns, rows).reshape(HEIGHT, WIDTH, 3)
+        change = scene.predict(colours, circle, columns, rows).reshape(HEIGHT, WIDTH, 3)
         image = scene.background + change + offsets[i] + rng.normal(0, noise, change.shape)
         error = rng.normal(0.0, 1.0, 3) * click_px
         label = Circle(

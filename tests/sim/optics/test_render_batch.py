@@ -13,6 +13,7 @@ from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer
 from sim.optics.render_batch import BatchRenderer
+from sim.optics.response import LINEAR, Response
 from sim.optics.shading_terms import NearLamp, ShadingTerms
 from sim.optics.shadow import ShadowCaster
 from tacauchy_rig.errors import ConfigError
@@ -50,6 +51,7 @@ def test_batch_gives_the_single_images(
         indentation_limit_m=6e-4,
         terms=terms,
         term_coefficients=rng.normal(0.0, 25.0, (0 if terms is None else terms.count, 3)),
+        response=LINEAR if terms is None else Response(knee=170.0),
     )
     background = rng.integers(80, 170, (96, 128, 3)).astype(np.uint8)
     x, y = camera().refined(samples).pad_grid()
