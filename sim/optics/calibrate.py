@@ -15,6 +15,8 @@ from sim.optics.no_contact import averaged_no_contact
 from sim.optics.photometric import PhotometricModel
 from sim.optics.photometric_fit import (
     BALL_EXPONENTS,
+    REFERENCE,
+    RIDGE,
     PhotometricSamples,
     fit_photometric,
     joined,
@@ -22,6 +24,7 @@ from sim.optics.photometric_fit import (
 from sim.optics.press_scene import PressScene
 from sim.optics.response import LINEAR, Response
 from sim.optics.response_fit import fit_response
+from sim.optics.ridge_fit import fit_ridge
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -88,22 +91,28 @@ def _fit(
     exponents: IntArray,
     known: PhotometricModel | None,
 ) -> PhotometricModel:
-    def samples_of(response: Response, model: PhotometricModel | None = None) -> PhotometricSamples:
-        return joined(
-            [
-                scene.samples(press, circle, light, model, response=response)
-                for press, circle, light in zip(presses, circles, lights, strict=True)
-            ]
-        )
+    def parts_of(response: Response, model: PhotometricModel | None) -> list[PhotometricSamples]:
+        return [
+            scene.samples(press, circle, light, model, response=response)
+            for press, circle, light in zip(presses, circles, lights, strict=True)
+        ]
+
+    def samples_of(response: Response) -> PhotometricSamples:
+        return joined(parts_of(response, None))
 
     response = LINEAR
     if known is not None:
         response = fit_response(samples_of, exponents=exponents, terms=known.terms)
         if response != known.response:  # its light is not comparable: begin anew
             known = fit_photometric(
-                samples_of(response), exponents=exponents, terms=known.terms, response=response
+                samples_of(response),
+                exponents=exponents,
+                terms=known.terms,
+                response=response,
+                reference=REFERENCE,
             )
-    samples = samples_of(response, known)
+    parts = parts_of(response, known)
+    samples = joined(parts)
     terms = None
     if scene.lamp_count:
         terms = fit_terms(
@@ -113,7 +122,14 @@ def _fit(
             pixel_m=scene.geometry.mean_scale_m,
             start=None if known is None else known.terms,
         )
-    model = fit_photometric(samples, exponents=exponents, terms=terms, response=response)
-    return replace(
-        model, provenance={"press_count": len(presses), "pixel_count": len(samples.change)}
+    ridge = RIDGE if known is None else fit_ridge(parts, exponents=exponents, terms=terms)
+    model = fit_photometric(
+        samples,
+        exponents=exponents,
+        ridge=ridge,
+        terms=terms,
+        response=response,
+        reference=REFERENCE,
     )
+    counted = {"press_count": len(presses), "pixel_count": len(samples.change), "ridge": ridge}
+    return replace(model, provenance=counted)

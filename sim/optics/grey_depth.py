@@ -41,6 +41,10 @@ class GreyDepthModel:
         """The table has the camera's response in it."""
         return LINEAR
 
+    def gain(self, light: RealArray) -> None:
+        """Return None: the change is the same over any no-contact frame."""
+        del light
+
     def evaluate(
         self,
         tilt: RealArray,

@@ -21,7 +21,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.optics.photometric_pixels import PhotometricPixels
 from sim.optics.pixel_planes import PixelLayout
 from sim.optics.polynomial import RealArray, evaluate_polynomial
-from sim.optics.response import BRIGHTEST, Response
+from sim.optics.response import BRIGHTEST, LINEAR, Response
 from sim.optics.shading_terms import ShadingTerms, read_terms
 from sim.optics.tilt import Float32Array, bounded_tilt
 from tacauchy_rig.errors import ConfigError
@@ -45,6 +45,9 @@ class PhotometricModel:
         terms: Lamps and creases, not bounded by the limit of tilt; None has none.
         term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
         response: How the camera shows light.
+        reference: Grey level of a no-contact frame to which the change holds; where the frame is
+            brighter or darker, the change of light is so too, as paint and lamps shade both alike.
+            None adds the same everywhere.
         provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
@@ -54,7 +57,8 @@ class PhotometricModel:
     indentation_limit_m: float = math.inf
     terms: ShadingTerms | None = None
     term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    response: Response = field(default_factory=Response)
+    response: Response = LINEAR
+    reference: float | None = None
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -93,6 +97,23 @@ class PhotometricModel:
             change += self.term_coefficients.T.astype(tilt.dtype) @ values
         return change
 
+    def gain(self, light: RealArray) -> RealArray | None:
+        """Return what the change is multiplied by over a no-contact frame; None is 1.
+
+        Args:
+            light: Of the no-contact frame [grey levels], any shape.
+        """
+        if self.reference is None:
+            return None
+        kind = light.dtype.type
+        return np.asarray(np.maximum(light, kind(1.0)) * kind(1.0 / self.reference))
+
+    def shown(self, change: RealArray, background: RealArray) -> RealArray:
+        """Return the grey levels of a change over a no-contact frame, both of one shape."""
+        light = self.response.light(background)
+        gain = self.gain(light)
+        return self.response.levels(light + (change if gain is None else gain * change))
+
     def of_pixels(self, position: RealArray, layout: PixelLayout) -> PhotometricPixels:
         """Return it made ready for the pixels of an image; arguments as there."""
         return PhotometricPixels(self, position, layout)
@@ -109,6 +130,7 @@ class PhotometricModel:
             terms=np.array(json.dumps(None if self.terms is None else self.terms.as_json())),
             term_coefficients=self.term_coefficients,
             knee=np.array(self.response.knee),
+            reference=np.array(math.nan if self.reference is None else self.reference),
             provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
         )
 
@@ -133,6 +155,7 @@ def load_photometric(path: Path) -> PhotometricModel:
                 terms=None if terms is None else read_terms(terms),
                 term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
                 response=Response(knee=float(data["knee"]) if "knee" in data else BRIGHTEST),
+                reference=_number(data["reference"]) if "reference" in data else None,
                 provenance=json.loads(str(data["provenance"])),
             )
     except FileNotFoundError as error:
@@ -141,6 +164,11 @@ def load_photometric(path: Path) -> PhotometricModel:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error
+
+
+def _number(stored: FloatArray) -> float | None:
+    value = float(stored)
+    return None if math.isnan(value) else value
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:

@@ -22,6 +22,8 @@ _STEEP = polynomial_exponents(
 _GENTLE = polynomial_exponents(
     tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
 )
+REFERENCE = 128.0
+RIDGE = 1e-5
 BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 
 
@@ -116,9 +118,10 @@ def fit_photometric(
     samples: PhotometricSamples,
     *,
     exponents: IntArray = BALL_EXPONENTS,
-    ridge: float = 1e-5,
+    ridge: float = RIDGE,
     terms: ShadingTerms | None = None,
     response: Response = LINEAR,
+    reference: float | None = None,
     provenance: Mapping[str, object] | None = None,
 ) -> PhotometricModel:
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
@@ -129,6 +132,7 @@ def fit_photometric(
         ridge: Weight on the coefficients' squares, per sample.
         terms: Lamps and creases beside the polynomial.
         response: Of the camera, through which the samples' colours were taken back to light.
+        reference: Level of the no-contact frame that their changes were brought to, if they were.
         provenance: Where the samples come from; kept with the model.
 
     Raises:
@@ -156,5 +160,6 @@ def fit_photometric(
         tilt_limit=float(np.hypot(*samples.tilt).max()),
         indentation_limit_m=float(samples.indentation_m.max()),
         response=response,
+        reference=reference,
         provenance=dict(provenance or {}),
     )

@@ -19,7 +19,7 @@ from sim.optics.gel_profile import GelProfile
 from sim.optics.geometry import CameraGeometry
 from sim.optics.light import fit_light, light_at, no_light
 from sim.optics.photometric import PhotometricModel
-from sim.optics.photometric_fit import PhotometricSamples
+from sim.optics.photometric_fit import REFERENCE, PhotometricSamples
 from sim.optics.response import LINEAR, Response
 
 BEYOND_RIM = 1.15
@@ -97,16 +97,15 @@ class PressScene:
     ) -> FloatArray:
         """Return the model's colour change [grey levels] at pixels, shape [n, 3]."""
         change = self.light_change(model, circle, columns, rows)
-        if not model.response.bends:
+        if not model.response.bends and model.reference is None:
             return change
         there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
-        shown = model.response.levels(model.response.light(there) + change)
-        return np.asarray(shown - model.response.levels(model.response.light(there)))
+        return np.asarray(model.shown(change, there) - model.shown(np.zeros_like(change), there))
 
     def light_change(
         self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
     ) -> FloatArray:
-        """Return the model's change of light [grey levels] at pixels, shape [n, 3]."""
+        """Return the model's change of light at pixels over its reference, shape [n, 3]."""
         tilt, indentation, curvature = self.surface(circle, columns, rows)
         position = self.normalised(columns, rows)
         change = model.evaluate(tilt, position, indentation, curvature)
@@ -173,19 +172,20 @@ class PressScene:
         tilt, indentation, curvature = self.surface(circle, x, y)
         levels = press.image[rows, columns]
         seen = seen_light(levels, self._expected(rows, columns, light), response)
+        gain = np.maximum(response.light(self.background[rows, columns]), 1.0) / REFERENCE
         change, counts = seen.change, seen.exposed
         if model is not None:
-            change = seen.completed(self.light_change(model, circle, x, y))
+            change = seen.completed(gain * self.light_change(model, circle, x, y))
             counts = np.ones_like(counts)
         return PhotometricSamples(
             tilt=tilt,
             position=self.normalised(x, y),
             indentation_m=indentation,
-            change=change,
+            change=change / gain,
             counts=counts,
             curvature=curvature,
             rest_tilt=self.rest_tilt(x, y),
-            weights=light_weights(levels, response) if response.bends else None,
+            weights=gain * light_weights(levels, response),
         )
 
     def _expected(

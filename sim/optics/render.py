@@ -43,6 +43,10 @@ class ColourModel(Protocol):
         """How the camera shows light."""
         ...
 
+    def gain(self, light: RealArray) -> RealArray | None:
+        """Return what the change is multiplied by over a no-contact frame's light; None is 1."""
+        ...
+
     def evaluate(
         self,
         tilt: RealArray,
@@ -112,18 +116,24 @@ class TactileRenderer:
             )
             for number, start in enumerate(range(0, geometry.height, rows))
         ]
+        light = model.response.light(background.astype(np.float32)).transpose(2, 0, 1)
+        self._gain = model.gain(light)
         self._shadows = None if shadows is None else ShadowPlanes(shadows, layout, rest_height)
         self._colour = [self._coloured(band) for band in self._bands]
         self._threads = TwoThreads()
         self._find_change(rest_height)
         weights = gaussian_weights(blur_px)
         change = blurred(self._pixels_of(self._change), weights)
-        light = model.response.light(background.astype(np.float32))
-        self._base = light.transpose(2, 0, 1) - change
+        self._base = light - change
         self._exposed = ExposedRows(
             layout, weights, self._change, self._base, response=model.response
         )
         self._expose = [self._exposed.of(band.rows) for band in self._bands]
+
+    @property
+    def gain(self) -> Float32Array | None:
+        """What the model's change is multiplied by, [3, height, width]; None is 1."""
+        return self._gain
 
     @property
     def base(self) -> Float32Array:
@@ -150,6 +160,9 @@ class TactileRenderer:
 
     def _coloured(self, band: SampledBand) -> list[Task]:
         tasks = [self._colours.over(band, self._change)]
+        if self._gain is not None:
+            change = self._pixels_of(self._change)[:, band.rows]
+            tasks.append(partial(np.multiply, change, self._gain[:, band.rows], change))
         return tasks if self._shadows is None else tasks + self._shadows.over(band, self._change)
 
     def _pixels_of(self, planes: Planes) -> Float32Array:

@@ -24,6 +24,7 @@ from sim.optics.render_kernel import (
     colour_pixels,
     darken_pixels,
     expose_pixels,
+    scale_pixels,
     shade_pixels,
     sweep_rays,
 )
@@ -103,6 +104,10 @@ class BatchRenderer:
             self._array(base.astype(np.float32), wp.vec3f),
             float(model.response.knee),
         ]
+        self._gain: list[Any] | None = None
+        if single.gain is not None:
+            gain = single.gain.transpose(1, 2, 0)
+            self._gain = [self._array(gain.astype(np.float32), wp.vec3f)]
         self._lamps: list[_LampOnDevice] = []
         if shadows is not None:
             self._lamps = [self._lamp(lamp, shadows.softness_m, fine) for lamp in shadows.lamps]
@@ -123,6 +128,8 @@ class BatchRenderer:
         self._launch(colour_pixels, shape, [*self._colours, dent], change)
         if self._shading is not None:
             self._launch(shade_pixels, shape, [*self._shading, dent], change)
+        if self._gain is not None:
+            self._launch(scale_pixels, shape, self._gain, change)
         for lamp in self._lamps:
             rays = (shape[0], lamp.sweep.step_count, lamp.sweep.ray_count)
             highest = wp.empty(rays, dtype=wp.float32, device=self._device)

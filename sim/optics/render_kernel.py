@@ -265,6 +265,17 @@ def blur_across(
 
 
 @wp.kernel(enable_backward=False)
+def scale_pixels(
+    gain: wp.array2d(dtype=wp.vec3f),
+    # Data out:
+    change_out: wp.array3d(dtype=wp.vec3f),
+):
+    """Multiply by what the no-contact frame is brighter than the model's reference."""
+    b, i, j = wp.tid()
+    change_out[b, i, j] = wp.cw_mul(gain[i, j], change_out[b, i, j])
+
+
+@wp.kernel(enable_backward=False)
 def expose_pixels(
     weights: wp.array(dtype=wp.float32),
     base: wp.array2d(dtype=wp.vec3f),

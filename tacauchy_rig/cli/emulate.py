@@ -83,7 +83,7 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
 def presses(
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the images go.")],
     sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
-    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 24,
+    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 40,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
 ) -> None:
     """Write the ball presses of an emulated sensor, to rehearse its calibration with."""

@@ -33,7 +33,7 @@ _DEEPEST_SHARE = 0.3  # of the gel's thickness
 _REACH = (0.64, 0.55)  # of half the image
 
 
-def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 24) -> None:
+def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 40) -> None:
     """Press a 4.70 mm ball ``count`` times at scattered places and depths and keep the images.
 
     Args:

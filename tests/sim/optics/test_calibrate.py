@@ -13,7 +13,8 @@ from sim.optics.calibrate import calibrate_optics
 from sim.optics.cross_validation import check_presses, cross_validate
 from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.photometric import load_photometric
-from sim.optics.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.ridge_fit import fit_ridge
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 
@@ -157,3 +158,18 @@ def test_rounds_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.DEBUG, logger="sim.optics.calibrate"):
         calibrate_optics(presses(2)[0], press_scene(), exponents=EXPONENTS, rounds=2)
     assert "round 2 of 2" in caplog.text
+
+
+def test_noise_holds_a_fit_back() -> None:
+    """Noisy presses choose a stronger hold on the fine terms than clean ones do."""
+    scene = press_scene()
+
+    def ridge(noise: float) -> float:
+        shown, circles, _ = presses(12, noise=noise, seed=8)
+        parts = [
+            scene.samples(press, circle, np.zeros((3, 3)), None)
+            for press, circle in zip(shown, circles, strict=True)
+        ]
+        return fit_ridge(parts, exponents=BALL_EXPONENTS, terms=None)
+
+    assert ridge(20.0) > ridge(0.3)

@@ -51,6 +51,7 @@ def test_batch_gives_the_single_images(
         indentation_limit_m=6e-4,
         terms=terms,
         term_coefficients=rng.normal(0.0, 25.0, (0 if terms is None else terms.count, 3)),
+        reference=None if terms is None else 110.0,
         response=LINEAR if terms is None else Response(knee=170.0),
     )
     background = rng.integers(80, 170, (96, 128, 3)).astype(np.uint8)

@@ -61,10 +61,10 @@ def test_presses_tell_where_the_shoulder_begins() -> None:
 
 def test_the_shoulder_is_kept_and_rendered_through(tmp_path: Path) -> None:
     """A file keeps the knee; level gel gives the no-contact frame, bright as it may be."""
-    model = replace(true_model(), response=Response(knee=_KNEE))
+    model = replace(true_model(), response=Response(knee=_KNEE), reference=100.0)
     model.save(tmp_path / "model.npz")
     loaded = load_photometric(tmp_path / "model.npz")
-    assert loaded.response == model.response
+    assert (loaded.response, loaded.reference) == (model.response, 100.0)
     background = np.linspace(0.0, 255.0, 96 * 128 * 3).reshape(96, 128, 3).astype(np.uint8)
     flat = np.full((96, 128), APEX_M)
     image = TactileRenderer(background, flat, loaded, camera()).render(flat)
