@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -98,9 +99,7 @@ class ElasticBody:
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
-        shape = (*self._shape, self._reference.node_count)
-        vectors = [self._device.empty(shape, wp.vec3d) for _ in range(3)]
-        tangents = self._device.empty(self._shape, Tangent)
+        tangents, *vectors = self._tangent_room
         inputs = [*self._loaded, self._device.vectors(positions), projected]
         self._device.launch(self._kernels.tangent, self._shape, inputs, [tangents, *vectors])
         self._device.launch(
@@ -149,6 +148,13 @@ class ElasticBody:
         ]
         self._device.launch(self._kernels.stress, (count, 1), inputs, [out])
         return on_host(out)[:, 0]
+
+    @cached_property
+    def _tangent_room(self) -> list[Any]:
+        """Tangents and shape gradients at the points: arrays that are kept, to be filled anew."""
+        shape = (*self._shape, self._reference.node_count)
+        vectors = [self._device.empty(shape, wp.vec3d) for _ in range(3)]
+        return [self._device.empty(self._shape, Tangent), *vectors]
 
     @property
     def _loaded(self) -> list[Any]:
