@@ -12,6 +12,7 @@ from sim.optics.photometric import PhotometricModel, normalised_positions
 from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.render import TactileRenderer
+from sim.optics.response import LINEAR, Response
 from sim.optics.shading_terms import NearLamp, ShadingTerms
 from sim.optics.shadow import ShadowCaster
 from sim.optics.tilt import surface_tilt
@@ -60,6 +61,8 @@ def _model(exponents: np.ndarray, terms: ShadingTerms | None) -> PhotometricMode
         indentation_limit_m=6e-4,
         terms=terms,
         term_coefficients=rng.normal(0.0, 25.0, (0 if terms is None else terms.count, 3)),
+        response=LINEAR if terms is None else Response(knee=150.0),
+        reference=None if terms is None else 110.0,
     )
 
 
@@ -70,8 +73,9 @@ def _plain_change(
     geometry: CameraGeometry,
     samples: int,
     shadows: ShadowCaster | None,
+    gain: np.ndarray | None,
 ) -> np.ndarray:
-    """Return the mean change of every sample's colour, in double precision."""
+    """Return the mean change of every sample's light, in double precision."""
     fine = geometry.refined(samples)
     q, p = np.gradient(height, fine.scale_y_m, fine.scale_x_m)
     p, q = (slope / np.sqrt(1.0 + p**2 + q**2) for slope in (p, q))
@@ -81,11 +85,14 @@ def _plain_change(
     places = places.repeat(samples, axis=1).repeat(samples, axis=2)
     tilt = np.stack([p.ravel(), q.ravel()])
     change = model.evaluate(tilt, places.reshape(2, -1), (rest - height).ravel(), bend.ravel())
+    shape = (3, geometry.height, samples, geometry.width, samples)
+    light = change.reshape(shape).mean(axis=(2, 4)).transpose(1, 2, 0)
+    if gain is not None:
+        light = light * gain
     if shadows is not None:
         dark = shadows.darkening(rest - height, surface_tilt(height, fine), fine)
-        change = change + dark.reshape(3, -1)
-    split = change.reshape(3, geometry.height, samples, geometry.width, samples)
-    return split.mean(axis=(2, 4)).transpose(1, 2, 0)
+        light = light + dark.reshape(shape).mean(axis=(2, 4)).transpose(1, 2, 0)
+    return light
 
 
 @pytest.mark.parametrize(("width", "height"), [(128, 96), (83, 61), (15, 20)])
@@ -110,10 +117,12 @@ def test_image_is_that_of_the_formula(
     )
     loaded = rest - (APEX_M - press)
     background = np.random.default_rng(5).integers(80, 170, (height, width, 3)).astype(np.uint8)
-    change = _plain_change(loaded, rest, model, geometry, samples, shadows)
-    change -= _plain_change(rest, rest, model, geometry, samples, shadows)
+    light = model.response.light(background.astype(np.float64))
+    gain = model.gain(light)
+    change = _plain_change(loaded, rest, model, geometry, samples, shadows, gain)
+    change -= _plain_change(rest, rest, model, geometry, samples, shadows, gain)
     blurred = cv2.GaussianBlur(change, (0, 0), 0.75, borderType=cv2.BORDER_REFLECT_101)
-    expected = np.clip(np.floor(background + blurred + 0.5), 0, 255)
+    expected = np.clip(np.floor(model.response.levels(light + blurred) + 0.5), 0, 255)
     renderer = TactileRenderer(
         background, rest, model, geometry, shadows=shadows, samples=samples, blur_px=0.75
     )
