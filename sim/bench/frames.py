@@ -19,7 +19,7 @@ FORCE_ERROR_MAX = 0.03
 CLOSE = 0.02
 # Tried one after the other until F_z is close enough.
 SETTINGS = (FAST, *(Setting(Preset.FAST, k) for k in (1.2, 1.4, 1.7)), Setting(Preset.BALANCED))
-_REPEATS = 3
+_REPEATS = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class FrameRow:
         newton_iterations: Steps towards equilibrium, all frames.
         factorisations: All frames; None where every step makes one.
         setup_s: Mesh, upload and symbolic factorisation [s].
-        wall_s: All frames, the least of three [s].
+        wall_s: All frames, the least of ten [s].
         cpu_s: Processor time of the same [s].
         force_error: F_z of the last frame over that of preset accurate, less one.
         memory_mib: The process's peak so far [MiB].

@@ -77,7 +77,7 @@ def _frames(found: Bench) -> Section:
         "each an equilibrium, from the untouched gel on and with nothing known of it but its mesh. "
         "F_z is that of the last frame. Finer meshes are tried until it is within "
         f"{CLOSE:.0%}, since preset accurate's may be 1 % above the limit of fine meshes. Time is "
-        "the least of three travels. Memory is the process's peak so far, the press with preset "
+        "the least of ten travels. Memory is the process's peak so far, the press with preset "
         "accurate included.",
     )
 
