@@ -123,7 +123,8 @@ class TrialEvidence:
         force_curve: Tared pressing force [N], positive in compression.
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
-        force_depth_simulated: (depth [m], force [N]) of the simulator, shape [n, 2], sorted.
+        force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
+            stated, shape [n, 2], sorted.
     """
 
     index: int

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from reports.arrays import ColorImage
+from reports.arrays import ColorImage, FloatArray
 from reports.evidence import (
     Curve,
     EmulatedWorld,
@@ -52,7 +52,7 @@ def load_evidence(
         for index in range(1, len(config.protocol.force_targets) + 1)
     }
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    curve = merge_histories([trial.force_history for trial in replayed.values()])
+    curve = _stated_curve(replay)
     trials = []
     for index, target in enumerate(config.protocol.force_targets, start=1):
         recorded = _read_attempt(store, records[index], geometry)
@@ -83,6 +83,16 @@ def load_evidence(
         sync_mode=config.run.sync_mode.value,
         world=_world(store, records),
     )
+
+
+def _stated_curve(replay: Replay | None) -> FloatArray | None:
+    """Return what the replay's model gives with the modulus that is stated: (depth, force)."""
+    if replay is None:
+        return None
+    curve = merge_histories([trial.force_history for trial in replay.trials])
+    if curve is not None:
+        curve[:, 1] /= replay.model.get("modulus_factor", 1.0)
+    return curve
 
 
 def _read_attempt(

@@ -5,7 +5,8 @@ Every sentence is made from the numbers of this run; none is praise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from reports.evidence import RunEvidence
 from reports.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
@@ -209,9 +210,22 @@ def _limits(
             "Parts of the uncertainty of the force are unknown (see the budget): the combined"
             " value is a lower bound, and nothing finer than it is claimed."
         )
+    if "modulus_factor" in evidence.model:
+        yield _modulus(evidence.model)
     yield (
         "One flat punch cannot identify modulus and Poisson's ratio separately; only their"
         " combination with the layer's thickness acts on the force."
+    )
+
+
+def _modulus(model: Mapping[str, Any]) -> str:
+    factor, spread = model["modulus_factor"], model["modulus_factor_deviation"]
+    modulus = "" if model.get("layers") else f", at {model['young_pa'] * 1e-6:.4f} MPa"
+    return (
+        f"The gel was replayed {factor:.3f} times as stiff as stated (between trials +-"
+        f"{spread:.3f}){modulus}: that is what the measured depths and forces of"
+        f" {model['modulus_trials']} trials say; no image had a part in it. Depths and images are"
+        " of that gel; forces predicted at measured depths are of the stated one."
     )
 
 

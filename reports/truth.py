@@ -127,8 +127,9 @@ def _sum_of(values: Mapping[str, Any], names: tuple[str, ...], axis: int) -> flo
 def _modulus(
     world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
 ) -> Iterator[TruthComparison]:
-    """Scale the replay's modulus by measured over predicted force; linear in the modulus."""
+    """Scale the stated modulus by measured over predicted force; linear in the modulus."""
     model, true = evidence.model.get("young_pa"), world.values.get("young_pa")
+    stiffer = evidence.model.get("modulus_factor", 1.0)
     ratios = [
         t.force_measured_n / t.force.force_predicted_n
         for t in trials
@@ -138,7 +139,7 @@ def _modulus(
         yield TruthComparison(
             name="modulus, from force at the measured depth",
             true=true * 1e-3,
-            recovered=model * float(np.mean(ratios)) * 1e-3,
+            recovered=model / stiffer * float(np.mean(ratios)) * 1e-3,
             unit="kPa",
         )
 

@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from reports.comparison import compare
+from reports.force_agreement import merge_histories
 from reports.loading import load_evidence
+from reports.modulus import ModulusFit, fit_modulus
 from reports.writing import write_report
+from sim.fields import TrialFields
 from sim.indenter import Cylinder, Indenter, Sphere
 from sim.optics.sensor_camera import camera_geometry
 from sim.replay import replay_forces, replay_scene
-from sim.scene import Drive, Preset
+from sim.scene import Drive, Material, Preset
 from sim.sensor import Sensor, load_sensor
 from sim.tolerance import Alternative, Tolerance
 from tacauchy_rig.cli.cost_lines import cost_lines
@@ -22,7 +25,7 @@ from tacauchy_rig.cli.output import say
 from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.cli.rendering import render_trial
 from tacauchy_rig.cli.views import scored_geometry
-from tacauchy_rig.config.model import IndenterKind, RigConfig
+from tacauchy_rig.config.model import IndenterKind, ModulusSource, RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.run import Replay, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
@@ -69,17 +72,15 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     sensor, indenter = sensor_of(config), indenter_of(config)
     records = _measured_trials(store)
     say(f"replaying {len(records)} trials")
-    replay, fields = replay_forces(
-        sensor,
-        indenter,
-        [record.force_measured_n or 0.0 for record in records],
-        preset=preset_of(config),
-        tolerance=tolerance or tolerance_of(config),
-        drive=drive_of(config),
-        tolerance_n=config.replay.force_tolerance,
-        name=REPLAY_NAME,
-        on_progress=lambda _, text: say(f"  {text}"),
-    )
+    replay, fields = _replayed(config, sensor, indenter, records, tolerance)
+    fit = _modulus_of(config, records, replay)
+    if fit is not None:
+        sensor = _stiffened(sensor, fit.factor)
+        say(
+            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+            f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
+        )
+        replay, fields = _replayed(config, sensor, indenter, records, tolerance)
     trials = tuple(
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
@@ -92,10 +93,69 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
     _say_markers(markers)
     _say_cost(replay)
-    facts = {**replay.model, **_stated_facts(sensor, optics), "markers": markers}
+    facts = {
+        **replay.model,
+        **_stated_facts(sensor, optics),
+        **_modulus_facts(fit),
+        "markers": markers,
+    }
     replay = replace(replay, trials=trials, model=facts)
     store.save_replay(replay, {index: trial.kept for index, trial in rendered.items()})
     return replay
+
+
+def _replayed(
+    config: RigConfig,
+    sensor: Sensor,
+    indenter: Indenter,
+    records: Sequence[TrialRecord],
+    tolerance: Tolerance | None,
+) -> tuple[Replay, list[TrialFields]]:
+    return replay_forces(
+        sensor,
+        indenter,
+        [record.force_measured_n or 0.0 for record in records],
+        preset=preset_of(config),
+        tolerance=tolerance or tolerance_of(config),
+        drive=drive_of(config),
+        tolerance_n=config.replay.force_tolerance,
+        name=REPLAY_NAME,
+        on_progress=lambda _, text: say(f"  {text}"),
+    )
+
+
+def _modulus_of(
+    config: RigConfig, records: Sequence[TrialRecord], replay: Replay
+) -> ModulusFit | None:
+    """Return what the gel's modulus is to be multiplied by, where the run's depths decide it."""
+    given = config.replay
+    if given.young is not None or given.modulus is not ModulusSource.DEPTHS:
+        return None
+    curve = merge_histories([trial.force_history for trial in replay.trials])
+    fit = fit_modulus(records, curve, contact_force_n=config.protocol.contact_force)
+    if fit is None:
+        say("  too few depths were measured to tell the modulus: the stated one is taken")
+    return fit
+
+
+def _stiffened(sensor: Sensor, factor: float) -> Sensor:
+    """Return a sensor whose gel, all of its layers, is so many times as stiff."""
+
+    def times(material: Material) -> Material:
+        return replace(material, young_pa=factor * material.young_pa)
+
+    layers = tuple(replace(layer, material=times(layer.material)) for layer in sensor.layers)
+    return replace(sensor, material=times(sensor.material), layers=layers)
+
+
+def _modulus_facts(fit: ModulusFit | None) -> dict[str, Any]:
+    if fit is None:
+        return {}
+    return {
+        "modulus_factor": fit.factor,
+        "modulus_factor_deviation": fit.factor_deviation,
+        "modulus_trials": fit.trial_count,
+    }
 
 
 def _say_cost(replay: Replay) -> None:

@@ -238,16 +238,27 @@ class ProtocolSection(Section):
     min_image_rate: Frequency = Field(gt=0)
 
 
+class ModulusSource(StrEnum):
+    """Where the gel's modulus comes from."""
+
+    STATED = "stated"
+    DEPTHS = "depths"
+
+
 class ReplaySection(Section):
     """How trials are replayed: model settings that override the sensor's file.
 
-    ``tolerance``, such as ``0.02N`` or ``1%``, chooses the preset in place of ``preset``.
+    ``tolerance``, such as ``0.02N`` or ``1%``, chooses the preset in place of ``preset``. With
+    ``modulus`` ``depths`` the stated modulus, of all layers, is multiplied by what makes the
+    simulated forces at the run's measured depths agree with the measured ones; ``young`` is taken
+    as it is.
     """
 
     force_tolerance: Force = Field(gt=0)
     preset: str
     tolerance: str | None = None
     drive: str
+    modulus: ModulusSource = ModulusSource.STATED
     young: Pressure | None = Field(default=None, gt=0)
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)
 

@@ -215,6 +215,18 @@ def test_run_that_was_not_replayed(store: RunStore) -> None:
     assert evidence.trials[0].images is not None
 
 
+def test_forces_are_predicted_with_the_stated_modulus(store: RunStore) -> None:
+    """A gel that was replayed twice as stiff as stated predicts half of those forces."""
+    replay = replay_of([record(1)])
+    stated = load_evidence(store, replay).trials[0].force_depth_simulated
+    stiffer = replace(replay, model={**replay.model, "modulus_factor": 2.0})
+    found = load_evidence(store, stiffer).trials[0].force_depth_simulated
+    assert stated is not None
+    assert found is not None
+    assert found[:, 0] == pytest.approx(stated[:, 0])
+    assert found[:, 1] == pytest.approx(0.5 * stated[:, 1])
+
+
 def test_scored_size_follows_the_sensor(store: RunStore) -> None:
     """Another geometry gives images of that size."""
     geometry = ImageGeometry(crop_fraction=0.0, width_px=160, height_px=120)

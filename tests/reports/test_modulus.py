@@ -1,0 +1,96 @@
+"""The modulus that a run's own depths and forces tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reports.arrays import FloatArray
+from reports.evidence import RunEvidence
+from reports.modulus import fit_modulus
+from reports.reading import limits_of
+from reports.results import ValidationReport
+from tacauchy_rig.run import Outcome, TrialRecord
+
+_STIFFNESS_N_M = 6e3
+_CONTACT_N = 0.05
+
+
+def _curve() -> FloatArray:
+    """Return a stiffening press: F = k d (1 + 400 d)."""
+    depth = np.linspace(0.0, 1.2e-3, 200)
+    return np.stack([depth, _force(depth)], axis=1)
+
+
+def _force(depth_m: FloatArray) -> FloatArray:
+    return _STIFFNESS_N_M * depth_m * (1.0 + 400.0 * depth_m)
+
+
+def _records(depths_m: FloatArray, *, stiffer: float) -> list[TrialRecord]:
+    """Return trials on a gel so many times as stiff, their depths from the contact force on."""
+    curve = _curve()
+    touched = float(np.interp(_CONTACT_N / stiffer, curve[:, 1], curve[:, 0]))
+    return [
+        TrialRecord(
+            index=index,
+            attempt=1,
+            outcome=Outcome.PASSED,
+            force_target_n=1.0,
+            force_measured_n=float(stiffer * _force(depth)),
+            depth_measured_m=float(depth - touched),
+        )
+        for index, depth in enumerate(depths_m, start=1)
+    ]
+
+
+@pytest.mark.parametrize("stiffer", [0.8, 1.0, 1.3])
+def test_a_stiffer_gel_is_recognised(stiffer: float) -> None:
+    """The factor comes out, though depths count from a force that goes with it too."""
+    records = _records(np.array([3e-4, 5e-4, 8e-4]), stiffer=stiffer)
+    fit = fit_modulus(records, _curve(), contact_force_n=_CONTACT_N)
+    assert fit is not None
+    assert fit.factor == pytest.approx(stiffer, rel=1e-4)
+    assert fit.factor_deviation < 1e-3
+    assert fit.trial_count == 3
+
+
+def test_trials_that_disagree_show_it() -> None:
+    """Forces 10 % to either side: their mean, and how far they are apart."""
+    low, high = (_records(np.array([5e-4]), stiffer=s)[0] for s in (0.9, 1.1))
+    fit = fit_modulus([low, high], _curve())
+    assert fit is not None
+    assert fit.factor == pytest.approx(1.0, rel=0.02)
+    assert fit.factor_deviation == pytest.approx(0.14, rel=0.1)
+
+
+def test_one_depth_tells_nothing() -> None:
+    """Without a second trial, a curve, or depths on it, there is no factor."""
+    records = _records(np.array([3e-4, 5e-4]), stiffer=1.1)
+    assert fit_modulus(records[:1], _curve()) is None
+    assert fit_modulus(records, None) is None
+    deep = [replace(record, depth_measured_m=5e-3) for record in records]
+    assert fit_modulus(deep, _curve()) is None
+    unknown = [replace(record, depth_measured_m=None) for record in records]
+    assert fit_modulus(unknown, _curve()) is None
+
+
+def test_the_report_says_that_the_gel_was_fitted(
+    evidence: RunEvidence, report: ValidationReport
+) -> None:
+    """How much stiffer, from how many trials; nothing of it where the modulus is the stated one."""
+    fitted = {
+        **evidence.model,
+        "modulus_factor": 1.079,
+        "modulus_factor_deviation": 0.005,
+        "modulus_trials": 6,
+    }
+    sentences = " ".join(
+        limits_of(report.trials, report.statistics, replace(evidence, model=fitted))
+    )
+    assert "1.079 times as stiff as stated" in sentences
+    assert "of 6 trials" in sentences
+    assert "as stiff as stated" not in " ".join(
+        limits_of(report.trials, report.statistics, evidence)
+    )
