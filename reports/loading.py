@@ -89,10 +89,10 @@ def _stated_curve(replay: Replay | None) -> FloatArray | None:
     """Return what the replay's model gives with the modulus that is stated: (depth, force)."""
     if replay is None:
         return None
-    curve = merge_histories([trial.force_history for trial in replay.trials])
-    if curve is not None:
-        curve[:, 1] /= replay.model.get("modulus_factor", 1.0)
-    return curve
+    stiffer = replay.model.get("modulus_factor", 1.0)
+    fitted = [[(d, f / stiffer) for d, f in trial.force_history] for trial in replay.trials]
+    stated = [(d, f) for d, f in replay.model.get("stated_force_history", ())]
+    return merge_histories([stated, *fitted])
 
 
 def _read_attempt(

@@ -73,7 +73,7 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     records = _measured_trials(store)
     say(f"replaying {len(records)} trials")
     replay, fields = _replayed(config, sensor, indenter, records, tolerance)
-    fit = _modulus_of(config, records, replay)
+    stated, fit = replay, _modulus_of(config, records, replay)
     if fit is not None:
         sensor = _stiffened(sensor, fit.factor)
         say(
@@ -96,7 +96,7 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     facts = {
         **replay.model,
         **_stated_facts(sensor, optics),
-        **_modulus_facts(fit),
+        **_modulus_facts(fit, stated),
         "markers": markers,
     }
     replay = replace(replay, trials=trials, model=facts)
@@ -148,13 +148,14 @@ def _stiffened(sensor: Sensor, factor: float) -> Sensor:
     return replace(sensor, material=times(sensor.material), layers=layers)
 
 
-def _modulus_facts(fit: ModulusFit | None) -> dict[str, Any]:
+def _modulus_facts(fit: ModulusFit | None, stated: Replay) -> dict[str, Any]:
     if fit is None:
         return {}
     return {
         "modulus_factor": fit.factor,
         "modulus_factor_deviation": fit.factor_deviation,
         "modulus_trials": fit.trial_count,
+        "stated_force_history": [pair for trial in stated.trials for pair in trial.force_history],
     }
 
 

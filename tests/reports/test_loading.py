@@ -225,6 +225,11 @@ def test_forces_are_predicted_with_the_stated_modulus(store: RunStore) -> None:
     assert found is not None
     assert found[:, 0] == pytest.approx(stated[:, 0])
     assert found[:, 1] == pytest.approx(0.5 * stated[:, 1])
+    deeper = {**stiffer.model, "stated_force_history": [[3e-4, 1.1]]}
+    whole = load_evidence(store, replace(stiffer, model=deeper)).trials[0].force_depth_simulated
+    assert whole is not None
+    assert whole[-1] == pytest.approx([3e-4, 1.1])
+    assert whole[:-1] == pytest.approx(found)
 
 
 def test_scored_size_follows_the_sensor(store: RunStore) -> None:
