@@ -108,7 +108,8 @@ _PLANS = (
     _Plan(
         name="force-depth",
         caption="Force over depth: measured while loading, its mean in the dwell (bars: one"
-        " standard deviation), and every evaluation of the simulator.",
+        " standard deviation), and every evaluation of the simulator; dashed: with the modulus"
+        " that the measured depths and forces tell, where the run was replayed with that.",
         draw=draw_force_depth,
         wanted=_has_curves,
     ),

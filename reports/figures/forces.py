@@ -92,7 +92,10 @@ def draw_force_depth(report: ValidationReport) -> Figure:
 
 
 def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
+    """Draw the simulator's curve with the stated modulus and, where it was fitted, with that."""
     curves = [t.force_depth_simulated for t in report.evidence.trials]
+    factor = report.evidence.model.get("modulus_factor")
+    name = "Simulated" if factor is None else "Simulated, stated modulus"
     drawn: list[FloatArray] = []
     for curve in curves:
         if curve is None or any(np.array_equal(curve, other) for other in drawn):
@@ -103,8 +106,11 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
             color=ORANGE,
             marker="." if len(curve) < 60 else None,
             markersize=3,
-            label=None if drawn else "Simulated",
+            label=None if drawn else name,
         )
+        if factor is not None and not drawn:
+            label = f"{factor:.3f} times that"
+            axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=ORANGE, label=label)
         drawn.append(curve)
 
 
