@@ -13,7 +13,8 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import IntArray
-from sim.optics.pixel_kernel import LANES, Block, Colours, colour_blocks
+from sim.optics.colour_kernel import Colours, colour_blocks
+from sim.optics.pixel_kernel import LANES, Block
 from sim.optics.pixel_planes import CPU, PixelLayout, Planes, SampledBand
 from sim.optics.polynomial import RealArray
 from sim.optics.tilt import Float32Array

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import warp as wp
 
+from sim.optics.exposure_kernel import expose_rows
 from sim.optics.geometry import ImageArray
-from sim.optics.pixel_kernel import LANES, Block, ByteBlock, expose_rows
+from sim.optics.pixel_kernel import LANES, Block, ByteBlock
 from sim.optics.pixel_planes import CPU, PixelLayout, Planes
 from sim.optics.response import LINEAR, Response
 from sim.optics.tilt import Float32Array
