@@ -31,22 +31,6 @@ def surface_tilt(height: NDArray[np.floating], geometry: CameraGeometry) -> Floa
     return tilt
 
 
-def tilt_divergence(tilt: Float32Array, geometry: CameraGeometry) -> Float32Array:
-    """Return d(tilt along columns)/dx + d(tilt along rows)/dy [1/m], shape [height, width].
-
-    It is twice the mean curvature: positive in a groove, seen from outside the gel, and bounded by
-    the pixels however sharp an edge is.
-
-    Args:
-        tilt: Shape [2, height, width].
-        geometry: Scale of the pixels.
-    """
-    along, across = np.empty_like(tilt[0]), np.empty_like(tilt[1])
-    _central_difference(tilt[0].T, along.T, geometry.scale_x_m)
-    _central_difference(tilt[1], across, geometry.scale_y_m)
-    return np.asarray(along + across)
-
-
 def bounded_tilt(tilt: NDArray[np.floating], limit: float) -> NDArray[np.floating]:
     """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
     squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]

@@ -13,7 +13,6 @@ from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
 from sim.optics.render import TactileRenderer
 from sim.optics.shading_terms import NearLamp, ShadingTerms
-from sim.optics.tilt import surface_tilt, tilt_divergence
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
 TERMS = ShadingTerms(
@@ -79,15 +78,6 @@ def test_lamps_are_found_from_colours_alone() -> None:
     off = model.evaluate(steep, position, zero, curvature).T
     off -= TERMS.values(steep, position, curvature).T @ weights
     assert np.sqrt(np.mean(off**2)) < 1.5
-
-
-def test_curvature_of_a_ball() -> None:
-    """The divergence of the tilt is twice the mean curvature."""
-    x, y = camera().pad_grid()
-    bowl = ball_press(x, y, ball_radius_m=2.35e-3, contact_radius_m=1.2e-3, tip_z_m=APEX_M - 8e-4)
-    divergence = tilt_divergence(surface_tilt(bowl, camera()), camera())
-    inside = np.hypot(x, y) < 0.8e-3
-    np.testing.assert_allclose(divergence[inside], 2.0 / 2.35e-3, rtol=0.02)
 
 
 def test_saved_terms_come_back_and_render(tmp_path: Path) -> None:
