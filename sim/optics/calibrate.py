@@ -25,6 +25,7 @@ from sim.optics.press_scene import PressScene
 from sim.optics.response import LINEAR, Response
 from sim.optics.response_fit import fit_response
 from sim.optics.ridge_fit import fit_ridge
+from sim.optics.shadow import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -39,12 +40,16 @@ class Calibration:
         scene: The scene with the no-contact frame averaged over all frames, which has less noise.
         circles: Nudged circles, in the order of the presses.
         lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
+        shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
+        blur_px: Standard deviation of the camera's blur [px].
     """
 
     model: PhotometricModel
     scene: PressScene
     circles: tuple[Circle, ...]
     lights: FloatArray
+    shadows: ShadowCaster | None = None
+    blur_px: float = 0.0
 
 
 def calibrate_optics(

@@ -6,22 +6,21 @@ import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress, Circle, images_in, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
-from sim.optics.blur import BLUR_PX, fit_blur
+from sim.optics.blur import BLUR_PX
 from sim.optics.calibrate import Calibration
 from sim.optics.calibration_figures import draw_coverage, draw_presses
 from sim.optics.cross_validation import CheckScores, check_presses, cross_validate
 from sim.optics.find_circle import find_circle
 from sim.optics.geometry import CameraGeometry
-from sim.optics.grey_depth import GREY_EXPONENTS
-from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.press_calibration import calibrate_presses
 from sim.optics.press_checks import check_after, check_before, check_coverage
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import RenderedPress, held_out_errors
@@ -29,11 +28,9 @@ from sim.optics.printed_markers import marker_mask
 from sim.optics.rest_slope import rest_slopes
 from sim.optics.sensor_lamps import lamp_count_of
 from sim.optics.shadow import SHADOWS
-from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.optics.slope_coverage import SlopeCoverage, slope_coverage
 from sim.scene import Preset
 from sim.sensor import Sensor
-from sim.sensor_optics import OpticsKind
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import ConfigError, RecordError
 
@@ -134,11 +131,11 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
     presses = _presses(request, scene)
     warnings = check_before(presses, scene.geometry, ball_radius_m=radius_m)
     log.info("cross-validating %d presses", len(presses))
-    terms = exponents_for(request.sensor)
+    fit = partial(calibrate_presses, scene=scene, sensor=request.sensor)
     folds = min(request.folds, len(presses))
-    scores, held_out = cross_validate(presses, scene, folds=folds, exponents=terms)
+    scores, held_out = cross_validate(presses, scene, fit=fit, folds=folds)
     warnings += check_after(scores, held_out, scene)
-    calibration, shadows = calibrate_presses(presses, scene, request.sensor, exponents=terms)
+    calibration = fit(presses)
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_coverage(coverage)
     checked = None
@@ -146,7 +143,8 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         others = read_ball_presses(request.check, _circle_table(request, request.check))
         checked, _ = check_presses(others, calibration, scene)
     provenance = _provenance(request, presses, scores)
-    provenance[BLUR_PX] = fit_blur(without_shadows(presses, calibration, shadows), calibration)
+    shadows = calibration.shadows
+    provenance[BLUR_PX] = calibration.blur_px
     provenance[SHADOWS] = None if shadows is None else shadows.as_json()
     written = _write(request.out, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
@@ -158,11 +156,6 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         provenance=provenance,
         written=written,
     )
-
-
-def exponents_for(sensor: Sensor) -> IntArray:
-    """Return the terms that a sensor's optics are fitted with."""
-    return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
 
 
 def _geometry(scale_px_m: tuple[float, float], width: int, height: int) -> CameraGeometry:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress, check_sizes
-from sim.optics.calibrate import Calibration, calibrate_optics
-from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate import Calibration
+from sim.optics.press_image import press_image, without_shadows
 from sim.optics.press_scene import PressScene
 from sim.optics.press_scores import PressScores, RenderedPress, score_presses
 from tacauchy_rig.errors import ConfigError
@@ -52,23 +51,19 @@ def render_presses(
     presses: Sequence[BallPress], calibration: Calibration, *, nudge: bool
 ) -> list[RenderedPress]:
     """Render presses that the model need not have seen, where labels or nudged circles say."""
-    rendered = []
-    model, scene = calibration.model, calibration.scene
-    for press in presses:
-        circle = press.circle
-        light = scene.light(press, circle, model)
-        for _ in range(_NUDGES if nudge else 0):
-            circle = scene.nudged(press, model, light)
-            light = scene.light(press, circle, model)
-        rendered.append(
-            RenderedPress(
-                press=press,
-                rendered=scene.background + scene.predicted_image(model, circle),
-                light=light,
-                circle=circle,
-            )
-        )
-    return rendered
+    return [_rendered(press, calibration, nudge=nudge) for press in presses]
+
+
+def _rendered(press: BallPress, calibration: Calibration, *, nudge: bool) -> RenderedPress:
+    model, scene, circle = calibration.model, calibration.scene, press.circle
+    lit = without_shadows(press, circle, scene, calibration.shadows)
+    light = scene.light(lit, circle, model)
+    for _ in range(_NUDGES if nudge else 0):
+        circle = scene.nudged(lit, model, light)
+        lit = without_shadows(press, circle, scene, calibration.shadows)
+        light = scene.light(lit, circle, model)
+    image = press_image(calibration, circle)
+    return RenderedPress(press=press, rendered=image, light=light, circle=circle)
 
 
 def check_presses(
@@ -97,10 +92,16 @@ def cross_validate(
     presses: Sequence[BallPress],
     scene: PressScene,
     *,
+    fit: Callable[[Sequence[BallPress]], Calibration],
     folds: int = 7,
-    exponents: IntArray = BALL_EXPONENTS,
 ) -> tuple[CheckScores, list[RenderedPress]]:
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
+
+    Args:
+        presses: With labelled circles.
+        scene: With the no-contact frame that the scores are compared with.
+        fit: Makes a calibration of some presses.
+        folds: How many.
 
     Returns:
         Scores over all presses, and each press as rendered by the model that had not seen it
@@ -119,7 +120,7 @@ def cross_validate(
     for fold in range(folds):
         seen = [press for i, press in enumerate(presses) if i % folds != fold]
         held_out = presses[fold::folds]
-        calibration = calibrate_optics(seen, scene, exponents=exponents)
+        calibration = fit(seen)
         labelled += render_presses(held_out, calibration, nudge=False)
         nudged += render_presses(held_out, calibration, nudge=True)
     return _scores(labelled, nudged, scene), nudged

@@ -120,6 +120,12 @@ class PressScene:
         change = self.predict(model, circle, columns.astype(float), rows.astype(float))
         return change.reshape(self.background.shape)
 
+    def light_change_image(self, model: PhotometricModel, circle: Circle) -> FloatArray:
+        """Return the model's change of light everywhere, shape [height, width, 3]."""
+        rows, columns = self._lattice(1)
+        change = self.light_change(model, circle, columns.astype(float), rows.astype(float))
+        return change.reshape(self.background.shape)
+
     def light_image(self, light: FloatArray) -> FloatArray:
         """Return a frame's light everywhere, shape [height, width, 3]."""
         rows, columns = self._lattice(1)

@@ -16,16 +16,15 @@ import cv2
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.ball_press import BallPress, Circle
+from sim.optics.ball_press import BallPress
 from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.geometry import CameraGeometry
 from sim.optics.nominal import Lamp
 from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.press_image import pressed_surface, without_shadows
 from sim.optics.press_scene import PressScene
-from sim.optics.sensor_lamps import shadows_of
 from sim.optics.shadow import ShadowCaster, lost_share
 from sim.optics.tilt import Float32Array
-from sim.sensor import Sensor
 
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
@@ -46,31 +45,13 @@ class _Dent:
     left_over: Float32Array
 
 
-def calibrate_presses(
-    presses: Sequence[BallPress],
-    scene: PressScene,
-    sensor: Sensor,
-    *,
-    exponents: IntArray = BALL_EXPONENTS,
-) -> tuple[Calibration, ShadowCaster | None]:
-    """Fit colours, and shadows where the sensor's file says that there are any.
-
-    Raises:
-        ConfigError: As ``calibrate_optics``.
-    """
-    nominal = shadows_of(sensor)
-    if nominal is None:
-        return calibrate_optics(presses, scene, exponents=exponents), None
-    return calibrate_with_shadows(presses, scene, nominal, exponents=exponents)
-
-
 def calibrate_with_shadows(
     presses: Sequence[BallPress],
     scene: PressScene,
     nominal: ShadowCaster,
     *,
     exponents: IntArray = BALL_EXPONENTS,
-) -> tuple[Calibration, ShadowCaster]:
+) -> Calibration:
     """Fit colours, and direction, elevation and colour of the lamps' shadows.
 
     Their softness stays that of the sensor's file: the short shadows of a ball do not tell a soft
@@ -88,35 +69,12 @@ def calibrate_with_shadows(
     found, shadows = calibrate_optics(presses, scene, exponents=exponents), nominal
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
-        lit = without_shadows(presses, found, shadows)
+        lit = [
+            without_shadows(press, circle, found.scene, shadows)
+            for press, circle in zip(presses, found.circles, strict=True)
+        ]
         found = calibrate_optics(lit, scene, exponents=exponents)
-    return found, shadows
-
-
-def without_shadows(
-    presses: Sequence[BallPress], found: Calibration, shadows: ShadowCaster | None
-) -> list[BallPress]:
-    """Return the presses with the light that their dents took away."""
-    if shadows is None:
-        return list(presses)
-    lit = []
-    for press, circle in zip(presses, found.circles, strict=True):
-        bulge, tilt = _surface(found.scene, circle)
-        taken = shadows.darkening(bulge, tilt, found.scene.geometry)
-        image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
-        lit.append(replace(press, image=image.astype(np.uint8)))
-    return lit
-
-
-def _surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
-    height, width = scene.geometry.height, scene.geometry.width
-    rows, columns = np.mgrid[:height, :width].astype(np.float64)
-    tilt, indentation, _ = scene.surface(circle, columns.ravel(), rows.ravel())
-    shape = (height, width)
-    return (
-        indentation.reshape(shape).astype(np.float32),
-        tilt.reshape(2, *shape).astype(np.float32),
-    )
+    return replace(found, shadows=shadows)
 
 
 def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
@@ -137,7 +95,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
 
 def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
     scene, circle = found.scene, found.circles[index]
-    bulge, tilt = _surface(scene, circle)
+    bulge, tilt = pressed_surface(scene, circle)
     left = (
         press.image
         - scene.background

@@ -12,7 +12,11 @@ import typer
 
 from drivers.emulators.faults import Device, parse_fault, post_fault
 from drivers.emulators.launch import Emulation
-from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_presses
+from drivers.emulators.plant.ball_presses import (
+    BALL_DIAMETER_M,
+    frame_noise,
+    write_ball_presses,
+)
 from drivers.emulators.plant.truth import draw_truth
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.emulated_unit import emulated_unit
@@ -85,15 +89,31 @@ def presses(
     sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
     count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 40,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
+    first: Annotated[
+        int, typer.Option("--first", min=1, help="Number of the first press: 41 is unseen by 40.")
+    ] = 1,
+    noise_free: Annotated[
+        bool, typer.Option("--noise-free", help="Without noise and JPEG, and say what they are.")
+    ] = False,
+    json_file: JsonFile = None,
 ) -> None:
     """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
     writable_folder(out)
     known = load_sensor(sensor)
-    write_ball_presses(draw_truth(seed, unit=emulated_unit(known)), out, count=count)
+    truth = draw_truth(seed, unit=emulated_unit(known))
+    write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
     x, y = known.camera.pixel_m
     say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
     say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
+    found = None
+    if noise_free:
+        found = frame_noise(truth, count=count, first=first)
+        say(
+            f"left out, inside the contacts: noise of {found.noise:.2f} grey levels on average, "
+            f"{found.recorded:.2f} with the stream's JPEG"
+        )
     say(f"folder {out}")
+    write_json(json_file, {"folder": out, "presses": count, "first": first, "left_out": found})
 
 
 @app.command("fault")

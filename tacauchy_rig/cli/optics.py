@@ -18,19 +18,18 @@ from drivers.emulators.plant.ball_presses import (
 from drivers.emulators.plant.truth import read_truth
 from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.ball_profile import ball_profiles
-from sim.optics.blur import BLUR_PX, fit_blur
+from sim.optics.blur import BLUR_PX
 from sim.optics.calibrate import Calibration
-from sim.optics.calibration_run import exponents_for
 from sim.optics.geometry import CameraGeometry
 from sim.optics.grey_depth import GreyDepthModel
 from sim.optics.photometric import PhotometricModel, load_photometric
+from sim.optics.press_calibration import calibrate_presses
 from sim.optics.press_scene import PressScene
 from sim.optics.printed_markers import marker_mask
 from sim.optics.rest_slope import rest_slopes, touching_places
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
 from sim.optics.sensor_lamps import lamp_count_of, nominal_model, shadows_of
 from sim.optics.shadow import SHADOWS, ShadowCaster, read_shadows
-from sim.optics.shadow_fit import calibrate_presses, without_shadows
 from sim.sensor import Sensor
 from tacauchy_rig.cli.output import say
 from tacauchy_rig.store.run_store import RunStore
@@ -75,23 +74,22 @@ def calibrate_folder(
         rest_slope=rest_slopes(sensor.pad, nominal),
         lamp_count=lamp_count_of(sensor),
     )
-    terms = exponents_for(sensor)
-    found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
+    found = calibrate_presses(presses, scene, sensor)
     residual_px = None
     if places:
         touched = _touched(places, sensor, ball_diameter_m)
         fit = _fit_scale(presses, found, touched, nominal)
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
-        found, shadows = calibrate_presses(presses, scene, sensor, exponents=terms)
+        found = calibrate_presses(presses, scene, sensor)
         residual_px = fit.residual_px
         say(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {len(places)} presses"
         )
-    blur_px = fit_blur(without_shadows(presses, found, shadows), found)
+    shadows = found.shadows
     source = {
-        BLUR_PX: blur_px,
+        BLUR_PX: found.blur_px,
         SHADOWS: None if shadows is None else shadows.as_json(),
         "source": f"{len(presses)} ball presses in {folder.name}",
         "ball_diameter_m": ball_diameter_m,
@@ -99,7 +97,7 @@ def calibrate_folder(
     }
     model = replace(found.model, provenance={**found.model.provenance, **source})
     return OpticalCalibration(
-        model=model, geometry=scene.geometry, shadows=shadows, blur_px=blur_px
+        model=model, geometry=scene.geometry, shadows=shadows, blur_px=found.blur_px
     )
 
 

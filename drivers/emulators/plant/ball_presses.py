@@ -3,12 +3,16 @@
 Writes the images (border cropped, at the size that is scored), the no-contact frame, a table of
 circles "as clicked by a person" (the true contact circle, off by a pixel or so), and where the
 robot was told to press; the true place differs by the emulated world's pose error.
+
+Without noise the same presses tell what a calibration found: the emulator's own colours.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -26,6 +30,7 @@ CLICK_ERROR_PX = 1.0
 NO_CONTACT = "no_contact.png"
 CIRCLES = "circles.csv"
 POSITIONS = "positions.csv"
+_TIP = SphereTip(diameter_m=BALL_DIAMETER_M)
 _RAW_SIZE = (640, 480)
 _JPEG_QUALITY = 94  # of the emulated camera's stream
 _DEPTHS_M = (0.25e-3, 1.2e-3)
@@ -33,7 +38,33 @@ _DEEPEST_SHARE = 0.3  # of the gel's thickness
 _REACH = (0.64, 0.55)  # of half the image
 
 
-def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 40) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameNoise:
+    """How far frames are from what a camera without noise would show, inside the contacts.
+
+    Attributes:
+        noise: Mean absolute difference that the sensor's noise makes [grey levels].
+        recorded: The same of noise and the stream's JPEG together [grey levels].
+    """
+
+    noise: float
+    recorded: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Press:
+    """One press: its number, where the robot went [m], how deep [m], and what it touched."""
+
+    number: int
+    commanded_m: tuple[float, float]
+    depth_m: float
+    touched_m: tuple[float, float]
+    lean_rad: tuple[float, float]
+
+
+def write_ball_presses(
+    truth: PlantTruth, folder: Path, *, count: int = 40, first: int = 1, noise_free: bool = False
+) -> None:
     """Press a 4.70 mm ball ``count`` times at scattered places and depths and keep the images.
 
     Args:
@@ -41,30 +72,86 @@ def write_ball_presses(truth: PlantTruth, folder: Path, *, count: int = 40) -> N
         folder: Receives ``press-01.png`` ..., ``no_contact.png``, ``circles.csv`` and
             ``positions.csv``.
         count: Number of presses.
+        first: Number of the first press; presses of other numbers are at other places and depths.
+        noise_free: Leave out the camera's noise and the JPEG of its stream.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    tip = SphereTip(diameter_m=BALL_DIAMETER_M)
-    table = press_table(case_for(tip, truth.poisson, gel=truth.unit.gel))
+    table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
     view = gel_view(truth, _RAW_SIZE)
-    hand = np.random.default_rng([truth.seed, 4])
-    cv2.imwrite(str(folder / NO_CONTACT), _averaged(truth, tip))
+    clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
+    unloaded = _noise_free(truth, None) if noise_free else _averaged(truth)
+    cv2.imwrite(str(folder / NO_CONTACT), unloaded)
     circles, positions = [], []
-    for number, (x, y, depth) in enumerate(_places(count, truth.unit), start=1):
-        axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
-        place, lean = _touched(axis, truth.unit)
-        raw = render_press(
-            truth, tip, depth, _RAW_SIZE, centre_m=place, lean_rad=lean, noise_seed=number
-        )
-        name = f"press-{number:02d}.png"
-        cv2.imwrite(str(folder / name), _scored(_sent(raw), truth.unit))
-        radius = float(np.interp(depth, table.depths, table.contact_radius))
-        column, row = _scored_pixel(view.pixel(*place), truth.unit)
-        clicked = np.array([column, row, radius / view.m_per_px[0] * _ratio(truth.unit)[0]])
-        clicked += CLICK_ERROR_PX * hand.standard_normal(3)
+    for press, click in zip(_presses(truth, count, first), clicks[first - 1 :], strict=True):
+        name = f"press-{press.number:02d}.png"
+        frame = _noise_free(truth, press) if noise_free else _recorded(truth, press)
+        cv2.imwrite(str(folder / name), frame)
+        radius = float(np.interp(press.depth_m, table.depths, table.contact_radius))
+        column, row = _scored_pixel(view.pixel(*press.touched_m), truth.unit)
+        contact = np.array([column, row, radius / view.m_per_px[0] * _ratio(truth.unit)[0]])
+        clicked = contact + CLICK_ERROR_PX * click
         circles.append([name, *(f"{value:.2f}" for value in clicked)])
-        positions.append([name, f"{x:.7f}", f"{y:.7f}"])
+        positions.append([name, *(f"{value:.7f}" for value in press.commanded_m)])
     _write(folder / CIRCLES, ["image", "center_x_px", "center_y_px", "radius_px"], circles)
     _write(folder / POSITIONS, ["image", "x_m", "y_m"], positions)
+
+
+def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameNoise:
+    """Measure what noise and JPEG do to the frames of ``write_ball_presses`` inside the contacts.
+
+    Args:
+        truth: The emulated world.
+        count: Number of presses.
+        first: Number of the first press.
+    """
+    table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
+    view = gel_view(truth, _RAW_SIZE)
+    noise, recorded = [], []
+    for press in _presses(truth, count, first):
+        radius = float(np.interp(press.depth_m, table.depths, table.contact_radius))
+        column, row = _scored_pixel(view.pixel(*press.touched_m), truth.unit)
+        rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]
+        across = np.hypot(columns - column, rows - row)
+        inside = across < radius / view.m_per_px[0] * _ratio(truth.unit)[0]
+        still = _noise_free(truth, press)[inside].astype(np.float64)
+        noise.append(np.abs(_scored(_raw(truth, press), truth.unit)[inside] - still).ravel())
+        recorded.append(np.abs(_recorded(truth, press)[inside] - still).ravel())
+    return FrameNoise(
+        noise=float(np.mean(np.concatenate(noise))),
+        recorded=float(np.mean(np.concatenate(recorded))),
+    )
+
+
+def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:
+    for number, (x, y, depth) in _places(count, first, truth.unit):
+        axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
+        place, lean = _touched(axis, truth.unit)
+        yield _Press(
+            number=number, commanded_m=(x, y), depth_m=depth, touched_m=place, lean_rad=lean
+        )
+
+
+def _raw(truth: PlantTruth, press: _Press, *, noise: bool = True) -> ImageArray:
+    return render_press(
+        truth,
+        _TIP,
+        press.depth_m,
+        _RAW_SIZE,
+        centre_m=press.touched_m,
+        lean_rad=press.lean_rad,
+        noise_seed=press.number if noise else None,
+    )
+
+
+def _recorded(truth: PlantTruth, press: _Press) -> ImageArray:
+    return _scored(_sent(_raw(truth, press)), truth.unit)
+
+
+def _noise_free(truth: PlantTruth, press: _Press | None) -> ImageArray:
+    """Return the frame of a press, or the no-contact frame, without noise and JPEG."""
+    if press is None:
+        return _scored(render_press(truth, _TIP, 0.0, _RAW_SIZE, noise_seed=None), truth.unit)
+    return _scored(_raw(truth, press, noise=False), truth.unit)
 
 
 def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
@@ -74,20 +161,20 @@ def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
         writer.writerows(rows)
 
 
-def _places(count: int, unit: EmulatedUnit) -> list[tuple[float, float, float]]:
-    """Return x, y and depth [m] of each press, filling the image evenly (R2 sequence)."""
+def _places(
+    count: int, first: int, unit: EmulatedUnit
+) -> Iterator[tuple[int, tuple[float, float, float]]]:
+    """Yield number, and x, y, depth [m], of each press, filling the image evenly (R2 sequence)."""
     plastic = 1.324717957244746
     deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
     reach_x, reach_y = (
         share * 0.5 * size * pixel
         for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
     )
-    found = []
-    for k in range(1, count + 1):
+    for k in range(first, first + count):
         u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
         depth = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
-        found.append(((2 * u - 1) * reach_x, (2 * v - 1) * reach_y, depth))
-    return found
+        yield k, ((2 * u - 1) * reach_x, (2 * v - 1) * reach_y, depth)
 
 
 def _touched(
@@ -104,10 +191,10 @@ def _touched(
     return place, (place[0] * bend_x, place[1] * bend_y)
 
 
-def _averaged(truth: PlantTruth, tip: SphereTip, *, frames: int = 12) -> ImageArray:
+def _averaged(truth: PlantTruth, *, frames: int = 12) -> ImageArray:
     """Return the no-contact frame averaged over its noise, as a lab averages it."""
     stack = [
-        _sent(render_press(truth, tip, 0.0, _RAW_SIZE, noise_seed=1000 + k)).astype(np.float32)
+        _sent(render_press(truth, _TIP, 0.0, _RAW_SIZE, noise_seed=1000 + k)).astype(np.float32)
         for k in range(frames)
     ]
     return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8), truth.unit)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sim.optics.ball_press import BallPress, Circle
-from sim.optics.calibrate import calibrate_optics
+from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.cross_validation import check_presses, cross_validate
 from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.photometric import load_photometric
 from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.press_scene import PressScene
 from sim.optics.ridge_fit import fit_ridge
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
@@ -50,11 +53,14 @@ def test_too_few_pixels_are_refused() -> None:
         fit_photometric(few, exponents=EXPONENTS)
 
 
+def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
+    return partial(calibrate_optics, scene=scene, exponents=EXPONENTS)
+
+
 def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
     """Good labels, steady light: held-out error is the noise of the pixels alone."""
-    scores, rendered = cross_validate(
-        presses(12, noise=1.0)[0], press_scene(), folds=3, exponents=EXPONENTS
-    )
+    scene = press_scene()
+    scores, rendered = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
     noise_mae = np.sqrt(2 / np.pi) * np.hypot(1.0, np.sqrt(2 / 12))
     assert scores.raw.mae < 1.25 * noise_mae
     assert scores.raw.r2 > 0.99
@@ -109,7 +115,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
         )
         for i in range(4)
     ]
-    scores, _ = cross_validate(noisy, scene, folds=2, exponents=EXPONENTS)
+    scores, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
     assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.03)
     assert scores.raw.mae == pytest.approx(scores.raw.mae_no_contact, rel=0.05)
     assert scores.raw.r2 < 0.1
@@ -131,7 +137,7 @@ def test_refusals() -> None:
     with pytest.raises(ConfigError, match="no ball press"):
         calibrate_optics([], scene)
     with pytest.raises(ConfigError, match="3 presses cannot be cross-validated in 7 folds"):
-        cross_validate(presses(3)[0], scene)
+        cross_validate(presses(3)[0], scene, fit=_fit(scene))
     small = BallPress(
         name="small.png",
         image=np.zeros((10, 20, 3), np.uint8),

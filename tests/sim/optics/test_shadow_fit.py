@@ -42,10 +42,11 @@ def test_lamps_are_found_from_their_shadows() -> None:
         )
         image = np.clip(np.rint(press.image + taken.transpose(1, 2, 0)), 0, 255)
         seen.append(replace(press, image=image.astype(np.uint8)))
-    found, fitted = calibrate_with_shadows(
+    found = calibrate_with_shadows(
         seen, scene, _caster((-90.0, 30.0), 16.0, 80.0), exponents=EXPONENTS
     )
-    for lamp, known in zip(fitted.lamps, true.lamps, strict=True):
+    assert found.shadows is not None
+    for lamp, known in zip(found.shadows.lamps, true.lamps, strict=True):
         assert lamp.azimuth_rad == pytest.approx(known.azimuth_rad, abs=math.radians(5.0))
         assert lamp.elevation_rad == pytest.approx(known.elevation_rad, rel=0.2)
     plain = calibrate_optics(seen, scene, exponents=EXPONENTS)

@@ -1,0 +1,49 @@
+"""All that ball presses tell of a sensor's optics: colours, shadows where it has any, blur."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sim.arrays import IntArray
+from sim.optics.ball_press import BallPress
+from sim.optics.blur import fit_blur
+from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.grey_depth import GREY_EXPONENTS
+from sim.optics.photometric_fit import BALL_EXPONENTS
+from sim.optics.press_image import without_shadows
+from sim.optics.press_scene import PressScene
+from sim.optics.sensor_lamps import shadows_of
+from sim.optics.shadow_fit import calibrate_with_shadows
+from sim.sensor import Sensor
+from sim.sensor_optics import OpticsKind
+
+
+def calibrate_presses(
+    presses: Sequence[BallPress], scene: PressScene, sensor: Sensor
+) -> Calibration:
+    """Fit colours, shadows where the sensor's file says that there are any, and the blur.
+
+    Args:
+        presses: Images with labelled circles.
+        scene: Camera, no-contact frame and gel.
+        sensor: Says how the colours are modelled and which lamps cast shadows.
+
+    Raises:
+        ConfigError: As ``calibrate_optics``.
+    """
+    nominal, exponents = shadows_of(sensor), exponents_for(sensor)
+    if nominal is None:
+        found = calibrate_optics(presses, scene, exponents=exponents)
+    else:
+        found = calibrate_with_shadows(presses, scene, nominal, exponents=exponents)
+    lit = [
+        without_shadows(press, circle, found.scene, found.shadows)
+        for press, circle in zip(presses, found.circles, strict=True)
+    ]
+    return replace(found, blur_px=fit_blur(lit, found))
+
+
+def exponents_for(sensor: Sensor) -> IntArray:
+    """Return the terms that a sensor's optics are fitted with."""
+    return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
