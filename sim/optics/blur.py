@@ -29,6 +29,7 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
         found: The calibration.
     """
     misfit = np.zeros(len(_TRIED_PX))
+    pixels = found.scene.whole_image(found.model)
     for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
         height, width = press.image.shape[:2]
         rows, columns = np.mgrid[:height, :width]
@@ -37,7 +38,7 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
             near &= ~found.scene.masked
         told = near[..., None] & exposed(press.image)
         seen = press.image - found.scene.background - found.scene.light_image(light)
-        sharp = found.scene.predicted_image(found.model, circle)
+        sharp = pixels.predict(circle).reshape(seen.shape)
         misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
     return _lowest(misfit)
 

@@ -39,8 +39,10 @@ def averaged_no_contact(
     rows, columns = np.mgrid[:height, :width]
     total = scene.background.astype(np.float64)
     count = np.ones((height, width, 3))
+    pixels = scene.whole_image(model)
     for press, circle, light in zip(presses, circles, lights, strict=True):
-        level = press.image - scene.light_image(light) - scene.predicted_image(model, circle)
+        change = pixels.predict(circle).reshape(total.shape)
+        level = press.image - scene.light_image(light) - change
         reach = BEYOND_RIM * circle.radius_px
         outside = np.hypot(columns - circle.x_px, rows - circle.y_px)[..., None] > reach
         told = outside & exposed(press.image)

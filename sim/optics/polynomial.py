@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,15 +107,23 @@ def polynomial_plan(
     exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]
 ) -> PolynomialPlan:
     """Sort a polynomial's terms; arguments as in ``evaluate_polynomial``."""
+    level, surface_of, places, place_of = _sorted_terms(tuple(map(tuple, exponents.tolist())))
+    weights = np.zeros((len(places), 3, len(level)), dtype=dtype)
+    weights[place_of, :, surface_of] = coefficients
+    return PolynomialPlan(level, places, weights.reshape(-1, len(level)))
+
+
+@lru_cache(maxsize=16)
+def _sorted_terms(
+    terms: tuple[tuple[int, ...], ...],
+) -> tuple[IntArray, NDArray[np.intp], list[tuple[int, int]], NDArray[np.intp]]:
+    """Return exponents without place and places, each with whose a term is."""
+    exponents = np.array(terms, dtype=np.int32).reshape(-1, 5)
     surface, surface_of = np.unique(exponents[:, [0, 1, 4]], axis=0, return_inverse=True)
     places, place_of = np.unique(exponents[:, [2, 3]], axis=0, return_inverse=True)
-    weights = np.zeros((len(places), 3, len(surface)), dtype=dtype)
-    weights[place_of, :, surface_of] = coefficients
     level = np.zeros((len(surface), 5), dtype=np.int32)
     level[:, [0, 1, 4]] = surface
-    return PolynomialPlan(
-        level, [(c, d) for c, d in places.tolist()], weights.reshape(-1, len(surface))
-    )
+    return level, surface_of, [(c, d) for c, d in places.tolist()], place_of
 
 
 def _sum_terms(

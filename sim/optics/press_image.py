@@ -27,7 +27,7 @@ def press_image(found: Calibration, circle: Circle) -> FloatArray:
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)
     gain = model.gain(light)
-    change = scene.light_change_image(model, circle)
+    change = scene.whole_image(model).light_change(circle).reshape(light.shape)
     if gain is not None:
         change = change * np.asarray(gain, dtype=np.float64)
     if found.shadows is not None:

@@ -92,39 +92,30 @@ class PressScene:
     def _at_rest(slope: FloatArray, columns: FloatArray, rows: FloatArray) -> FloatArray:
         return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
 
-    def predict(
-        self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
-    ) -> FloatArray:
-        """Return the model's colour change [grey levels] at pixels, shape [n, 3]."""
-        change = self.light_change(model, circle, columns, rows)
-        if not model.response.bends and model.reference is None:
-            return change
-        there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
-        return np.asarray(model.shown(change, there) - model.shown(np.zeros_like(change), there))
-
-    def light_change(
-        self, model: PhotometricModel, circle: Circle, columns: FloatArray, rows: FloatArray
-    ) -> FloatArray:
-        """Return the model's change of light at pixels over its reference, shape [n, 3]."""
-        tilt, indentation, curvature = self.surface(circle, columns, rows)
+    def pixels(
+        self, model: PhotometricModel, columns: FloatArray, rows: FloatArray
+    ) -> PredictedPixels:
+        """Return pixels, shape [n], made ready to be predicted under any contact."""
         position = self.normalised(columns, rows)
-        change = model.evaluate(tilt, position, indentation, curvature)
-        rest = self.rest_tilt(columns, rows)
+        rest, change = self.rest_tilt(columns, rows), None
         if rest is not None:
-            change = change - model.evaluate(rest, position, np.zeros_like(indentation))
-        return np.asarray(change.T, dtype=np.float64)
+            level = np.zeros(len(columns))
+            change = np.asarray(model.evaluate(rest, position, level), dtype=np.float64)
+        there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+        return PredictedPixels(
+            scene=self,
+            model=model,
+            columns=columns,
+            rows=rows,
+            position=position,
+            rest_change=change,
+            background=there,
+        )
 
-    def predicted_image(self, model: PhotometricModel, circle: Circle) -> FloatArray:
-        """Return the model's colour change [grey levels] everywhere, shape [height, width, 3]."""
+    def whole_image(self, model: PhotometricModel) -> PredictedPixels:
+        """Return all pixels, row after row, made ready to be predicted."""
         rows, columns = self._lattice(1)
-        change = self.predict(model, circle, columns.astype(float), rows.astype(float))
-        return change.reshape(self.background.shape)
-
-    def light_change_image(self, model: PhotometricModel, circle: Circle) -> FloatArray:
-        """Return the model's change of light everywhere, shape [height, width, 3]."""
-        rows, columns = self._lattice(1)
-        change = self.light_change(model, circle, columns.astype(float), rows.astype(float))
-        return change.reshape(self.background.shape)
+        return self.pixels(model, columns.astype(np.float64), rows.astype(np.float64))
 
     def light_image(self, light: FloatArray) -> FloatArray:
         """Return a frame's light everywhere, shape [height, width, 3]."""
@@ -181,7 +172,7 @@ class PressScene:
         gain = np.maximum(response.light(self.background[rows, columns]), 1.0) / REFERENCE
         change, counts = seen.change, seen.exposed
         if model is not None:
-            change = seen.completed(gain * self.light_change(model, circle, x, y))
+            change = seen.completed(gain * self.pixels(model, x, y).light_change(circle))
             counts = np.ones_like(counts)
         return PhotometricSamples(
             tilt=tilt,
@@ -228,7 +219,9 @@ class PressScene:
         rows, columns = rows[outside], columns[outside]
         seen = self._seen(press, rows, columns, no_light())
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        change = seen.change if model is None else seen.change - self.predict(model, circle, x, y)
+        change = (
+            seen.change if model is None else seen.change - self.pixels(model, x, y).predict(circle)
+        )
         return fit_light(change, seen.exposed, self.normalised(x, y), level_only=model is None)
 
     def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
@@ -241,14 +234,53 @@ class PressScene:
         seen = self._seen(press, rows, columns, light)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
+        pixels = self.pixels(model, x, y)
 
         def residual(move: FloatArray) -> FloatArray:
             px, py, radius = label + move
             circle = Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
-            misfit = seen.misfit(self.predict(model, circle, x, y)).ravel()
+            misfit = seen.misfit(pixels.predict(circle)).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
         move = least_squares(residual, np.zeros(3), diff_step=1e-2, x_scale=1.0, max_nfev=10).x
         px, py, radius = (float(value) for value in label + move)
         return Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredictedPixels:
+    """Pixels of a scene through a model, whatever is pressed.
+
+    Attributes:
+        scene: Camera, no-contact frame and gel.
+        model: Colours.
+        columns, rows: Of the pixels, shape [n].
+        position: The same as the model wants it, shape [2, n].
+        rest_change: The model's change of light of the unloaded gel, shape [3, n]; None is level.
+        background: Of the no-contact frame [grey levels], shape [n, 3].
+    """
+
+    scene: PressScene
+    model: PhotometricModel
+    columns: FloatArray
+    rows: FloatArray
+    position: FloatArray
+    rest_change: FloatArray | None
+    background: FloatArray
+
+    def light_change(self, circle: Circle) -> FloatArray:
+        """Return the model's change of light over its reference, shape [n, 3]."""
+        tilt, indentation, curvature = self.scene.surface(circle, self.columns, self.rows)
+        change = self.model.evaluate(tilt, self.position, indentation, curvature)
+        if self.rest_change is not None:
+            change = change - self.rest_change
+        return np.asarray(change.T, dtype=np.float64)
+
+    def predict(self, circle: Circle) -> FloatArray:
+        """Return the model's colour change [grey levels], shape [n, 3]."""
+        change, model = self.light_change(circle), self.model
+        if not model.response.bends and model.reference is None:
+            return change
+        unloaded = model.shown(np.zeros_like(change), self.background)
+        return np.asarray(model.shown(change, self.background) - unloaded)

@@ -100,7 +100,7 @@ def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
         press.image
         - scene.background
         - scene.light_image(found.lights[index])
-        - scene.predicted_image(found.model, circle)
+        - scene.whole_image(found.model).predict(circle).reshape(press.image.shape)
     )
     size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
 

@@ -75,7 +75,7 @@ def presses(
         circle = Circle(
             x_px=rng.uniform(60, 120), y_px=rng.uniform(60, 90), radius_px=rng.uniform(14, 20)
         )
-        change = scene.predict(colours, circle, columns, rows).reshape(HEIGHT, WIDTH, 3)
+        change = scene.pixels(colours, columns, rows).predict(circle).reshape(HEIGHT, WIDTH, 3)
         image = scene.background + change + offsets[i] + rng.normal(0, noise, change.shape)
         error = rng.normal(0.0, 1.0, 3) * click_px
         label = Circle(
