@@ -75,7 +75,7 @@ def calibrate_optics(
     check_sizes(presses, scene.background.astype(np.uint8))
     circles = [press.circle for press in presses]
     lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
-    model = _fit(presses, circles, lights, scene, exponents, None)
+    model = fit_model(presses, circles, lights, scene, exponents, None)
     averaged = scene
     for turn in range(rounds):
         for i, press in enumerate(presses):
@@ -83,22 +83,37 @@ def calibrate_optics(
             circles[i] = averaged.nudged(press, model, lights[i])
         frame = averaged_no_contact(presses, circles, lights, model, scene)
         averaged = replace(scene, background=frame)
-        model = _fit(presses, circles, lights, averaged, exponents, model)
+        model = fit_model(presses, circles, lights, averaged, exponents, model)
         log.debug("calibration round %d of %d done", turn + 1, rounds)
     return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
 
 
-def _fit(
+def fit_model(
     presses: Sequence[BallPress],
     circles: Sequence[Circle],
-    lights: Sequence[FloatArray],
+    lights: Sequence[FloatArray] | FloatArray,
     scene: PressScene,
     exponents: IntArray,
     known: PhotometricModel | None,
+    *,
+    blur_px: float = 0.0,
 ) -> PhotometricModel:
+    """Fit response, lamps, ridge and coefficients where circles and lights are known.
+
+    Args:
+        presses: The images.
+        circles: Their contacts.
+        lights: Their light, each of shape [3, 3].
+        scene: Camera, no-contact frame and gel.
+        exponents: Terms of the model.
+        known: An earlier model, where the search starts; without one the camera is taken to be
+            linear and the ridge is the usual one.
+        blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
+    """
+
     def parts_of(response: Response, model: PhotometricModel | None) -> list[PhotometricSamples]:
         return [
-            scene.samples(press, circle, light, model, response=response)
+            scene.samples(press, circle, light, model, response=response, blur_px=blur_px)
             for press, circle, light in zip(presses, circles, lights, strict=True)
         ]
 

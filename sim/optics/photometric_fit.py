@@ -28,6 +28,29 @@ BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SurfacePoints:
+    """The gel's surface at n points.
+
+    Attributes:
+        tilt: Along +column and +row, shape [2, n].
+        indentation_m: Unloaded minus loaded height [m], shape [n].
+        curvature: Divergence of the tilt [1/m], shape [n].
+    """
+
+    tilt: FloatArray
+    indentation_m: FloatArray
+    curvature: FloatArray
+
+    def thinned(self, step: int) -> SurfacePoints:
+        """Return every ``step``-th point."""
+        return SurfacePoints(
+            tilt=self.tilt[:, ::step],
+            indentation_m=self.indentation_m[::step],
+            curvature=self.curvature[::step],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PhotometricSamples:
     """Pixels with known surface and observed colour.
 
@@ -42,6 +65,8 @@ class PhotometricSamples:
         rest_tilt: Of the unloaded gel, whose colour is in the no-contact frame, shape
             [2, sample_count]; None is level gel.
         weights: Of each colour in a fit, like ``change``; None is one.
+        around: Points beside each sample whose light the camera's blur mixes in its place, all
+            alike; none is a sharp camera.
     """
 
     tilt: FloatArray
@@ -52,6 +77,7 @@ class PhotometricSamples:
     curvature: FloatArray | None = None
     rest_tilt: FloatArray | None = None
     weights: FloatArray | None = None
+    around: tuple[SurfacePoints, ...] = ()
 
     def weighed(self, channel: int) -> FloatArray:
         """Return each sample's weight in the fit of one colour, zero where it does not count."""
@@ -70,28 +96,34 @@ class PhotometricSamples:
             curvature=None if curvature is None else curvature[::step],
             rest_tilt=None if rest is None else rest[:, ::step],
             weights=None if weights is None else weights[::step],
+            around=tuple(points.thinned(step) for points in self.around),
         )
 
     def features(self, exponents: IntArray, terms: ShadingTerms | None) -> FloatArray:
         """Return what the model is linear in, shape [exponent_count + term_count, sample_count]."""
         level = np.zeros_like(self.indentation_m)
-        creases = level if self.curvature is None else self.curvature
-        found = self._values(self.tilt, self.indentation_m, creases, exponents, terms)
+        own = SurfacePoints(
+            tilt=self.tilt,
+            indentation_m=self.indentation_m,
+            curvature=level if self.curvature is None else self.curvature,
+        )
+        found = np.zeros((len(exponents) + (0 if terms is None else terms.count), len(level)))
+        seen = self.around or (own,)
+        for points in seen:
+            found += self._values(points, exponents, terms)
+        found /= len(seen)
         if self.rest_tilt is not None:
-            found -= self._values(self.rest_tilt, level, level, exponents, terms)
+            rest = SurfacePoints(tilt=self.rest_tilt, indentation_m=level, curvature=level)
+            found -= self._values(rest, exponents, terms)
         return found
 
     def _values(
-        self,
-        tilt: FloatArray,
-        indentation_m: FloatArray,
-        curvature: FloatArray,
-        exponents: IntArray,
-        terms: ShadingTerms | None,
+        self, points: SurfacePoints, exponents: IntArray, terms: ShadingTerms | None
     ) -> FloatArray:
-        found = monomials(tilt, self.position, indentation_m, exponents)
+        found = monomials(points.tilt, self.position, points.indentation_m, exponents)
         if terms is not None:
-            found = np.concatenate([found, terms.values(tilt, self.position, curvature)])
+            shaded = terms.values(points.tilt, self.position, points.curvature)
+            found = np.concatenate([found, shaded])
         return np.asarray(found, dtype=np.float64)
 
 
@@ -111,6 +143,14 @@ def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
         curvature=along(0, [part.curvature for part in parts]),
         rest_tilt=along(1, [part.rest_tilt for part in parts]),
         weights=along(0, [part.weights for part in parts]),
+        around=tuple(
+            SurfacePoints(
+                tilt=np.concatenate([points.tilt for points in beside], axis=1),
+                indentation_m=np.concatenate([points.indentation_m for points in beside]),
+                curvature=np.concatenate([points.curvature for points in beside]),
+            )
+            for beside in zip(*(part.around for part in parts), strict=True)
+        ),
     )
 
 

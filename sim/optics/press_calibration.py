@@ -8,7 +8,7 @@ from dataclasses import replace
 from sim.arrays import IntArray
 from sim.optics.ball_press import BallPress
 from sim.optics.blur import fit_blur
-from sim.optics.calibrate import Calibration, calibrate_optics
+from sim.optics.calibrate import Calibration, calibrate_optics, fit_model
 from sim.optics.grey_depth import GREY_EXPONENTS
 from sim.optics.photometric_fit import BALL_EXPONENTS
 from sim.optics.press_image import without_shadows
@@ -17,6 +17,9 @@ from sim.optics.sensor_lamps import shadows_of
 from sim.optics.shadow_fit import calibrate_with_shadows
 from sim.sensor import Sensor
 from sim.sensor_optics import OpticsKind
+
+_BLUR_TURNS = 4
+_SETTLED_PX = 0.05
 
 
 def calibrate_presses(
@@ -41,7 +44,35 @@ def calibrate_presses(
         without_shadows(press, circle, found.scene, found.shadows)
         for press, circle in zip(presses, found.circles, strict=True)
     ]
-    return replace(found, blur_px=fit_blur(lit, found))
+    return _sharpened(lit, found, exponents)
+
+
+def _sharpened(
+    presses: Sequence[BallPress], found: Calibration, exponents: IntArray
+) -> Calibration:
+    """Fit the blur, and the colours once more to the gel as the blur shows it.
+
+    Without that the colours take a part of the blur for the gel's own.
+    """
+    found = replace(found, blur_px=fit_blur(presses, found))
+    for _ in range(_BLUR_TURNS):
+        blur_px = found.blur_px
+        if blur_px == 0.0:
+            break
+        model = fit_model(
+            presses,
+            found.circles,
+            found.lights,
+            found.scene,
+            exponents,
+            found.model,
+            blur_px=blur_px,
+        )
+        found = replace(found, model=model)
+        found = replace(found, blur_px=fit_blur(presses, found))
+        if abs(found.blur_px - blur_px) < _SETTLED_PX:
+            break
+    return found
 
 
 def exponents_for(sensor: Sensor) -> IntArray:

@@ -7,6 +7,7 @@ no-contact frame: both are estimated here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from sim.optics.gel_profile import GelProfile
 from sim.optics.geometry import CameraGeometry
 from sim.optics.light import fit_light, light_at, no_light
 from sim.optics.photometric import PhotometricModel
-from sim.optics.photometric_fit import REFERENCE, PhotometricSamples
+from sim.optics.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
 from sim.optics.response import LINEAR, Response
 
 BEYOND_RIM = 1.15
@@ -153,6 +154,7 @@ class PressScene:
         model: PhotometricModel | None,
         *,
         response: Response = LINEAR,
+        blur_px: float = 0.0,
     ) -> PhotometricSamples:
         """Return the press's pixels for a fit.
 
@@ -163,6 +165,7 @@ class PressScene:
             model: Stands in for pixels that are too bright or too dark for the camera; without
                 one they do not count.
             response: Of the camera.
+            blur_px: Standard deviation of the camera's blur [px].
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
@@ -183,7 +186,23 @@ class PressScene:
             curvature=curvature,
             rest_tilt=self.rest_tilt(x, y),
             weights=gain * light_weights(levels, response),
+            around=self._blurred_over(circle, x, y, blur_px),
         )
+
+    def _blurred_over(
+        self, circle: Circle, columns: FloatArray, rows: FloatArray, blur_px: float
+    ) -> tuple[SurfacePoints, ...]:
+        """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
+        if blur_px == 0.0:
+            return ()
+        height, width = self.background.shape[:2]
+        found = []
+        for right, down in product((-blur_px, blur_px), repeat=2):
+            x = np.clip(columns + right, 0.0, width - 1.0)
+            y = np.clip(rows + down, 0.0, height - 1.0)
+            tilt, indentation, curvature = self.surface(circle, x, y)
+            found.append(SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature))
+        return tuple(found)
 
     def _expected(
         self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from sim.optics.blur import fit_blur
-from sim.optics.calibrate import calibrate_optics
+from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.photometric import normalised_positions
+from sim.optics.press_calibration import calibrate_presses, exponents_for
 from sim.optics.render import TactileRenderer
 from sim.optics.tilt import surface_tilt
+from sim.sensor import load_sensor
 from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 
@@ -27,6 +29,28 @@ def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
     ]
     calibration = calibrate_optics(found, scene, exponents=EXPONENTS)
     assert low <= fit_blur(found, calibration) <= high
+
+
+def test_colours_are_fitted_to_the_sharp_gel() -> None:
+    """Told of the blur, the fit takes less of it for the gel's own colours."""
+    scene = press_scene()
+    labelled, circles, _ = presses(12, noise=0.5)
+    seen = [
+        replace(press, image=_seen_through(press.image, scene.background, 1.2))
+        for press in labelled
+    ]
+    sensor = load_sensor("gelsight-mini")
+    plain = calibrate_optics(seen, scene, exponents=exponents_for(sensor))
+    told = calibrate_presses(seen, scene, sensor)
+
+    def off(found: Calibration) -> float:
+        sharp, true = scene.whole_image(found.model), scene.whole_image(true_model())
+        apart = [sharp.predict(circle) - true.predict(circle) for circle in circles]
+        return float(np.abs(apart).mean())
+
+    assert off(told) < 0.8 * off(plain)
+    assert abs(told.blur_px - 1.2) < abs(fit_blur(seen, plain) - 1.2)
+    assert told.blur_px == pytest.approx(1.2, abs=0.25)
 
 
 def _seen_through(image: np.ndarray, background: np.ndarray, blur_px: float) -> np.ndarray:
