@@ -18,6 +18,8 @@ import numpy as np
 from reports.arrays import FloatArray
 from reports.evidence import TrialEvidence
 
+_SAME_DEPTH_M = 1e-9
+
 
 class TermGroup(StrEnum):
     """Where an uncertainty enters, after ASME V&V 20."""
@@ -110,10 +112,13 @@ def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> Float
     Returns:
         Shape [n, 2], sorted by depth, first row zero; None when there is no evaluation.
     """
-    points = {(d, f) for history in histories for d, f in history if d > 0.0}
-    if not points:
+    points = np.array(
+        sorted((d, f) for history in histories for d, f in history if d > 0.0), dtype=np.float64
+    ).reshape(-1, 2)
+    if not len(points):
         return None
-    return np.array([(0.0, 0.0), *sorted(points)], dtype=np.float64)
+    apart = np.diff(points[:, 0], prepend=0.0) > _SAME_DEPTH_M  # trials pass the same depths
+    return np.concatenate([[[0.0, 0.0]], points[apart]])
 
 
 def compare_force(

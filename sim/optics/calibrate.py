@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.ball_press import BallPress, Circle, check_sizes
+from sim.optics.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.lamp_fit import fit_terms
 from sim.optics.no_contact import averaged_no_contact
 from sim.optics.photometric import PhotometricModel
@@ -72,7 +72,7 @@ def calibrate_optics(
     """
     if not presses:
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
-    check_sizes(presses, scene.background.astype(np.uint8))
+    check_presses_fit(presses, scene.background.astype(np.uint8))
     circles = [press.circle for press in presses]
     lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
     model = fit_model(presses, circles, lights, scene, exponents, None)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.optics.ball_press import BallPress, check_sizes
+from sim.optics.ball_press import BallPress, check_presses_fit
 from sim.optics.calibrate import Calibration
 from sim.optics.press_image import press_image, without_shadows
 from sim.optics.press_scene import PressScene
@@ -82,7 +82,7 @@ def check_presses(
     Raises:
         ConfigError: A press has another size than the no-contact frame.
     """
-    check_sizes(presses, scene.background.astype(np.uint8))
+    check_presses_fit(presses, scene.background.astype(np.uint8))
     labelled = render_presses(presses, calibration, nudge=False)
     nudged = render_presses(presses, calibration, nudge=True)
     return _scores(labelled, nudged, scene), nudged

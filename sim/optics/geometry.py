@@ -92,6 +92,14 @@ class CameraGeometry:
             centre_y_px=(self.centre_y_px + 0.5) * samples - 0.5,
         )
 
+    @property
+    def centre_from_middle_m(self) -> tuple[float, float]:
+        """Where the pad's centre is seen, from the image's middle to the right and down [m]."""
+        return (
+            (self.centre_x_px - 0.5 * (self.width - 1)) * self.scale_x_m,
+            (self.centre_y_px - 0.5 * (self.height - 1)) * self.scale_y_m,
+        )
+
     def to_pad(self, pixels: FloatArray) -> FloatArray:
         """Map (column, row) [px] to pad (x, y) [m], both of shape [..., 2]."""
         centred = np.asarray(pixels) - (self.centre_x_px, self.centre_y_px)

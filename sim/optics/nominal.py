@@ -27,34 +27,6 @@ class Lamp:
     colour: tuple[float, float, float]
 
 
-def three_lamps(
-    *,
-    red_azimuth_rad: float = -math.pi / 3,
-    elevation_rad: float = math.radians(10.0),
-    level: float = 70.0,
-) -> tuple[Lamp, Lamp, Lamp]:
-    """Give red, green and blue lamps 120 degrees apart, as around a GelSight Mini's gel.
-
-    The levels stand for a camera of unknown exposure: such a model shows shapes, and its colours
-    agree with no real sensor before it is calibrated.
-
-    Args:
-        red_azimuth_rad: Where red stands; green and blue follow from columns towards rows [rad].
-        elevation_rad: Of all three [rad]; light that is led in from the side grazes.
-        level: Brightness of each in its own channel [grey levels].
-    """
-    colours = ((level, 0.0, 0.0), (0.0, level, 0.0), (0.0, 0.0, level))
-    red, green, blue = (
-        Lamp(
-            azimuth_rad=red_azimuth_rad + turn * 2.0 * math.pi / 3.0,
-            elevation_rad=elevation_rad,
-            colour=colour,
-        )
-        for turn, colour in enumerate(colours)
-    )
-    return red, green, blue
-
-
 def nominal_photometric(
     lamps: Sequence[Lamp], *, gain: float = 1.0, source: str = "nominal lamp directions"
 ) -> PhotometricModel:

@@ -160,7 +160,7 @@ def load_photometric(path: Path) -> PhotometricModel:
             )
     except FileNotFoundError as error:
         raise ConfigError(f"optics calibration {path} does not exist", remedy=remedy) from error
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise ConfigError(
             f"{path} is not an optics calibration ({error})", remedy=remedy
         ) from error

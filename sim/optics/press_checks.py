@@ -38,10 +38,7 @@ def check_before(
         ConfigError: There are too few, most are saturated, or a circle is larger than the ball.
     """
     if len(presses) < FEWEST:
-        raise ConfigError(
-            f"{len(presses)} ball presses are too few to calibrate and to check by",
-            remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
-        )
+        raise too_few(len(presses))
     for press in presses:
         radius_m = press.circle.radius_px * geometry.mean_scale_m
         if radius_m >= ball_radius_m:
@@ -70,6 +67,14 @@ def check_before(
             f"camera's range): {_listed(bad)}; lower exposure or gain"
         )
     return warnings
+
+
+def too_few(count: int) -> ConfigError:
+    """Return what is said of too few presses."""
+    return ConfigError(
+        f"{count} ball presses are too few to calibrate and to check by",
+        remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
+    )
 
 
 def check_coverage(coverage: SlopeCoverage) -> list[str]:

@@ -177,29 +177,6 @@ def _sample_and_colour(
         colour()
 
 
-def render_tactile_image(
-    height: NDArray[np.floating],
-    rest_height: NDArray[np.floating],
-    background: ImageArray,
-    model: ColourModel,
-    *,
-    geometry: CameraGeometry,
-) -> ImageArray:
-    """Render one image; ``TactileRenderer`` spares the unloaded part where many are rendered.
-
-    Args:
-        height: Height map of the loaded gel [m], shape [height, width].
-        rest_height: Height map of the unloaded gel [m], same shape.
-        background: No-contact frame, RGB, shape [height, width, 3].
-        model: Colour of a tilt.
-        geometry: Pixels.
-
-    Returns:
-        RGB, uint8, shape [height, width, 3].
-    """
-    return TactileRenderer(background, rest_height, model, geometry).render(height)
-
-
 def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
     if shape != expected:
         raise ConfigError(

@@ -13,6 +13,7 @@ from sim.arrays import FloatArray
 from sim.optics.geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
+_APART_M = 1e-4
 _FEWEST = 4
 
 
@@ -46,23 +47,35 @@ def read_positions(path: Path) -> dict[str, tuple[float, float]]:
         ConfigError: Missing, or a line without three values; the message names the line.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             lines = list(csv.DictReader(file))
     except OSError as error:
         raise ConfigError(
             f"positions {path} cannot be read: {error.strerror}",
             remedy="give a CSV with the columns image, x_m, y_m",
         ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(
+            f"positions {path} are no CSV: {error}",
+            remedy="give a CSV in UTF-8 with the columns image, x_m, y_m",
+        ) from error
     found = {}
     for number, line in enumerate(lines, start=2):
         try:
-            found[line["image"]] = (float(line["x_m"]), float(line["y_m"]))
+            found[line["image"]] = _place(line)
         except (KeyError, TypeError, ValueError) as error:
             raise ConfigError(
                 f"{path}, line {number}: not a press's position: {error}",
                 remedy="give image, x_m and y_m, for example press-01.png,0.0012,-0.0030",
             ) from error
     return found
+
+
+def _place(line: dict[str, str]) -> tuple[float, float]:
+    x, y = float(line["x_m"]), float(line["y_m"])
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"{x:g} m, {y:g} m is no place")
+    return x, y
 
 
 def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height: int) -> ScaleFit:
@@ -91,6 +104,11 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
     if np.linalg.matrix_rank(features - [*features.mean(axis=0)[:2], 0.0], tol=1.0) < 3:
         raise ConfigError(
             "all presses lie on one line in the image", remedy="press also beside that line"
+        )
+    if np.linalg.matrix_rank(positions_m - positions_m.mean(axis=0), tol=_APART_M) < 2:
+        raise ConfigError(
+            "all places lie on one line on the gel",
+            remedy="give the places of the presses in metres, and press also beside that line",
         )
     solution = np.linalg.lstsq(features, positions_m, rcond=None)[0]
     direction, offset = solution[:2].T, solution[2]

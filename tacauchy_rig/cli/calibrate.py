@@ -7,14 +7,15 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.calibration_run import OpticsRequest, OpticsResult, calibrate_and_check
+from sim.optics.calibration_input import OpticsRequest
+from sim.optics.calibration_run import OpticsResult, calibrate_and_check
 from sim.optics.press_scores import PressScores
 from sim.scene import Preset
 from sim.sensor import load_sensor
 from tacauchy_rig.cli.calibrate_markers import markers as calibrate_markers
 from tacauchy_rig.cli.calibrate_scale import scale as calibrate_scale
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, write_json
+from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.cli.press_terms import parse_pair
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
@@ -43,7 +44,7 @@ def optics(
         typer.Option(
             "--circles",
             help="CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. "
-            "Without it the contacts are found in the images.",
+            "Without it FOLDER's circles.csv, and where there is none the contacts are found.",
         ),
     ] = None,
     check: Annotated[
@@ -53,10 +54,11 @@ def optics(
         str, typer.Option("--sensor", help="Whose pad the ball is pressed into, in the simulator.")
     ] = "gelsight-mini",
     preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
-    folds: Annotated[int, typer.Option("--folds", help="Of the cross-validation.")] = 7,
+    folds: Annotated[int, typer.Option("--folds", min=2, help="Of the cross-validation.")] = 7,
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file."""
+    writable_folder(out.parent)
     result = calibrate_and_check(
         OpticsRequest(
             folder=folder,

@@ -51,6 +51,11 @@ def scale(
     json_file: JsonFile = None,
 ) -> None:
     """Fit mm per pixel in x and y, rotation and centre of a camera."""
+    if presses is not None and sensor is not None:
+        raise ConfigError(
+            "--sensor crops the image of a target; images of --presses are taken as they are",
+            remedy="leave --sensor out, and give presses at the size that is scored",
+        )
     if presses is not None and image is None and target is None:
         fit, wanted = _from_presses(presses)
     elif presses is None and image is not None and target is not None:
@@ -83,7 +88,7 @@ def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
             f"{folder}: no image of circles.csv is in positions.csv",
             remedy="name the same images in both",
         )
-    height, width = read_rgb(folder / known[0].name).shape[:2]
+    height, width = known[0].image.shape[:2]
     fit = fit_scale(
         np.array([places[press.name] for press in known]),
         np.array([(press.circle.x_px, press.circle.y_px) for press in known]),

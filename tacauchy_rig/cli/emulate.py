@@ -98,8 +98,8 @@ def presses(
     json_file: JsonFile = None,
 ) -> None:
     """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
-    writable_folder(out)
     known = load_sensor(sensor)
+    writable_folder(out)
     truth = draw_truth(seed, unit=emulated_unit(known))
     write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
     x, y = known.camera.pixel_m

@@ -17,22 +17,24 @@ from drivers.emulators.plant.ball_presses import (
 )
 from drivers.emulators.plant.truth import read_truth
 from sim.optics.ball_press import BallPress, read_ball_presses, read_rgb
-from sim.optics.ball_profile import ball_profiles
 from sim.optics.blur import BLUR_PX
 from sim.optics.calibrate import Calibration
+from sim.optics.calibration_run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.geometry import CameraGeometry
 from sim.optics.grey_depth import GreyDepthModel
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.press_calibration import calibrate_presses
-from sim.optics.press_scene import PressScene
-from sim.optics.printed_markers import marker_mask
+from sim.optics.pressed_scene import pressed_scene
 from sim.optics.rest_slope import rest_slopes, touching_places
 from sim.optics.scale import ScaleFit, fit_scale, read_positions
-from sim.optics.sensor_lamps import lamp_count_of, nominal_model, shadows_of
+from sim.optics.sensor_lamps import nominal_model, shadows_of
 from sim.optics.shadow import SHADOWS, ShadowCaster, read_shadows
 from sim.sensor import Sensor
 from tacauchy_rig.cli.output import say
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.store.run_store import RunStore
+
+_SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,26 +68,19 @@ def calibrate_folder(
     presses = read_ball_presses(folder, folder / CIRCLES)
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     unloaded = read_rgb(folder / NO_CONTACT)
-    scene = PressScene(
-        geometry=nominal,
-        background=unloaded.astype(np.float64),
-        masked=marker_mask(unloaded, sensor.markers, nominal),
-        profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m),
-        rest_slope=rest_slopes(sensor.pad, nominal),
-        lamp_count=lamp_count_of(sensor),
-    )
+    scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
     found = calibrate_presses(presses, scene, sensor)
     residual_px = None
     if places:
         touched = _touched(places, sensor, ball_diameter_m)
-        fit = _fit_scale(presses, found, touched, nominal)
+        fit, known = _fit_scale(presses, found, touched, nominal)
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
         found = calibrate_presses(presses, scene, sensor)
         residual_px = fit.residual_px
         say(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
-            f", residual {residual_px:.2f} px over {len(places)} presses"
+            f", residual {residual_px:.2f} px over {known} presses"
         )
     shadows = found.shadows
     source = {
@@ -115,14 +110,16 @@ def _fit_scale(
     found: Calibration,
     places: Mapping[str, tuple[float, float]],
     nominal: CameraGeometry,
-) -> ScaleFit:
+) -> tuple[ScaleFit, int]:
+    """Return the scale of the presses whose place is known, and how many those are."""
     known = [(p, c) for p, c in zip(presses, found.circles, strict=True) if p.name in places]
-    return fit_scale(
+    fit = fit_scale(
         np.array([places[press.name] for press, _ in known]),
         np.array([(circle.x_px, circle.y_px) for _, circle in known]),
         width=nominal.width,
         height=nominal.height,
     )
+    return fit, len(known)
 
 
 def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> OpticalCalibration:
@@ -137,6 +134,7 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     given = store.config.sensor.optics_calibration
     if given:
         model = load_photometric(Path(given))
+        _check_view(given, model.provenance, nominal)
         blur_px = model.provenance.get(BLUR_PX, 0.0)
         return OpticalCalibration(
             model=model,
@@ -150,6 +148,25 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     return OpticalCalibration(
         model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
     )
+
+
+def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeometry) -> None:
+    """Refuse a calibration of images of another size or scale than a run's are scored at."""
+    made = tuple(provenance.get(name) for name in (WIDTH, HEIGHT))
+    if made[0] is not None and made != (nominal.width, nominal.height):
+        raise ConfigError(
+            f"sensor.optics_calibration {given} is of images of {made[0]} x {made[1]} px, the "
+            f"sensor's are scored at {nominal.width} x {nominal.height} px",
+            remedy="calibrate with images of the sensor's crop and size, or give its own file",
+        )
+    for name, scale_m in ((SCALE_X, nominal.scale_x_m), (SCALE_Y, nominal.scale_y_m)):
+        known = provenance.get(name)
+        if isinstance(known, float) and abs(known / scale_m - 1.0) > _SCALES_APART:
+            raise ConfigError(
+                f"sensor.optics_calibration {given} is of {known * 1e3:.4f} mm per pixel, the "
+                f"sensor's file says {scale_m * 1e3:.4f} mm",
+                remedy="calibrate with this sensor's --scale, or correct the sensor's file",
+            )
 
 
 def calibrate_emulated(

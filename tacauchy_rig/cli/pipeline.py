@@ -187,6 +187,7 @@ def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
         "young_source": source,
         "optics": dict(optics.model.provenance),
         "scale_x_m_px": optics.geometry.scale_x_m,
+        "image_centre_m": optics.geometry.centre_from_middle_m,
         "scale_y_m_px": optics.geometry.scale_y_m,
     }
 

@@ -50,6 +50,14 @@ def test_histories_of_all_trials_are_one_curve() -> None:
     assert merge_histories([(), ()]) is None
 
 
+def test_one_depth_counts_once() -> None:
+    """Trials that pass one depth, the solver's tolerance apart, leave a curve with a slope."""
+    merged = merge_histories([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
+    assert merged is not None
+    assert np.array_equal(merged[:, 0], [0.0, 1e-4, 2e-4])
+    assert np.isfinite(np.gradient(merged[:, 1], merged[:, 0])).all()
+
+
 def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:
     """Matched: 1 % by construction of the made-up trial; predicted: from the measured depth."""
     trial = evidence.trials[3]

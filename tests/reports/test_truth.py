@@ -62,6 +62,11 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
     place = found["contact seen off its place along x"]
     assert place.true == pytest.approx(0.14)
     assert place.recovered == pytest.approx(0.142, abs=0.01)
+    calibrated = replace(run, model={**run.model, "image_centre_m": (5e-5, -2e-5)})
+    found_there = {c.name: c for c in recover_truth(calibrated, report.trials)}
+    for axis, added in (("x", 0.05), ("y", -0.02)):
+        name = f"contact seen off its place along {axis}"
+        assert found_there[name].recovered == pytest.approx(found[name].recovered + added)
     modulus = found["modulus, from force at the measured depth"]
     assert modulus.recovered == pytest.approx(435.0 / 0.98, rel=0.02)
     assert found["noise of a force sample"].recovered == pytest.approx(7.0)

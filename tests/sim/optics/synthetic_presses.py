@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from sim.optics.ball_press import BallPress, Circle
-from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.geometry import CameraGeometry
 from sim.optics.photometric import PhotometricModel
 from sim.optics.polynomial import polynomial_exponents
 from sim.optics.press_scene import PressScene
+from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 HEIGHT, WIDTH = 150, 180
 PROFILE = ExponentialSkirt(ball_radius_m=2.35e-3, decay_m=0.6e-3)

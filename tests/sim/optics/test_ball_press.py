@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.ball_press import read_ball_presses, read_rgb
+from sim.optics.ball_press import (
+    BallPress,
+    Circle,
+    check_presses_fit,
+    read_ball_presses,
+    read_rgb,
+)
 from tacauchy_rig.errors import ConfigError
 
 HEADER = "image,center_x_px,center_y_px,radius_px\n"
@@ -41,6 +47,9 @@ def test_presses_are_read_as_rgb(tmp_path: Path) -> None:
         (HEADER + "a.png,4,3\n", r"circles.csv, line 2"),
         (HEADER + "a.png,4,3,0\n", r"line 2: radius 0 px is not positive"),
         (HEADER + "b.png,4,3,1\n", r"b.png cannot be read: No such file"),
+        (HEADER + "a.png,nan,3,1\n", r"line 2: a circle at column nan, row 3 of radius 1 px"),
+        (HEADER + "a.png,4,inf,1\n", r"line 2: a circle at column 4, row inf"),
+        ("radius_px,center_x_px,center_y_px,image\n2,4,3\n", r"line 2: names no image"),
     ],
 )
 def test_damaged_tables_are_refused(tmp_path: Path, table: str, message: str) -> None:
@@ -48,6 +57,32 @@ def test_damaged_tables_are_refused(tmp_path: Path, table: str, message: str) ->
     folder = _folder(tmp_path, table)
     with pytest.raises(ConfigError, match=message):
         read_ball_presses(folder, folder / "circles.csv")
+
+
+def test_a_spreadsheets_byte_order_mark_is_no_column(tmp_path: Path) -> None:
+    """What a spreadsheet saves as UTF-8 is read; what it saves otherwise is refused as such."""
+    folder = _folder(tmp_path, "\ufeff" + HEADER + "a.png,4,3.5,2\n")
+    assert len(read_ball_presses(folder, folder / "circles.csv")) == 1
+    (folder / "circles.csv").write_bytes((HEADER + "prüfung.png,4,3.5,2\n").encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"circles.csv is no CSV[\s\S]*UTF-8"):
+        read_ball_presses(folder, folder / "circles.csv")
+
+
+@pytest.mark.parametrize(
+    ("circle", "message"),
+    [
+        ((-1.0, 3.0), r"a.png: its circle is around column -1, row 3, outside .* 10 x 8 px"),
+        ((4.0, 1000.0), r"around column 4, row 1000, outside"),
+    ],
+)
+def test_contacts_outside_the_image_are_refused(circle: tuple[float, float], message: str) -> None:
+    """A circle around no pixel is named with its place and the image's size."""
+    image = np.zeros((8, 10, 3), np.uint8)
+    press = BallPress(
+        name="a.png", image=image, circle=Circle(x_px=circle[0], y_px=circle[1], radius_px=2.0)
+    )
+    with pytest.raises(ConfigError, match=message):
+        check_presses_fit([press], image)
 
 
 def test_missing_table_is_refused(tmp_path: Path) -> None:

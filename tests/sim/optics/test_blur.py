@@ -13,9 +13,9 @@ from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.photometric import normalised_positions
 from sim.optics.press_calibration import calibrate_presses, exponents_for
 from sim.optics.render import TactileRenderer
-from sim.optics.tilt import surface_tilt
 from sim.sensor import load_sensor
 from tests.sim.optics.analytic_surface import APEX_M, camera
+from tests.sim.optics.surface_tilt import surface_tilt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 
 

@@ -13,12 +13,12 @@ import pytest
 from sim.optics.ball_press import BallPress, Circle
 from sim.optics.calibrate import Calibration, calibrate_optics
 from sim.optics.cross_validation import check_presses, cross_validate
-from sim.optics.gel_profile import ExponentialSkirt
 from sim.optics.photometric import load_photometric
 from sim.optics.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
 from sim.optics.press_scene import PressScene
 from sim.optics.ridge_fit import fit_ridge
 from tacauchy_rig.errors import ConfigError
+from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 
 

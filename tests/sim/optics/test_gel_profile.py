@@ -1,4 +1,4 @@
-"""Gel profiles: from simulated presses, and the skirt fitted to images."""
+"""Gel profiles from simulated presses."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from sim.indenter import Sphere
-from sim.optics.gel_profile import ExponentialSkirt, RadialProfile
+from sim.optics.gel_profile import RadialProfile
 from sim.optics.height_map import height_maps
 from sim.optics.pressed_profile import PressedProfiles, radial_profile
-from sim.optics.skirt_fit import fit_skirt
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, pressed_surface
-from tests.sim.optics.synthetic_presses import PROFILE, press_scene, presses
+from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 BALL_M = 2.35e-3
 
@@ -58,10 +57,3 @@ def test_profiles_without_contact_are_refused() -> None:
         PressedProfiles([(0.0, nothing)])
     with pytest.raises(ConfigError, match="0 simulated presses"):
         PressedProfiles([])
-
-
-def test_skirt_is_found_from_the_images() -> None:
-    """The decay length comes back to a tenth from presses rendered with it."""
-    labelled = presses(8, noise=1.0, seed=3)[0]
-    found = fit_skirt(labelled, press_scene(), ball_radius_m=PROFILE.ball_radius_m)
-    assert found.decay_m == pytest.approx(PROFILE.decay_m, rel=0.1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -78,3 +80,12 @@ def test_impossible_geometry_is_refused(field: str, value: float) -> None:
     }
     with pytest.raises(ConfigError, match=field.removesuffix("_m")):
         CameraGeometry(**(good | {field: value}))  # type: ignore[arg-type]
+
+
+def test_where_the_pads_centre_is_seen() -> None:
+    """From the image's middle, to the right and down; in the middle it is nought."""
+    assert MINI.centre_from_middle_m == pytest.approx((0.0, 0.0), abs=1e-5)
+    moved = replace(MINI, centre_x_px=MINI.centre_x_px + 10.0, centre_y_px=MINI.centre_y_px - 4.0)
+    x, y = moved.centre_from_middle_m
+    assert x - MINI.centre_from_middle_m[0] == pytest.approx(10.0 * MINI.scale_x_m)
+    assert y - MINI.centre_from_middle_m[1] == pytest.approx(-4.0 * MINI.scale_y_m)

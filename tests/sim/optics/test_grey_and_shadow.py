@@ -12,8 +12,8 @@ from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric_fit import PhotometricSamples, fit_photometric
 from sim.optics.render import TactileRenderer
 from sim.optics.shadow import ShadowCaster
-from sim.optics.tilt import surface_tilt
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
+from tests.sim.optics.surface_tilt import surface_tilt
 
 LAMP = Lamp(azimuth_rad=0.0, elevation_rad=math.radians(10.0), colour=(80.0, 0.0, 0.0))
 FLAT = np.full((96, 128), APEX_M)

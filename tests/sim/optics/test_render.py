@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.optics.nominal import Lamp, nominal_photometric, three_lamps
+from sim.optics.nominal import Lamp, nominal_photometric
 from sim.optics.photometric import PhotometricModel, load_photometric
 from sim.optics.polynomial import polynomial_exponents
-from sim.optics.render import TactileRenderer, render_tactile_image
-from sim.optics.tilt import surface_tilt
+from sim.optics.render import TactileRenderer
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
+from tests.sim.optics.surface_tilt import surface_tilt
 
 RED_FROM_THE_RIGHT = Lamp(azimuth_rad=0.0, elevation_rad=0.3, colour=(80.0, 0.0, 0.0))
 
@@ -57,7 +57,7 @@ def test_unloaded_gel_gives_the_no_contact_frame(seed: int, degree: int, place: 
     )
     x, y = camera().pad_grid()
     dome = APEX_M - (x**2 + y**2) / (2 * rng.uniform(0.02, 0.2))
-    image = render_tactile_image(dome, dome, _background(), model, geometry=camera())
+    image = TactileRenderer(_background(), dome, model, camera()).render(dome)
     np.testing.assert_array_equal(image, _background())
 
 
@@ -66,7 +66,7 @@ def test_flank_that_faces_the_lamp_is_brighter() -> None:
     model = nominal_photometric([RED_FROM_THE_RIGHT])
     flat = np.full((96, 128), APEX_M)
     background = np.full((96, 128, 3), 100, np.uint8)
-    image = render_tactile_image(_dent(), flat, background, model, geometry=camera()).astype(int)
+    image = TactileRenderer(background, flat, model, camera()).render(_dent()).astype(int)
     assert image[47, 63 + 13, 0] > 125
     assert image[47, 63 - 13, 0] < 75
     np.testing.assert_array_equal(image[..., 1:], 100)
@@ -84,10 +84,19 @@ def test_nominal_model_is_lambert() -> None:
 
 def test_three_lamps_light_their_own_flanks() -> None:
     """Each colour is brightest where the dent faces its lamp, 120 degrees apart."""
-    model = nominal_photometric(three_lamps())
+    model = nominal_photometric(
+        [
+            Lamp(
+                azimuth_rad=math.radians(azimuth),
+                elevation_rad=math.radians(10.0),
+                colour=(70.0 * (channel == 0), 70.0 * (channel == 1), 70.0 * (channel == 2)),
+            )
+            for channel, azimuth in enumerate((-60.0, 60.0, 180.0))
+        ]
+    )
     flat = np.full((96, 128), APEX_M)
     background = np.full((96, 128, 3), 100, np.uint8)
-    image = render_tactile_image(_dent(), flat, background, model, geometry=camera()).astype(float)
+    image = TactileRenderer(background, flat, model, camera()).render(_dent()).astype(float)
     rows, columns = np.mgrid[:96, :128]
     for channel, azimuth in enumerate((-60.0, 60.0, 180.0)):
         excess = np.maximum(image[..., channel] - 100.0, 0.0)
@@ -106,15 +115,16 @@ def test_steeper_than_fitted_is_rendered_as_the_limit() -> None:
     np.testing.assert_allclose(change.T, [[3.0, 8.0, 0.0], [3.0, 0.0, 0.0]], atol=1e-4)
 
 
-def test_renderer_and_function_agree() -> None:
-    """The prepared renderer gives what the one-shot function gives."""
-    model = nominal_photometric([RED_FROM_THE_RIGHT])
+def test_a_renderer_forgets_what_it_rendered() -> None:
+    """After another dent the first one's image is the same, bit for bit."""
     flat = np.full((96, 128), APEX_M)
+    model = nominal_photometric([RED_FROM_THE_RIGHT])
     renderer = TactileRenderer(_background(), flat, model, camera())
-    np.testing.assert_array_equal(
-        renderer.render(_dent()),
-        render_tactile_image(_dent(), flat, _background(), model, geometry=camera()),
-    )
+    first = renderer.render(_dent())
+    other = renderer.render(np.roll(_dent(), 20, axis=1))
+    assert (first != other).any()
+    np.testing.assert_array_equal(renderer.render(_dent()), first)
+    np.testing.assert_array_equal(renderer.render(flat), _background())
 
 
 def test_background_of_another_size_is_refused() -> None:
@@ -136,7 +146,7 @@ def test_model_survives_its_file(tmp_path: Path) -> None:
     assert loaded.provenance["source"] == "test lamp"
 
 
-@pytest.mark.parametrize("content", [None, b"not a calibration"])
+@pytest.mark.parametrize("content", [None, b"", b"not a calibration"])
 def test_missing_or_foreign_file_is_refused(tmp_path: Path, content: bytes | None) -> None:
     """The message names the file and the command that writes one."""
     path = tmp_path / "calibration.npz"

@@ -15,8 +15,8 @@ from sim.optics.render import TactileRenderer
 from sim.optics.response import LINEAR, Response
 from sim.optics.shading_terms import NearLamp, ShadingTerms
 from sim.optics.shadow import ShadowCaster
-from sim.optics.tilt import surface_tilt
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
+from tests.sim.optics.surface_tilt import surface_tilt
 
 _TERMS = ShadingTerms(
     lamps=tuple(

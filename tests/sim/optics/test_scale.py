@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.optics.geometry import CameraGeometry
-from sim.optics.scale import fit_scale
+from sim.optics.scale import fit_scale, read_positions
 from tacauchy_rig.errors import ConfigError
 
 PLACES = np.random.default_rng(3).uniform(-6e-3, 6e-3, (12, 2))
@@ -52,3 +54,21 @@ def test_too_few_presses_are_refused() -> None:
     """Three points leave nothing to judge the fit by."""
     with pytest.raises(ConfigError, match="3 presses"):
         fit_scale(PLACES[:3], PLACES[:3] * 1e4, width=320, height=240)
+
+
+def test_places_on_one_line_are_refused() -> None:
+    """Pixels all over the image, but places that the table gives on one line."""
+    pixels = np.array([(10.0, 20.0), (200.0, 30.0), (50.0, 180.0), (220.0, 200.0), (120.0, 90.0)])
+    places = np.column_stack([np.linspace(-1e-3, 1e-3, 5), np.zeros(5)])
+    with pytest.raises(ConfigError, match="all places lie on one line on the gel"):
+        fit_scale(places, pixels, width=320, height=240)
+    with pytest.raises(ConfigError, match="all places lie on one line on the gel"):
+        fit_scale(np.zeros((5, 2)), pixels, width=320, height=240)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_place_that_is_none_is_refused(tmp_path: Path, value: str) -> None:
+    """The message names the line."""
+    (tmp_path / "positions.csv").write_text(f"image,x_m,y_m\na.png,{value},0\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"positions.csv, line 2: .*is no place"):
+        read_positions(tmp_path / "positions.csv")

@@ -87,6 +87,7 @@ def test_stated_errors_cover_the_truth() -> None:
         fit = _fit(CHARUCO, image)
         ratios.append((fit.geometry.scale_x_m - 6.34e-5) / fit.scale_error_m[0])
     assert np.abs(ratios).max() < 5.0
+    assert np.sqrt(np.mean(np.square(ratios))) > 0.2
 
 
 def test_blank_image_is_refused() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.optics import calibration_run
+from sim.optics import pressed_scene
 from sim.optics.photometric import load_photometric
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor import load_sensor
@@ -30,7 +30,7 @@ OPTIONS = ["--ball-diameter", "4.70mm", "--scale", "10px/mm", "--background", "n
 @pytest.fixture(autouse=True)
 def known_gel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take the gel that the presses were rendered with in place of a simulated one."""
-    monkeypatch.setattr(calibration_run, "ball_profiles", lambda *_, **__: PROFILE)
+    monkeypatch.setattr(pressed_scene, "ball_profiles", lambda *_, **__: PROFILE)
 
 
 def _folder(folder: Path, *, count: int = 14, seed: int = 0, table: bool = True) -> Path:
@@ -153,7 +153,7 @@ def _refused(*words: object) -> ConfigError:
 
 
 def test_refusals(tmp_path: Path) -> None:
-    """Too few presses, a ball too small for its circles, a negative scale, a wrong ending."""
+    """Too few presses, a ball too small for its circles, no scale, a wrong ending."""
     few = _folder(tmp_path / "few", count=3)
     out = ["--out", tmp_path / "c.npz"]
     assert "3 ball presses are too few" in _refused("optics", few, *OPTIONS, *out).message
@@ -165,6 +165,54 @@ def test_refusals(tmp_path: Path) -> None:
     assert "not positive" in _refused("optics", folder, *flat, *out).message
     assert "no .npz" in _refused("optics", folder, *OPTIONS, "--out", tmp_path / "c.txt").message
     assert "needs an image with --target" in _refused("scale").message
+
+
+def _never(*_: object, **__: object) -> None:
+    raise AssertionError("simulated before the input was looked at")
+
+
+def test_bad_input_is_refused_before_anything_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Images, tables and folders are looked at first, those of --check too."""
+    monkeypatch.setattr(pressed_scene, "ball_profiles", _never)
+    out = ["--out", tmp_path / "c.npz"]
+    missing = tmp_path / "nowhere"
+    message = _refused("optics", missing, *OPTIONS, *out).message
+    assert f"{missing} is no folder" in message
+    folder = _folder(tmp_path / "presses", count=6)
+    message = _refused("optics", folder, *OPTIONS, *out, "--circles", "nope.csv").message
+    assert "circle table nope.csv cannot be read" in message
+    message = _refused("optics", folder, *OPTIONS, *out, "--check", missing).message
+    assert f"{missing} is no folder" in message
+    (tmp_path / "empty").mkdir()
+    message = _refused("optics", folder, *OPTIONS, *out, "--check", tmp_path / "empty").message
+    assert "empty/circles.csv cannot be read" in message
+    first = sorted(folder.glob("0*.png"))[0]
+    whole = first.read_bytes()
+    cv2.imwrite(str(first), np.zeros((75, 90, 3), np.uint8))
+    message = _refused("optics", folder, *OPTIONS, *out).message
+    assert f"{first.name} is 90 x 75 px, the no-contact frame 180 x 150 px" in message
+    first.write_bytes(whole)
+    table = (folder / "circles.csv").read_text("utf-8").splitlines()
+    table[1] = f"{first.name},1000,75,15"
+    (folder / "circles.csv").write_text("\n".join(table), encoding="utf-8")
+    message = _refused("optics", folder, *OPTIONS, *out).message
+    assert f"{first.name}: its circle is around column 1000, row 75" in message
+
+
+def test_figures_of_an_earlier_calibration_are_no_presses(tmp_path: Path) -> None:
+    """Written into the folder of the presses, a calibration can be made again."""
+    folder = _folder(tmp_path / "presses", count=5, table=False)
+    for _ in range(2):
+        _run("optics", folder, *OPTIONS, "--out", folder / "c.npz", "--folds", 2)
+    assert (folder / "c_held_out.png").exists()
+
+
+def test_presses_of_a_scale_are_taken_as_they_are(tmp_path: Path) -> None:
+    """--sensor would crop nothing there, and says so."""
+    refused = _refused("scale", "--presses", tmp_path, "--sensor", "digit")
+    assert "--sensor crops the image of a target" in refused.message
 
 
 def test_contradictory_presses_are_refused(tmp_path: Path) -> None:
