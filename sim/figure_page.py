@@ -32,7 +32,7 @@ STYLE: Any = {
 }
 _PRINT_DPI = 300
 # For a page on a screen.
-_SCREEN_DPI = 120
+_SCREEN_DPI = 200
 
 
 def save_figure(figure: Figure, folder: Path, page_folder: Path | None, name: str) -> list[Path]:

@@ -19,6 +19,11 @@ from tacauchy_rig.errors import ConfigError
 _MEASURED_WITH = {Effect.LOCKING_FREE_ELEMENT}
 
 
+def _short(value: float) -> str:
+    """Return two significant digits, or whole numbers from 100 on."""
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
     """How far off F_z may be: relative to F_z, or in newtons; exactly one of the two.
@@ -71,9 +76,9 @@ class Alternative:
 
     def __str__(self) -> str:
         error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
-        seconds = "" if self.wall_s is None else f" ({self.wall_s:.2g} s)"
+        seconds = "" if self.wall_s is None else f" ({_short(self.wall_s)} s)"
         return (
-            f"preset {self.setting}: about {self.time_ratio:.2g} times the time{seconds}, force "
+            f"preset {self.setting}: about {_short(self.time_ratio)} times the time{seconds}, force "
             f"error {error}"
         )
 

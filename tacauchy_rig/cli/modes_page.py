@@ -12,9 +12,10 @@ from sim.scene import Preset
 
 _WIDTH = 100
 _DRAWN = (
-    "Colours are stress in the plane y = 0, pressure and the tangential traction's size; arrows "
-    "are the tangential traction on the gel, as long as the root of its size; the indenter feels "
-    "the opposite. A cross marks the centre of pressure."
+    "Colours are stress in the plane y = 0, pressure and the tangential traction's size; the last "
+    "column is the shear that a mode is about, xz of press and slide and yz of twist. Arrows are "
+    "the tangential traction on the gel, as long as the root of its size; the indenter feels the "
+    "opposite. A cross marks the centre of pressure."
 )
 _TIMES = (
     "Times are the processor's, setting up included; a press that is gone on from is counted once, "

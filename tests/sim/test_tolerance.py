@@ -17,6 +17,7 @@ from sim.section_error import section_force
 from sim.sensor import load_sensor
 from sim.settings import Setting, setting_of
 from sim.tolerance import (
+    Alternative,
     Tolerance,
     alternatives,
     expected_error,
@@ -154,3 +155,12 @@ def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
     assert found["better"].setting != Preset.BALANCED
     assert found["better"].error_relative is None
     assert "force error unknown" in str(found["better"])
+
+
+def test_long_times_are_whole_numbers() -> None:
+    """Two digits below a hundred, none after the point from there on, never 1e+02."""
+    slow = Alternative(
+        role="better", setting="accurate", error_relative=0.012, time_ratio=3.14159, wall_s=123.4
+    )
+    text = "preset accurate: about 3.1 times the time (123 s), force error 1.2%"
+    assert str(slow) == text
