@@ -77,10 +77,8 @@ class Alternative:
     def __str__(self) -> str:
         error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
         seconds = "" if self.wall_s is None else f" ({_short(self.wall_s)} s)"
-        return (
-            f"preset {self.setting}: about {_short(self.time_ratio)} times the time{seconds}, force "
-            f"error {error}"
-        )
+        time = f"about {_short(self.time_ratio)} times the time{seconds}"
+        return f"preset {self.setting}: {time}, force error {error}"
 
 
 def settings_by_cost(kind: str | None = None) -> tuple[Setting, ...]:

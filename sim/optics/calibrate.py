@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from sim.optics.press_scene import PressScene
 from sim.optics.response import LINEAR, Response
 from sim.optics.response_fit import fit_response
 from sim.optics.ridge_fit import fit_ridge
+from sim.optics.shading_terms import ShadingTerms
 from sim.optics.shadow import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 
@@ -117,39 +118,59 @@ def fit_model(
             for press, circle, light in zip(presses, circles, lights, strict=True)
         ]
 
-    def samples_of(response: Response) -> PhotometricSamples:
-        return joined(parts_of(response, None))
-
     response = LINEAR
     if known is not None:
-        response = fit_response(samples_of, exponents=exponents, terms=known.terms)
-        if response != known.response:  # its light is not comparable: begin anew
-            known = fit_photometric(
-                samples_of(response),
-                exponents=exponents,
-                terms=known.terms,
-                response=response,
-                reference=REFERENCE,
-            )
+        known = _seen_through(known, lambda seen: joined(parts_of(seen, None)), exponents)
+        response = known.response
     parts = parts_of(response, known)
     samples = joined(parts)
-    terms = None
-    if scene.lamp_count:
-        terms = fit_terms(
-            samples,
-            lamp_count=scene.lamp_count,
-            aspect=scene.aspect,
-            pixel_m=scene.geometry.mean_scale_m,
-            start=None if known is None else known.terms,
-        )
+    terms = _terms(samples, scene, known)
     ridge = RIDGE if known is None else fit_ridge(parts, exponents=exponents, terms=terms)
-    model = fit_photometric(
+    return fit_photometric(
         samples,
         exponents=exponents,
         ridge=ridge,
         terms=terms,
         response=response,
         reference=REFERENCE,
+        provenance={
+            "press_count": len(presses),
+            "pixel_count": len(samples.change),
+            "ridge": ridge,
+        },
     )
-    counted = {"press_count": len(presses), "pixel_count": len(samples.change), "ridge": ridge}
-    return replace(model, provenance=counted)
+
+
+def _seen_through(
+    known: PhotometricModel,
+    samples_of: Callable[[Response], PhotometricSamples],
+    exponents: IntArray,
+) -> PhotometricModel:
+    """Return a model as the camera's response is now: begun anew where that has moved.
+
+    Its light is not comparable with that of another response.
+    """
+    response = fit_response(samples_of, exponents=exponents, terms=known.terms)
+    if response == known.response:
+        return known
+    return fit_photometric(
+        samples_of(response),
+        exponents=exponents,
+        terms=known.terms,
+        response=response,
+        reference=REFERENCE,
+    )
+
+
+def _terms(
+    samples: PhotometricSamples, scene: PressScene, known: PhotometricModel | None
+) -> ShadingTerms | None:
+    if not scene.lamp_count:
+        return None
+    return fit_terms(
+        samples,
+        lamp_count=scene.lamp_count,
+        aspect=scene.aspect,
+        pixel_m=scene.geometry.mean_scale_m,
+        start=None if known is None else known.terms,
+    )
