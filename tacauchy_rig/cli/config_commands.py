@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import console, say, write_json
+from tacauchy_rig.cli.replay_settings import check_replay
 from tacauchy_rig.config.load import example_text, load_config
 from tacauchy_rig.errors import ConfigError
 
@@ -22,12 +23,13 @@ def show(
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """List every field, its value and where it came from."""
+    """List every field, its value and where it came from; refuse what no replay is made with."""
     loaded = load_config(path, overrides=overrides or ())
     table = Table("field", "value", "from", box=None)
     for field, value in loaded.written.items():
         table.add_row(field, str(value), loaded.sources[field])
     console.print(table)
+    check_replay(loaded.config)
     say(f"configuration hash {loaded.config_hash[:16]}")
     fields = [
         {"field": field, "value": value, "source": loaded.sources[field]}

@@ -10,6 +10,7 @@ from drivers.checks import device_checks
 from drivers.emulators.launch import emulated_devices
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.replay_settings import replay_check
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.doctor.host import host_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
@@ -30,9 +31,9 @@ def doctor(
         bool, typer.Option("--host-only", help="Ask no device, only this computer.")
     ] = False,
 ) -> None:
-    """Check ports, permissions, rates, disk, robot and clock; nothing moves."""
+    """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves."""
     config = load_config(path, overrides=overrides or ()).config
-    checks = list(host_checks(config))
+    checks = [*host_checks(config), replay_check(config)]
     for check in checks:
         _show(check)
     if not host_only:

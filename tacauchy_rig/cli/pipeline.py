@@ -13,20 +13,27 @@ from reports.loading import load_evidence
 from reports.modulus import ModulusFit, fit_modulus
 from reports.writing import write_report
 from sim.fields import TrialFields
-from sim.indenter import Cylinder, Indenter, Sphere
+from sim.indenter import Indenter
 from sim.optics.sensor_camera import camera_geometry
-from sim.replay import replay_forces, replay_scene
-from sim.scene import Drive, Material, Preset
-from sim.sensor import Sensor, load_sensor
+from sim.replay import replay_forces
+from sim.scene import Material
+from sim.sensor import Sensor
 from sim.tolerance import Alternative, Tolerance
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.optics import OpticalCalibration, optics_of
 from tacauchy_rig.cli.output import say
-from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.cli.rendering import render_trial
+from tacauchy_rig.cli.replay_settings import (
+    check_optics,
+    drive_of,
+    indenter_of,
+    preset_of,
+    sensor_of,
+    tolerance_of,
+)
 from tacauchy_rig.cli.views import scored_geometry
-from tacauchy_rig.config.model import IndenterKind, ModulusSource, RigConfig
-from tacauchy_rig.errors import ConfigError, RecordError
+from tacauchy_rig.config.model import ModulusSource, RigConfig
+from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import Replay, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
 
@@ -41,22 +48,6 @@ class Summary:
     passed: bool
 
 
-def check_replay(config: RigConfig) -> None:
-    """Refuse what no replay could be made with, before six presses are done for it.
-
-    Raises:
-        ConfigError: No such sensor or preset, or no preset keeps the tolerance.
-    """
-    replay_scene(
-        sensor_of(config),
-        indenter_of(config),
-        config.protocol.force_targets,
-        preset=preset_of(config),
-        tolerance=tolerance_of(config),
-        drive=drive_of(config),
-    )
-
-
 def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -65,11 +56,12 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
 
     Raises:
         RecordError: No trial has a measured force.
-        ConfigError: No preset keeps the tolerance.
+        ConfigError: No preset keeps the tolerance, or there are no optics to render with.
         ConvergenceError: A force cannot be reached.
     """
     config = store.config
     sensor, indenter = sensor_of(config), indenter_of(config)
+    check_optics(config, sensor)
     records = _measured_trials(store)
     say(f"replaying {len(records)} trials")
     replay, fields = _replayed(config, sensor, indenter, records, tolerance)
@@ -202,74 +194,6 @@ def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
     say(f"report {paths.html.resolve()}")
     content = json.loads(paths.summary.read_text("utf-8"))
     return Summary(content=content, passed=report.passed)
-
-
-def sensor_of(config: RigConfig) -> Sensor:
-    """Load the configured sensor with the configured material.
-
-    Raises:
-        ConfigError: There is no such sensor, or it has layers and one material is configured.
-    """
-    sensor = load_sensor(config.sensor.name)
-    material = sensor.material
-    if sensor.layers and (config.replay.young, config.replay.poisson) != (None, None):
-        raise ConfigError(
-            f"replay.young and replay.poisson do not say which layer of {sensor.title} is meant",
-            remedy="leave them out, and name a sensor file of your own with its layers",
-        )
-    if config.replay.young is not None:
-        material = replace(material, young_pa=config.replay.young)
-    if config.replay.poisson is not None:
-        material = replace(material, poisson=config.replay.poisson)
-    return replace(sensor, material=material)
-
-
-def preset_of(config: RigConfig) -> Preset:
-    """Return the configured preset.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
-    try:
-        return Preset(config.replay.preset)
-    except ValueError as error:
-        raise ConfigError(
-            f"replay.preset: {config.replay.preset!r} is no preset",
-            remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
-        ) from error
-
-
-def tolerance_of(config: RigConfig) -> Tolerance | None:
-    """Return the tolerance that chooses the preset, if one is configured.
-
-    Raises:
-        ConfigError: It is neither a force nor a share.
-    """
-    text = config.replay.tolerance
-    return None if text is None else parse_tolerance(text, field="replay.tolerance")
-
-
-def drive_of(config: RigConfig) -> Drive:
-    """Return how the replay reaches a force.
-
-    Raises:
-        ConfigError: There is no such way.
-    """
-    try:
-        return Drive(config.replay.drive)
-    except ValueError as error:
-        raise ConfigError(
-            f"replay.drive: {config.replay.drive!r} is no way to reach a force",
-            remedy=f"one of: {', '.join(drive.value for drive in Drive)}",
-        ) from error
-
-
-def indenter_of(config: RigConfig) -> Indenter:
-    """Return the configured indenter for the simulator."""
-    given = config.indenter
-    if given.kind is IndenterKind.SPHERE:
-        return Sphere(diameter_m=given.diameter)
-    return Cylinder(diameter_m=given.diameter, fillet_m=given.fillet)
 
 
 def _measured_trials(store: RunStore) -> list[TrialRecord]:

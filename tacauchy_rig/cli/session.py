@@ -21,8 +21,9 @@ from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, console, say, write_json
-from tacauchy_rig.cli.pipeline import check_replay, replay_run, report_run
+from tacauchy_rig.cli.pipeline import replay_run, report_run
 from tacauchy_rig.cli.progress import SessionProgress
+from tacauchy_rig.cli.replay_settings import check_replay
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
@@ -72,6 +73,8 @@ def resume(
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     store = RunStore.open(folder)
+    if not press_only:
+        check_replay(store.config)
     for mended in recover_run(folder):
         _say_recovered(mended)
     _press_and_report(store, press_only=press_only, json_file=json_file)

@@ -28,6 +28,18 @@ def test_show_names_the_source_of_each_value(tmp_path: Path) -> None:
     assert sources["camera.height"] == "built-in default"
 
 
+@pytest.mark.parametrize(
+    "setting",
+    ["sensor.name=gelsight-maxi", "replay.preset=finest", "sensor.optics_calibration=gone.npz"],
+)
+def test_show_refuses_what_no_replay_is_made_with(setting: str) -> None:
+    """The fields are listed all the same: that is where the wrong one is found."""
+    done = runner.invoke(app, ["config", "show", "--set", setting])
+    assert isinstance(done.exception, ConfigError)
+    assert setting.partition("=")[2] in done.exception.message
+    assert "replay.preset" in done.stdout
+
+
 def test_example_is_accepted_as_it_is(tmp_path: Path) -> None:
     """The commented example is a valid configuration of a real rig."""
     path = tmp_path / "rig.toml"

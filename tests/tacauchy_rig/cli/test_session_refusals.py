@@ -9,7 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
+from tacauchy_rig.store.run_store import RunStore
 
 runner = CliRunner()
 
@@ -39,6 +41,31 @@ def test_unknown_sensor_is_refused_before_the_presses(tmp_path: Path) -> None:
             "--set",
             f"run.output_directory={tmp_path}",
         )
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no calibration"])
+def test_lost_calibration_is_refused_before_the_presses(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    """A missing, an empty and a damaged file are named before a run folder is made."""
+    file, runs = tmp_path / "calibration.npz", tmp_path / "runs"
+    if content is not None:
+        file.write_bytes(content)
+    settings = [f"sensor.optics_calibration={file}", f"run.output_directory={runs}"]
+    with pytest.raises(ConfigError, match=r"calibration\.npz") as caught:
+        refuse("dry-run", *(part for text in settings for part in ("--set", text)))
+    assert "tacauchy-rig calibrate optics" in caught.value.remedy
+    assert not runs.exists()
+
+
+@pytest.mark.parametrize("command", ["replay", "resume"])
+def test_lost_calibration_of_a_recorded_run_is_told_at_once(tmp_path: Path, command: str) -> None:
+    """Neither the simulation nor the missing presses come first."""
+    loaded = load_config(overrides=[f"sensor.optics_calibration={tmp_path / 'gone.npz'}"])
+    store = RunStore.create(tmp_path, loaded, config_text="", simulated=True, versions={})
+    with pytest.raises(ConfigError, match=r"gone\.npz does not exist"):
+        refuse(command, str(store.paths.root))
+    assert not list(store.paths.root.glob("trials/*/*"))
 
 
 def test_dry_run_never_moves_a_real_arm(tmp_path: Path) -> None:

@@ -1,0 +1,145 @@
+"""What a configuration says of the replay, for the simulator; and whether one can be made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.emulators.launch import emulated_devices
+from sim.indenter import Cylinder, Indenter, Sphere
+from sim.optics.photometric import load_photometric
+from sim.optics.sensor_lamps import nominal_model
+from sim.replay import replay_scene
+from sim.scene import Drive, Preset
+from sim.sensor import Sensor, load_sensor
+from sim.settings import setting_of
+from sim.tolerance import Tolerance
+from tacauchy_rig.cli.press_terms import parse_tolerance
+from tacauchy_rig.config.model import IndenterKind, RigConfig
+from tacauchy_rig.doctor.result import CheckResult, failed, passed
+from tacauchy_rig.errors import ConfigError
+
+
+def check_replay(config: RigConfig) -> str:
+    """Refuse what no replay could be made with, before six presses are done for it.
+
+    Returns:
+        What a replay would be made with, in words.
+
+    Raises:
+        ConfigError: No such sensor or preset, no preset keeps the tolerance, or the optics'
+            calibration file is missing or damaged.
+    """
+    sensor, tolerance = sensor_of(config), tolerance_of(config)
+    scene = replay_scene(
+        sensor,
+        indenter_of(config),
+        config.protocol.force_targets,
+        preset=preset_of(config),
+        tolerance=tolerance,
+        drive=drive_of(config),
+    )
+    kept = "" if tolerance is None else f" for a tolerance of {tolerance}"
+    return f"{sensor.title}, preset {setting_of(scene)}{kept}, {check_optics(config, sensor)}"
+
+
+def check_optics(config: RigConfig, sensor: Sensor) -> str:
+    """Refuse optics that nothing can be rendered with, before the simulation.
+
+    Returns:
+        Which optics they are, in words.
+
+    Raises:
+        ConfigError: The calibration file is missing or damaged; or there is none, nothing of the
+            rig is emulated, and the sensor's file names no lamps.
+    """
+    given = config.sensor.optics_calibration
+    if given:
+        try:
+            load_photometric(Path(given))
+        except EOFError as error:  # an empty file: np.load knows no other word for it
+            raise ConfigError(
+                f"{given} is not an optics calibration ({error})",
+                remedy="write one with: tacauchy-rig calibrate optics FOLDER ... --out FILE",
+            ) from error
+        return f"optics from {given}"
+    if emulated_devices(config):
+        return "optics calibrated on the emulated sensor"
+    nominal_model(sensor)
+    return "nominal optics of the sensor's file, not calibrated"
+
+
+def replay_check(config: RigConfig) -> CheckResult:
+    """Say whether a run's replay could be made, as a line of ``doctor``."""
+    try:
+        return passed("replay", check_replay(config))
+    except ConfigError as error:
+        return failed("replay", error)
+
+
+def sensor_of(config: RigConfig) -> Sensor:
+    """Load the configured sensor with the configured material.
+
+    Raises:
+        ConfigError: There is no such sensor, or it has layers and one material is configured.
+    """
+    sensor = load_sensor(config.sensor.name)
+    material = sensor.material
+    if sensor.layers and (config.replay.young, config.replay.poisson) != (None, None):
+        raise ConfigError(
+            f"replay.young and replay.poisson do not say which layer of {sensor.title} is meant",
+            remedy="leave them out, and name a sensor file of your own with its layers",
+        )
+    if config.replay.young is not None:
+        material = replace(material, young_pa=config.replay.young)
+    if config.replay.poisson is not None:
+        material = replace(material, poisson=config.replay.poisson)
+    return replace(sensor, material=material)
+
+
+def preset_of(config: RigConfig) -> Preset:
+    """Return the configured preset.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    try:
+        return Preset(config.replay.preset)
+    except ValueError as error:
+        raise ConfigError(
+            f"replay.preset: {config.replay.preset!r} is no preset",
+            remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
+        ) from error
+
+
+def tolerance_of(config: RigConfig) -> Tolerance | None:
+    """Return the tolerance that chooses the preset, if one is configured.
+
+    Raises:
+        ConfigError: It is neither a force nor a share.
+    """
+    text = config.replay.tolerance
+    return None if text is None else parse_tolerance(text, field="replay.tolerance")
+
+
+def drive_of(config: RigConfig) -> Drive:
+    """Return how the replay reaches a force.
+
+    Raises:
+        ConfigError: There is no such way.
+    """
+    try:
+        return Drive(config.replay.drive)
+    except ValueError as error:
+        raise ConfigError(
+            f"replay.drive: {config.replay.drive!r} is no way to reach a force",
+            remedy=f"one of: {', '.join(drive.value for drive in Drive)}",
+        ) from error
+
+
+def indenter_of(config: RigConfig) -> Indenter:
+    """Return the configured indenter for the simulator."""
+    given = config.indenter
+    if given.kind is IndenterKind.SPHERE:
+        return Sphere(diameter_m=given.diameter)
+    return Cylinder(diameter_m=given.diameter, fillet_m=given.fillet)
