@@ -28,7 +28,8 @@ _PERSON_AT_THE_PENDANT = {
     FaultKind.EMERGENCY_STOP: "power on",
 }
 
-# One short press: little travel, speeds and limits as in a dry run.
+# One short press: little travel, speeds and limits as in a dry run. The places are stated, as for
+# any arm that counts as a real one.
 _PRESS = """\
 [run]
 name = "fault-table"
@@ -36,15 +37,27 @@ output_directory = "{folder}/runs"
 [robot]
 driver = "ur5"
 home = ["0 mm", "-400 mm", "204 mm"]
+tcp_offset = ["0 mm", "0 mm", "80 mm"]
+payload = "0.4 kg"
 host = "{host}"
 [force_sensor]
 driver = "m3733c"
 port = "{port}"
+capacity = "50 N"
+calibration_sheet = "emulated: none"
 [camera]
 driver = "uvc"
 device = "http://127.0.0.1:{camera_port}/stream.mjpg"
 [sensor]
+surface = ["0 mm", "-400 mm", "200 mm"]
 surface_uncertainty = "0.5 mm"
+[workspace]
+x_min = "-50 mm"
+x_max = "50 mm"
+y_min = "-450 mm"
+y_max = "-350 mm"
+z_min = "196 mm"
+z_max = "300 mm"
 [protocol]
 force_targets = ["2 N"]
 approach_height = "1 mm"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from tacauchy_rig.config.explain import explain
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.config.rules import broken_rules
+from tacauchy_rig.config.stated import OF_AN_ARM, unstated
 from tacauchy_rig.errors import ConfigError
 
 BUILT_IN = "built-in default"
@@ -64,8 +65,8 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
         overrides: ``table.field=value`` from the command line.
 
     Raises:
-        ConfigError: Unreadable, unknown key, wrong unit, or a limit that cannot hold; every
-            problem is listed at once.
+        ConfigError: Unreadable, unknown key, wrong unit, a limit that cannot hold, or a value of a
+            real device that only the built-in defaults give; every problem is listed at once.
     """
     written: dict[str, Any] = {}
     sources: dict[str, str] = {}
@@ -77,7 +78,9 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
         for field, value in _leaves(tables):
             written[field] = value
             sources[field] = source
-    return LoadedConfig(config=check_config(_nest(written)), written=written, sources=sources)
+    defaulted = {field for field, source in sources.items() if source == BUILT_IN}
+    config = check_config(_nest(written), defaulted=defaulted)
+    return LoadedConfig(config=config, written=written, sources=sources)
 
 
 def restore_config(written: Mapping[str, Any]) -> RigConfig:
@@ -92,8 +95,13 @@ def restore_config(written: Mapping[str, Any]) -> RigConfig:
     return check_config(_nest({**defaults, **written}))
 
 
-def check_config(tables: Mapping[str, Any]) -> RigConfig:
+def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None) -> RigConfig:
     """Validate nested tables.
+
+    Args:
+        tables: The merged values as they were written.
+        defaulted: Dotted fields that only the built-in defaults give; None where that is not
+            known, as of a recorded run.
 
     Raises:
         ConfigError: One line for each field that is wrong.
@@ -102,12 +110,17 @@ def check_config(tables: Mapping[str, Any]) -> RigConfig:
         config = RigConfig.model_validate(tables)
     except ValidationError as error:
         raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
-    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in broken_rules(config)]
+    missing = [] if defaulted is None else list(unstated(config, defaulted))
+    # Rules that tie places together say nothing where some of the places are the dry run's.
+    broken = broken_rules(config, placed=not any(name in OF_AN_ARM for name, *_ in missing))
+    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
     if problems:
-        raise ConfigError("\n".join(problems), remedy=_SHOW)
+        remedy = f"{_EXAMPLE}; {_SHOW}" if missing else _SHOW
+        raise ConfigError("\n".join(problems), remedy=remedy)
     return config
 
 
+_EXAMPLE = "`tacauchy-rig config example` shows each as it is written"
 _SHOW = "`tacauchy-rig config show` lists every field, its value and where it came from"
 
 

@@ -10,10 +10,16 @@ OVERRUN_DELAY_S = 0.05
 """Reaction of the loop plus the arm's stop: about 50 ms, so 1 mm/s overruns by about 55 um."""
 
 
-def broken_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
-    """Yield (field, problem with values and units, remedy) of each rule that does not hold."""
+def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[tuple[str, str, str]]:
+    """Yield (field, problem with values and units, remedy) of each rule that does not hold.
+
+    Args:
+        config: The checked configuration.
+        placed: Home, gel and workspace box are all known.
+    """
     yield from _force_rules(config)
-    yield from _workspace_rules(config)
+    if placed:
+        yield from _workspace_rules(config)
     yield from _device_rules(config)
 
 

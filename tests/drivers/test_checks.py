@@ -16,7 +16,7 @@ from drivers.checks import device_checks
 from drivers.checks_camera import exposure_check
 from drivers.checks_serial import latency_timer_check
 from drivers.ur5_model import UrModel
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.config.load import restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
 
@@ -25,9 +25,11 @@ ServeMjpeg = Callable[..., AbstractContextManager[str]]
 
 
 def configured(**values: str) -> RigConfig:
-    """Return the defaults with fields such as ``force_sensor__port`` replaced."""
-    overrides = [f"{name.replace('__', '.')}={value}" for name, value in values.items()]
-    return load_config(overrides=overrides).config
+    """Return the defaults with fields such as ``force_sensor__port`` replaced.
+
+    A real arm has the dry run's places here, which no file of an operator may leave out.
+    """
+    return restore_config({name.replace("__", "."): value for name, value in values.items()})
 
 
 def checked(config: RigConfig, *, measure_s: float = 0.5) -> Mapping[str, CheckResult]:

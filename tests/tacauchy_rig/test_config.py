@@ -15,6 +15,7 @@ from tacauchy_rig.config.load import (
     restore_config,
 )
 from tacauchy_rig.config.model import ForceSensorDriver, RobotDriver
+from tacauchy_rig.config.stated import OF_A_FORCE_SENSOR, OF_AN_ARM
 from tacauchy_rig.errors import ConfigError
 
 
@@ -35,13 +36,15 @@ def test_the_default_is_a_dry_run() -> None:
     assert loaded.config.protocol.force_targets[-1] == 4.7332
 
 
-def test_the_example_is_a_real_rig(tmp_path: Path) -> None:
-    """The commented example is accepted as it is and would move a real arm."""
+def test_the_filled_in_example_is_a_real_rig(tmp_path: Path) -> None:
+    """The commented example is accepted once its labels are copied, and would move a real arm."""
     path = tmp_path / "rig.toml"
-    path.write_text(example_text())
-    config = load_config(path).config
-    assert config.moves_real_hardware
-    assert config.force_sensor.driver is ForceSensorDriver.M3733C
+    text = example_text().replace("XXXXXXXX", "A50285BI")
+    path.write_text(text.replace("number and date of the sheet", "no. 7 of 2026-01-01"))
+    loaded = load_config(path)
+    assert loaded.config.moves_real_hardware
+    assert loaded.config.force_sensor.driver is ForceSensorDriver.M3733C
+    assert {loaded.sources[field] for field in (*OF_AN_ARM, *OF_A_FORCE_SENSOR)} == {str(path)}
 
 
 def test_each_value_remembers_where_it_came_from(tmp_path: Path) -> None:

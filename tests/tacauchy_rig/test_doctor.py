@@ -69,6 +69,7 @@ def test_groups_matter_for_real_devices_only() -> None:
         "force_sensor.driver=m3733c",
         "force_sensor.port=/dev/ttyUSB0",
         "force_sensor.calibration_sheet=test",
+        "force_sensor.capacity=50 N",
     )
     skipped, _ = group_checks(emulated, groups=frozenset(), user_id=1000)
     assert skipped.status is CheckStatus.SKIP

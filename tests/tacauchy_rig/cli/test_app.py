@@ -54,7 +54,13 @@ def test_unknown_key_names_field_and_remedy(tmp_path: Path) -> None:
 def test_nothing_moves_without_the_sensors_name(tmp_path: Path) -> None:
     """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
     assert call("config", "example", "rig.toml", cwd=tmp_path).returncode == 0
-    done = call("run", "rig.toml", cwd=tmp_path, stdin="yes\n")
+    filled_in = {
+        "force_sensor.port": "/dev/ttyUSB0",
+        "force_sensor.calibration_sheet": "no. 7 of 2026-01-01",
+        "sensor.optics_calibration": "",
+    }
+    settings = [f"--set={field}={value}" for field, value in filled_in.items()]
+    done = call("run", "rig.toml", *settings, cwd=tmp_path, stdin="yes\n")
     assert done.returncode == 3
     assert "Type the sensor's name" in done.stdout
     assert "nothing moved" in done.stderr

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.config.load import example_text, load_config
 from tacauchy_rig.errors import ConfigError
 
 runner = CliRunner()
@@ -40,11 +40,13 @@ def test_show_refuses_what_no_replay_is_made_with(setting: str) -> None:
     assert "replay.preset" in done.stdout
 
 
-def test_example_is_accepted_as_it_is(tmp_path: Path) -> None:
-    """The commented example is a valid configuration of a real rig."""
+def test_example_is_written(tmp_path: Path) -> None:
+    """The file is the commented example, whose placeholders wait to be filled in."""
     path = tmp_path / "rig.toml"
     assert runner.invoke(app, ["config", "example", str(path)]).exit_code == 0
-    assert load_config(path).config.moves_real_hardware
+    assert path.read_text("utf-8") == example_text()
+    with pytest.raises(ConfigError, match="is not filled in"):
+        load_config(path)
 
 
 def test_example_overwrites_nothing(tmp_path: Path) -> None:

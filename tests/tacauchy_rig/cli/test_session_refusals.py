@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.config.load import load_config
+from tacauchy_rig.config.stated import OF_AN_ARM
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.store.run_store import RunStore
 
@@ -71,6 +73,8 @@ def test_lost_calibration_of_a_recorded_run_is_told_at_once(tmp_path: Path, comm
 def test_dry_run_never_moves_a_real_arm(tmp_path: Path) -> None:
     """robot.driver = "ur5" belongs to ``run``."""
     settings = ["robot.driver=ur5", "robot.host=192.0.2.1", f"run.output_directory={tmp_path}"]
+    written = load_config().written
+    settings += [f"{field}={json.dumps(written[field])}" for field in OF_AN_ARM]
     with pytest.raises(AbortedError, match="never moves a real arm"):
         refuse("dry-run", *(part for text in settings for part in ("--set", text)))
 
