@@ -181,13 +181,17 @@ def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[floa
 
 
 def parse_tolerance(text: str, *, field: str = "--tolerance") -> Tolerance:
-    """Read ``0.02N``, ``1%`` or ``0.01``.
+    """Read ``0.02N`` or ``1%``; a number without a unit could be meant as either.
 
     Raises:
-        ConfigError: Neither a force nor a share, or not above zero.
+        ConfigError: Neither a force nor a share in percent, or not above zero.
     """
     parts = split_quantity(text)
-    is_force = parts is not None and parts[1] in UNITS[Dimension.FORCE]
+    unit = "" if parts is None else parts[1]
+    is_force = unit in UNITS[Dimension.FORCE]
+    if not is_force and unit != "%":
+        problem = "is no tolerance" if parts is None or unit else "has no unit"
+        raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
     dimension = Dimension.FORCE if is_force else Dimension.RATIO
     value = parse_quantity(text, dimension=dimension, field=field).value
     return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
