@@ -8,6 +8,7 @@ from enum import StrEnum
 from fnmatch import fnmatch
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Phase
 
 
@@ -103,12 +104,20 @@ def select_cases(
         cases: What to choose from.
         only: Shell patterns of names, or of the part before the ``@``; empty for all.
         moments: Empty for all.
+
+    Raises:
+        ConfigError: A pattern matches no case.
     """
+    possible = tuple(case for case in cases if not moments or case.moment in moments)
+    for pattern in only:
+        if not any(_matches(case, pattern) for case in possible):
+            when = f" at {', '.join(moments)}" if moments else ""
+            raise ConfigError(
+                f"--only {pattern!r} matches no case{when}",
+                remedy="`tacauchy-rig fault-table --list` names all of them",
+            )
     return tuple(
-        case
-        for case in cases
-        if (not moments or case.moment in moments)
-        and (not only or any(_matches(case, pattern) for pattern in only))
+        case for case in possible if not only or any(_matches(case, pattern) for pattern in only)
     )
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE
 from tacauchy_rig.cli.fault_cases import Moment, Victim, all_cases, select_cases
+from tacauchy_rig.errors import ConfigError
 
 
 def test_every_fault_and_every_process_is_there_at_every_moment():
@@ -22,10 +23,18 @@ def test_every_fault_and_every_process_is_there_at_every_moment():
         (["kill:camera@dwell"], [], ["kill:camera@dwell"]),
         (["kill:c*"], [Moment.PRESS], ["kill:control@press", "kill:camera@press"]),
         (["camera:unplug", "robot:stall@search"], [Moment.SEARCH], None),
-        (["no-such-thing"], [], []),
     ],
 )
 def test_cases_are_chosen_by_pattern_and_moment(only, moments, names):
     """Patterns match the whole name or the cause alone."""
     found = [case.name for case in select_cases(all_cases(), only=only, moments=moments)]
     assert found == (names if names is not None else ["robot:stall@search", "camera:unplug@search"])
+
+
+def test_a_pattern_that_matches_nothing_is_refused():
+    """A misspelt pattern is no table without problems, not even beside one that matches."""
+    with pytest.raises(ConfigError, match="--only 'kill:camra' matches no case") as caught:
+        select_cases(all_cases(), only=["kill:c*", "kill:camra"])
+    assert "fault-table --list" in caught.value.remedy
+    with pytest.raises(ConfigError, match="matches no case at press"):
+        select_cases(all_cases(), only=["*@dwell"], moments=[Moment.PRESS])
