@@ -43,11 +43,17 @@ def example(
     out: Annotated[
         Path | None, typer.Argument(help="File to write; standard output if absent.")
     ] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Write the commented example for a real rig."""
     if out is None:
         say(example_text())
-        return
+    else:
+        _write_example(out)
+    write_json(json_file, {"file": out, "text": example_text()})
+
+
+def _write_example(out: Path) -> None:
     try:
         with out.open("x", encoding="utf-8") as file:
             file.write(example_text())

@@ -49,6 +49,16 @@ def test_example_is_written(tmp_path: Path) -> None:
         load_config(path)
 
 
+@pytest.mark.parametrize("out", [None, "rig.toml"])
+def test_example_as_json(tmp_path: Path, out: str | None) -> None:
+    """The JSON has the text and where it was written."""
+    place, file = None if out is None else str(tmp_path / out), tmp_path / "example.json"
+    arguments = [] if place is None else [place]
+    done = runner.invoke(app, ["config", "example", *arguments, "--json", str(file)])
+    assert done.exit_code == 0
+    assert json.loads(file.read_text("utf-8")) == {"file": place, "text": example_text()}
+
+
 def test_example_overwrites_nothing(tmp_path: Path) -> None:
     """A rig.toml that somebody filled in is not lost to a second call."""
     path = tmp_path / "rig.toml"
