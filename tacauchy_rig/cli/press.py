@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -14,13 +13,13 @@ from sim.laws.catalogue import LawName
 from sim.press import PressResult
 from sim.press import press as simulate_press
 from sim.richardson import with_estimate
-from sim.scene import Drive, Material, Scene
+from sim.scene import Material, Scene
 from sim.warp_start import warp_device
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.scene_command import states_a_scene
-from tacauchy_rig.cli.scene_options import DeviceOption, DriveOption, SceneTerms, scene_of
+from tacauchy_rig.cli.scene_options import DeviceOption, SceneTerms, scene_of
 
 EstimateErrorOption = Annotated[
     bool | None,
@@ -35,13 +34,12 @@ EstimateErrorOption = Annotated[
 @states_a_scene
 def press(
     terms: SceneTerms,
-    drive: DriveOption = Drive.LOAD,
     device: DeviceOption = "cpu",
     estimate_error: EstimateErrorOption = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
-    scene = scene_of(replace(terms, drive=drive))
+    scene = scene_of(terms)
     if terms.law is LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
     result = simulate_press(scene, device=warp_device(device))

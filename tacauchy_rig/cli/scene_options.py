@@ -11,6 +11,7 @@ from sim.effect_estimates import expected_force
 from sim.filling import Filling
 from sim.laws.catalogue import LawName
 from sim.layers import interface_shares
+from sim.pad import Pad
 from sim.scene import Drive, Layer, Material, Motion, Output, Preset, Scene, Target
 from sim.sensor import Sensor, load_sensor
 from sim.tolerance import keeping
@@ -105,7 +106,7 @@ DriveOption = Annotated[Drive, typer.Option("--drive", help="How a force is reac
 class SceneTerms:
     """A scene as texts of the command line; ``states_a_scene`` gives a command these options.
 
-    ``outputs`` and ``drive`` are no option of every command.
+    ``outputs`` are no option of every command.
     """
 
     indenter: IndenterOption
@@ -127,8 +128,8 @@ class SceneTerms:
     mesh: MeshOption = None
     tolerance: ToleranceOption = None
     effects: EffectOption = None
+    drive: DriveOption = Drive.LOAD
     outputs: tuple[Output, ...] = ()
-    drive: Drive = Drive.LOAD
 
 
 def scene_of(terms: SceneTerms) -> Scene:
@@ -144,15 +145,13 @@ def scene_of(terms: SceneTerms) -> Scene:
     layers = _layers(known, terms)
     contact, friction = parse_contact(terms.contact)
     duration = _quantity(terms.duration, Dimension.TIME, "--duration")
+    pad = known.pad if known is not None else parse_pad(terms.pad or "")
     scene = Scene(
-        pad=known.pad if known is not None else parse_pad(terms.pad or ""),
+        pad=pad,
         material=layers[-1].material,
         layers=layers if interface_shares(layers) else (),
         indenter=parse_indenter(terms.indenter),
-        target=Target(
-            depth_m=_quantity(terms.depth, Dimension.LENGTH, "--depth"),
-            force_n=_quantity(terms.force, Dimension.FORCE, "--force"),
-        ),
+        target=_target(terms, pad),
         centre_m=parse_pair(terms.at, Dimension.LENGTH, "--at"),
         contact=contact,
         friction=friction,
@@ -175,6 +174,24 @@ def scene_of(terms: SceneTerms) -> Scene:
     if terms.preset is None:
         return keeping(scene, tolerance)
     return replace(scene, tolerance=tolerance.of(expected_force(scene)))
+
+
+def _target(terms: SceneTerms, pad: Pad) -> Target:
+    """Read depth or force; neither may be negative, and no press goes through the gel."""
+    depth = _quantity(terms.depth, Dimension.LENGTH, "--depth")
+    force = _quantity(terms.force, Dimension.FORCE, "--force")
+    for option, text, value in (("--depth", terms.depth, depth), ("--force", terms.force, force)):
+        if value is not None and value < 0.0:
+            raise ConfigError(
+                f"{option} {text} is negative", remedy="give 0 or more; pressing counts as positive"
+            )
+    if depth is not None and depth >= pad.height_m:
+        raise ConfigError(
+            f"--depth of {depth * 1e3:g} mm goes through a gel that is {pad.height_m * 1e3:g} mm "
+            "thick",
+            remedy="give less than the thickness",
+        )
+    return Target(depth_m=depth, force_n=force)
 
 
 def _filling(sensor: Sensor | None, terms: SceneTerms) -> Filling:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
@@ -91,3 +92,32 @@ def test_tolerance_that_no_preset_keeps_is_refused() -> None:
     wrong = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "1 mm"])
     assert isinstance(wrong.exception, ConfigError)
     assert "--tolerance" in wrong.exception.message
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (("--force", "-1N"), "--force -1N is negative"),
+        (("--depth", "-0.2mm"), "--depth -0.2mm is negative"),
+        (("--depth", "2mm"), "--depth of 2 mm goes through a gel that is 2 mm thick"),
+        (("--depth", "0.3cm"), "--depth of 3 mm goes through a gel that is 2 mm thick"),
+    ],
+)
+@pytest.mark.parametrize("command", ["press", "plan"])
+def test_target_that_no_press_reaches_is_refused(
+    command: str, target: tuple[str, str], message: str
+) -> None:
+    """Nothing is simulated; the option is named, and lengths are in millimetres."""
+    refused = CliRunner().invoke(app, [command, *DISC, *PRESS[:2], *target])
+    assert isinstance(refused.exception, ConfigError)
+    assert refused.exception.message == message
+    assert refused.exception.remedy
+
+
+def test_a_plan_takes_the_way_to_a_force() -> None:
+    """What was given to ``press`` can be given to ``plan``; another way is refused by name."""
+    scene = ["plan", *DISC, *PRESS[:2], "--force", "0.1N"]
+    assert CliRunner().invoke(app, [*scene, "--drive", "search"]).exit_code == 0
+    refused = CliRunner().invoke(app, [*scene, "--drive", "push"])
+    assert refused.exit_code == 2
+    assert "--drive" in refused.stderr
