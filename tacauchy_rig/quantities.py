@@ -67,6 +67,7 @@ _EXAMPLES: dict[Dimension, str] = {
 }
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+_COMMA = re.compile(r"^\s*[-+]?\d*,\d")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,11 +99,14 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
         field: Name used in the error message.
 
     Raises:
-        ConfigError: The text has no number, an infinite one, no unit, or a unit of another
-            dimension.
+        ConfigError: The text has no number, a decimal comma, an infinite number, no unit, or a
+            unit of another dimension.
     """
     units = UNITS[dimension]
     remedy = f'write it as text with a unit, for example {field} = "{example(dimension)}"'
+    if _COMMA.match(text):
+        problem = "has a comma in its number; write a decimal point"
+        raise ConfigError(f'{field}: "{text}" {problem}', remedy=remedy)
     parts = split_quantity(text)
     if parts is None:
         raise ConfigError(f'{field}: "{text}" is not a number with a unit', remedy=remedy)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterator, Mapping
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.model import RigConfig, RobotModel
 from tacauchy_rig.quantities import UNITS, Dimension, example, split_quantity
 
 _LIMITS = {
@@ -26,6 +27,14 @@ _KINDS = {
     "tuple": 'is not a list; write ["...", "..."]',
     "model": "is not a table",
     "finite": "is not a finite number",
+}
+_CAMERA_NUMBERS = {("camera", name) for name in ("exposure", "gain", "white_balance")}
+_ARMS = {
+    "ur5e": RobotModel.E_SERIES,
+    "ur5eseries": RobotModel.E_SERIES,
+    "eseries": RobotModel.E_SERIES,
+    "ur5cb3": RobotModel.CB3,
+    "cb3": RobotModel.CB3,
 }
 
 
@@ -54,20 +63,24 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     if kind == "extra_forbidden":
         return f"{name}: unknown key; {_suggestion(location)}"
     if kind == "missing":
-        return _missing(location)
+        return _missing(location, tables)
     if kind == "value_error":
         return f"{name}: {problem['ctx']['error']}"
     if kind == "enum":
         choices = problem["ctx"]["expected"].replace("'", '"').replace(" or ", ", ")
-        return f"{name}: {value} is none of {choices}"
+        return f"{name}: {value} is none of {choices}{_arm_advice(location, written)}"
     if kind in ("too_long", "too_short"):
         context = problem["ctx"]
+        if (needed := _fixed_length(location)) is not None:
+            return f"{name}: {_count(needed, written)}"
         allowed = context.get("max_length", context.get("min_length"))
         word = "at most" if kind == "too_long" else "at least"
         return f"{name}: holds {context['actual_length']} values; write {word} {allowed}"
     if kind == "string_pattern_mismatch":
         return f'{name}: {value} may hold only letters, digits, "_", "." and "-"'
     what = _KINDS.get(kind.split("_")[0], problem["msg"])
+    if tuple(location) in _CAMERA_NUMBERS:
+        what = f"{what}; it is the camera's own number, without a unit: `v4l2-ctl -L` lists it"
     return f"{name}: {value} {what}"
 
 
@@ -88,12 +101,36 @@ def _limit(problem: Any, written: Any) -> str:
     return f'{relation} {text}; {advice} "{text}"'
 
 
-def _missing(location: tuple[int | str, ...]) -> str:
+def _missing(location: tuple[int | str, ...], tables: Mapping[str, Any]) -> str:
     if isinstance(location[-1], int):
-        return f"{_name(location[:-1])}: holds too few values"
+        needed = _fixed_length(location[:-1]) or location[-1] + 1
+        return f"{_name(location[:-1])}: {_count(needed, _written(tables, location[:-1], []))}"
     dimension = _dimension(location)
     advice = f'; write for example {location[-1]} = "{example(dimension)}"' if dimension else ""
     return f"{_name(location)}: missing{advice}"
+
+
+def _fixed_length(location: tuple[int | str, ...]) -> int | None:
+    """Return how many values a list must have; None where that is free."""
+    section = _section(location)
+    field = None if section is None else section.model_fields.get(str(location[1]))
+    if field is None or get_origin(field.annotation) is not tuple:
+        return None
+    kinds = get_args(field.annotation)
+    return None if Ellipsis in kinds else len(kinds)
+
+
+def _count(needed: int, written: Any) -> str:
+    axes = " (x, y, z)" if needed == len("xyz") else ""
+    return f"needs {needed} values{axes}; {len(written)} given"
+
+
+def _arm_advice(location: tuple[int | str, ...], written: Any) -> str:
+    """Return what to write for an arm called by its model, such as UR5e."""
+    called = re.sub("[^a-z0-9]", "", str(written).lower())
+    if location != ("robot", "driver") or called not in _ARMS:
+        return ""
+    return f'; write driver = "ur5" and model = "{_ARMS[called]}"'
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:

@@ -151,7 +151,48 @@ def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
                 'write for example "5 mm"'
             ),
         ),
-        ('robot.home=["0 mm"]', "robot.home: holds too few values"),
+        ('robot.home=["0 mm"]', "robot.home: needs 3 values (x, y, z); 1 given"),
+        (
+            'sensor.surface=["0 mm", "0 mm", "0 mm", "0 mm"]',
+            "sensor.surface: needs 3 values (x, y, z); 4 given",
+        ),
+        ("robot.home=[]", "robot.home: needs 3 values (x, y, z); 0 given"),
+        (
+            'indenter.diameter="5,0 mm"',
+            (
+                'indenter.diameter: "5,0 mm" has a comma in its number; write a decimal point; '
+                'write for example "5 mm"'
+            ),
+        ),
+        (
+            'camera.exposure="156 us"',
+            (
+                'camera.exposure: "156 us" is not a whole number; it is the camera\'s own number, '
+                "without a unit: `v4l2-ctl -L` lists it"
+            ),
+        ),
+        (
+            "camera.gain=1.5",
+            (
+                "camera.gain: 1.5 is not a whole number; it is the camera's own number, without a "
+                "unit: `v4l2-ctl -L` lists it"
+            ),
+        ),
+        (
+            'robot.driver="UR5e"',
+            (
+                'robot.driver: "UR5e" is none of "ur5", "emulated", "mock"; write driver = "ur5" '
+                'and model = "e-series"'
+            ),
+        ),
+        (
+            'robot.driver="ur5-cb3"',
+            (
+                'robot.driver: "ur5-cb3" is none of "ur5", "emulated", "mock"; write '
+                'driver = "ur5" and model = "cb3"'
+            ),
+        ),
+        ('camera.driver="ur5e"', 'camera.driver: "ur5e" is none of "uvc", "emulated", "mock"'),
         ("protocol.force_targets=[]", "protocol.force_targets: holds 0 values; write at least 1"),
         (
             'robot.driver="kuka"',
