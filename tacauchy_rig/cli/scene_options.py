@@ -180,10 +180,14 @@ def _target(terms: SceneTerms, pad: Pad) -> Target:
     """Read depth or force; neither may be negative, and no press goes through the gel."""
     depth = _quantity(terms.depth, Dimension.LENGTH, "--depth")
     force = _quantity(terms.force, Dimension.FORCE, "--force")
-    for option, text, value in (("--depth", terms.depth, depth), ("--force", terms.force, force)):
+    for option, text, value, positive in (
+        ("--depth", terms.depth, depth, "0.5mm"),
+        ("--force", terms.force, force, "1N"),
+    ):
         if value is not None and value < 0.0:
             raise ConfigError(
-                f"{option} {text} is negative", remedy="give 0 or more; pressing counts as positive"
+                f"{option} {text} is negative",
+                remedy=f"pressing counts as positive: give for example {option} {positive}",
             )
     if depth is not None and depth >= pad.height_m:
         raise ConfigError(

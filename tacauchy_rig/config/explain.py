@@ -79,6 +79,8 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     if kind == "string_pattern_mismatch":
         return f'{name}: {value} may hold only letters, digits, "_", "." and "-"'
     what = _KINDS.get(kind.split("_")[0], problem["msg"])
+    if location == ("replay", "tolerance"):
+        what = 'has no unit; give "0.02N" or "1%"'
     if tuple(location) in _CAMERA_NUMBERS:
         what = f"{what}; it is the camera's own number, without a unit: `v4l2-ctl -L` lists it"
     return f"{name}: {value} {what}"

@@ -199,6 +199,7 @@ def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
             'robot.driver: "kuka" is none of "ur5", "emulated", "mock"',
         ),
         ('run.name="my run"', 'run.name: "my run" may hold only letters, digits, "_", "." and "-"'),
+        ("replay.tolerance=1", 'replay.tolerance: 1 has no unit; give "0.02N" or "1%"'),
         ("run.name=7", "run.name: 7 is not text; write it in quotes"),
         ("camera.width=640.5", "camera.width: 640.5 is not a whole number"),
         (

@@ -114,6 +114,13 @@ def test_target_that_no_press_reaches_is_refused(
     assert refused.exception.remedy
 
 
+def test_a_negative_target_is_told_what_to_write() -> None:
+    """The remedy has the option and a number with its unit."""
+    refused = CliRunner().invoke(app, ["press", *DISC, *PRESS[:2], "--force", "-1N"])
+    assert isinstance(refused.exception, ConfigError)
+    assert refused.exception.remedy.endswith("--force 1N")
+
+
 def test_a_plan_takes_the_way_to_a_force() -> None:
     """What was given to ``press`` can be given to ``plan``; another way is refused by name."""
     scene = ["plan", *DISC, *PRESS[:2], "--force", "0.1N"]
