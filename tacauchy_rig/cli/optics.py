@@ -133,20 +133,29 @@ def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> Optic
     """
     given = store.config.sensor.optics_calibration
     if given:
-        model = load_photometric(Path(given))
-        _check_view(given, model.provenance, nominal)
-        blur_px = model.provenance.get(BLUR_PX, 0.0)
-        return OpticalCalibration(
-            model=model,
-            geometry=nominal,
-            shadows=read_shadows(model.provenance),
-            blur_px=blur_px if isinstance(blur_px, float) else 0.0,
-        )
+        return calibrated_optics(given, nominal)
     if store.paths.truth.exists():
         return calibrate_emulated(store, sensor, nominal)
     say("  optics not calibrated: rendering with the nominal optics of the sensor's file")
     return OpticalCalibration(
         model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
+    )
+
+
+def calibrated_optics(given: str, nominal: CameraGeometry) -> OpticalCalibration:
+    """Return what a calibration file holds, for images that look where a sensor's file says.
+
+    Raises:
+        ConfigError: The file is missing or damaged, or is of images of another size or scale.
+    """
+    model = load_photometric(Path(given))
+    _check_view(given, model.provenance, nominal)
+    blur_px = model.provenance.get(BLUR_PX, 0.0)
+    return OpticalCalibration(
+        model=model,
+        geometry=nominal,
+        shadows=read_shadows(model.provenance),
+        blur_px=blur_px if isinstance(blur_px, float) else 0.0,
     )
 
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from drivers.emulators.launch import emulated_devices
 from sim.indenter import Cylinder, Indenter, Sphere
-from sim.optics.photometric import load_photometric
+from sim.optics.sensor_camera import camera_geometry
 from sim.optics.sensor_lamps import nominal_model
 from sim.replay import replay_scene
 from sim.scene import Drive, Preset
 from sim.sensor import Sensor, load_sensor
 from sim.settings import setting_of
 from sim.tolerance import Tolerance
+from tacauchy_rig.cli.optics import calibrated_optics
 from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.doctor.result import CheckResult, failed, passed
@@ -50,18 +50,13 @@ def check_optics(config: RigConfig, sensor: Sensor) -> str:
         Which optics they are, in words.
 
     Raises:
-        ConfigError: The calibration file is missing or damaged; or there is none, nothing of the
-            rig is emulated, and the sensor's file names no lamps.
+        ConfigError: The calibration file is missing or damaged, or of images of another size or
+            scale; or there is none, nothing of the rig is emulated, and the sensor's file names
+            no lamps.
     """
     given = config.sensor.optics_calibration
     if given:
-        try:
-            load_photometric(Path(given))
-        except EOFError as error:  # an empty file: np.load knows no other word for it
-            raise ConfigError(
-                f"{given} is not an optics calibration ({error})",
-                remedy="write one with: tacauchy-rig calibrate optics FOLDER ... --out FILE",
-            ) from error
+        calibrated_optics(given, camera_geometry(sensor))
         return f"optics from {given}"
     if emulated_devices(config):
         return "optics calibrated on the emulated sensor"
