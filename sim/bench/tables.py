@@ -143,7 +143,10 @@ def _phases(found: Bench) -> Section:
         note="Each alone, on the state at the end of a press. Assembly: energy, gradient and "
         "Newton matrix of the elements. Contact: gaps, energy, forces and their sum at the nodes. "
         "Solution: one right side. These are done about once a Newton iteration; the stress on the "
-        "surface, the height map and the image once a frame.",
+        "surface, the height map and the image once a frame. Height map and image are of one "
+        "sample a pixel, with the nominal lamps of the sensor's file and no blur, and rendering "
+        "includes setting up the renderer for that one image. An image from a renderer that is "
+        "kept is under Rendering, those that a replay makes under Replay of a run.",
     )
 
 
@@ -188,7 +191,7 @@ def _rendering(found: Bench) -> Section:
         f"a model of {first.term_count} terms (a polynomial, near lamps and creases), the shadows "
         f"of as many lamps as the sensor's file asks for, a blur of {BLUR_PX:g} px, rounding. A "
         f"replay takes {SAMPLES} x {SAMPLES} samples of each pixel. A time is the median over "
-        "repeats. "
+        "repeats; the height map and the renderer are made before it begins. "
         "Dents and images of a batch stay on its device; how far its images are apart from those "
         "rendered one by one is the largest difference, and the share of values that differ."
         + "".join(f" Not measured: {text}." for text in found.absent if "images" in text),
@@ -226,8 +229,10 @@ def _replays(found: Bench) -> Section:
         f"{TIME_MAX_S:g} s and {MEMORY_MAX_MIB:.0f} MiB (2 GB) on two cores",
         passed=any(row.wall_s < TIME_MAX_S and row.memory_mib < MEMORY_MAX_MIB for row in within),
         note="The forces of the dry run, met on one loading path, with fields; then the height "
-        "maps and the image of each press, as a replay makes them. Memory is the process's peak so "
-        "far.",
+        "maps and the image of each press, as a replay makes them: a height map of "
+        f"{SAMPLES} x {SAMPLES} samples a pixel for the image, one of a value a pixel to keep, and "
+        "a renderer set up anew for each press. The height maps are most of it. Memory is the "
+        "process's peak so far.",
     )
 
 
