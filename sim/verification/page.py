@@ -11,11 +11,9 @@ _WIDTH = 100
 
 
 TITLE = "Verification of the simulator"
-NOTE = (
-    "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses; the "
-    "command below a table gives one of its rows. Times apart, the numbers are the same when it is "
-    "run again."
-)
+_SOURCE = "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"
+_COMMANDS = "; the command below a table gives one of its rows"
+_AGAIN = ". Times apart, the numbers are the same when it is run again."
 
 
 def markdown(
@@ -25,7 +23,7 @@ def markdown(
     versions: Mapping[str, str],
     machine: str,
     title: str = TITLE,
-    note: str = NOTE,
+    note: str | None = None,
     image: str = "",
 ) -> str:
     """Return the page.
@@ -34,14 +32,13 @@ def markdown(
         command: What made it.
         versions: Of what the numbers depend on.
         machine: Where it ran, in words.
-        note: What a reader has to know before all sections.
+        note: What a reader has to know before all sections; None says where the numbers of the
+            verification come from.
         image: File of a figure that stands before them, beside the page; empty for none.
     """
-    missed = [section for section in sections if not section.passed]
-    verdict = "every criterion is met" if not missed else f"{len(missed)} of them missed"
-    lines = [f"# {title}", ""]
-    lines += [f"**{len(sections)} sections, {verdict}.**", ""]
-    lines += _filled(f"Written by `{command}` on {machine}. {note}")
+    said = _verification_note(sections) if note is None else note
+    lines = [f"# {title}", "", f"**{_verdict(sections)}.**", ""]
+    lines += _filled(f"Written by `{command}` on {machine}. {said}")
     lines += [f"![{title}]({image})", ""] if image else []
     lines += ["| section | result | criterion |", "|---|---|---|"]
     lines += [f"| {s.title} | {result(s)} | {s.criterion} |" for s in sections]
@@ -49,6 +46,20 @@ def markdown(
         lines += ["", *_section(section)]
     lines += ["", "## Versions", "", ", ".join(f"{k} {v}" for k, v in versions.items())]
     return "\n".join(lines) + "\n"
+
+
+def _verdict(sections: Sequence[Section]) -> str:
+    missed = sum(not section.passed for section in sections)
+    if len(sections) == 1:
+        return f"1 section: {result(sections[0]).strip('*')}"
+    return f"{len(sections)} sections, " + (
+        f"{missed} of them missed" if missed else "every criterion is met"
+    )
+
+
+def _verification_note(sections: Sequence[Section]) -> str:
+    has_commands = any(section.command for section in sections)
+    return f"{_SOURCE}{_COMMANDS if has_commands else ''}{_AGAIN}"
 
 
 def result(section: Section) -> str:

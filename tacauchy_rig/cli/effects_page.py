@@ -111,7 +111,7 @@ def _names(effects: Sequence[Effect]) -> str:
 
 
 def _percent(value: float) -> str:
-    return f"{value * 100:.2g} %"
+    return f"{float(f'{value * 100:.2g}'):g} %"
 
 
 def _wrapped(part: str) -> str:

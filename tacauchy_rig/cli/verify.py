@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sim.verification.catalogue import ON_REQUEST, SECTIONS
-from sim.verification.page import markdown
+from sim.verification.page import TITLE, markdown
 from sim.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
@@ -82,8 +82,10 @@ def _measured(name: str) -> Section:
 def _page(found: dict[str, Section], out: Path) -> str:
     """Return the page of what was measured so far, with the command that makes just that."""
     chosen = "" if list(found) == _chosen(None) else f" --sections {','.join(found)}"
+    sections = list(found.values())
     return markdown(
-        list(found.values()),
+        sections,
+        title=sections[0].title if len(sections) == 1 else TITLE,
         command=f"tacauchy-rig verify{chosen} --out {out}",
         versions=versions(),
         machine=machine(),

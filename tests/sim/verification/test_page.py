@@ -30,7 +30,7 @@ def test_page_shows_numbers_to_four_digits_and_counts_whole() -> None:
     text = page(MET)
     assert "| 0.45 | 0.7005 | 3090 |" in text
     assert "| 0.499 |  | 12345 |" in text
-    assert "every criterion is met" in text
+    assert "**2 sections, every criterion is met.**" in page(MET, MET)
     assert "```\ntacauchy-rig press --depth 0.05mm\n```" in text
 
 
@@ -39,6 +39,15 @@ def test_page_counts_what_was_missed() -> None:
     text = page(MET, MISSED)
     assert "**2 sections, 1 of them missed.**" in text
     assert "| Disc | **missed** | within 1 % |" in text
+
+
+def test_page_of_one_section_speaks_of_one() -> None:
+    """One section has one criterion, and without a command none is promised below its table."""
+    assert "**1 section: met.**" in page(MET)
+    assert "**1 section: missed.**" in page(MISSED)
+    assert "**1 section: reported.**" in page(REPORTED)
+    assert "command below a table" in " ".join(page(MET).split())
+    assert "command below a table" not in " ".join(page(MISSED).split())
 
 
 def test_page_does_not_call_met_what_nothing_was_demanded_of() -> None:
