@@ -117,12 +117,13 @@ def seed_section(
         criterion="every error is reproduced within its bar on meshes of another seed",
         passed=missed == 0,
         note=f"{total - missed} of {total} errors (six quantities each) come out within their bar. "
-        "The bars are the first run's, which knows nothing of this one: the doubt of its "
-        "reference, and the largest difference on meshes with edges "
-        f"{EDGE_SHIFT:.0%} shorter and longer, both twice, for either run may be the odd one. "
-        "Finer meshes than fast's have the share of their error that fast's has, a quarter to all "
-        f"of it. A seed makes every edge up to {EDGE_SHIFT:.0%} shorter or longer, the reference's "
-        "too; preset paper has but one mesh.",
+        "The bars are the first run's, which knows nothing of this one. A bar is the doubt of its "
+        "reference, plus the largest difference that meshes with edges "
+        f"{EDGE_SHIFT:.0%} shorter and longer made to that error; the sum counts twice, since "
+        "either run may be the odd one. For meshes finer than fast's that difference was not "
+        "measured: it is taken as the same share of their error as fast's is of its own, between "
+        "a quarter and all of it. A seed makes every edge up to "
+        f"{EDGE_SHIFT:.0%} shorter or longer, the reference's too; preset paper has but one mesh.",
         command=command,
     )
 
