@@ -68,6 +68,7 @@ def start(
             say(f'[camera]          driver = "uvc"     device = "{found.camera_url}"')
         pids = {name: process.process.pid for name, process in emulation.processes.items()}
         write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
+        say("a whole rig.toml around these lines: docs/drivers.md")
         say("ready; Ctrl-C ends the emulated devices")
         _serve(emulation, stop)
 
@@ -122,7 +123,9 @@ def fault(
     text: Annotated[
         str, typer.Argument(metavar="FAULT", help="For example force_sensor:freeze@1s+2s")
     ],
+    json_file: JsonFile = None,
 ) -> None:
     """Tell a running emulated device to fail."""
     post_fault(folder, parse_fault(text))
     say(f"told {folder}: {text}")
+    write_json(json_file, {"folder": folder, "fault": text})
