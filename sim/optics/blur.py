@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.optics.ball_press import BallPress
+from sim.optics.ball_press import BallPress, Circle
 from sim.optics.calibrate import Calibration
 from sim.optics.exposure import exposed
 
 BLUR_PX = "blur_px"  # its name in a calibration's provenance
 _TRIED_PX = np.arange(0.0, 2.26, 0.25)
+_MARGIN_PX = 10
 _REACH = 1.4  # radii of the contact that are looked at
 
 
@@ -29,18 +30,30 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
         found: The calibration.
     """
     misfit = np.zeros(len(_TRIED_PX))
-    pixels = found.scene.whole_image(found.model)
+    scene = found.scene
     for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
-        height, width = press.image.shape[:2]
-        rows, columns = np.mgrid[:height, :width]
+        window = _around(circle, *press.image.shape[:2])
+        rows, columns = np.mgrid[window]
         near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _REACH * circle.radius_px
-        if found.scene.masked is not None:
-            near &= ~found.scene.masked
-        told = near[..., None] & exposed(press.image)
-        seen = press.image - found.scene.background - found.scene.light_image(light)
+        if scene.masked is not None:
+            near &= ~scene.masked[window]
+        image = press.image[window]
+        told = near[..., None] & exposed(image)
+        seen = image - scene.background[window] - scene.light_image(light)[window]
+        x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
+        pixels = scene.pixels(found.model, x, y)
         sharp = pixels.predict(circle).reshape(seen.shape)
         misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
     return _lowest(misfit)
+
+
+def _around(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
+    """Return the rows and columns that are looked at, and as far beyond as a blur reaches."""
+    reach = _REACH * circle.radius_px + _MARGIN_PX
+    return (
+        slice(max(0, int(circle.y_px - reach)), min(height, int(circle.y_px + reach) + 2)),
+        slice(max(0, int(circle.x_px - reach)), min(width, int(circle.x_px + reach) + 2)),
+    )
 
 
 def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:

@@ -23,7 +23,7 @@ _SETTLED_PX = 0.05
 
 
 def calibrate_presses(
-    presses: Sequence[BallPress], scene: PressScene, sensor: Sensor
+    presses: Sequence[BallPress], scene: PressScene, sensor: Sensor, *, blurred: bool = True
 ) -> Calibration:
     """Fit colours, shadows where the sensor's file says that there are any, and the blur.
 
@@ -31,6 +31,7 @@ def calibrate_presses(
         presses: Images with labelled circles.
         scene: Camera, no-contact frame and gel.
         sensor: Says how the colours are modelled and which lamps cast shadows.
+        blurred: Find the camera's blur; who only wants the circles is spared that.
 
     Raises:
         ConfigError: As ``calibrate_optics``.
@@ -40,6 +41,8 @@ def calibrate_presses(
         found = calibrate_optics(presses, scene, exponents=exponents)
     else:
         found = calibrate_with_shadows(presses, scene, nominal, exponents=exponents)
+    if not blurred:
+        return found
     lit = [
         without_shadows(press, circle, found.scene, found.shadows)
         for press, circle in zip(presses, found.circles, strict=True)

@@ -69,19 +69,19 @@ def calibrate_folder(
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     unloaded = read_rgb(folder / NO_CONTACT)
     scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
-    found = calibrate_presses(presses, scene, sensor)
-    residual_px = None
+    geometry, residual_px = nominal, None
     if places:
+        circles = calibrate_presses(presses, scene, sensor, blurred=False)
         touched = _touched(places, sensor, ball_diameter_m)
-        fit, known = _fit_scale(presses, found, touched, nominal)
+        fit, known = _fit_scale(presses, circles, touched, nominal)
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
-        found = calibrate_presses(presses, scene, sensor)
         residual_px = fit.residual_px
         say(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {known} presses"
         )
+    found = calibrate_presses(presses, scene, sensor)
     shadows = found.shadows
     source = {
         BLUR_PX: found.blur_px,
@@ -92,7 +92,7 @@ def calibrate_folder(
     }
     model = replace(found.model, provenance={**found.model.provenance, **source})
     return OpticalCalibration(
-        model=model, geometry=scene.geometry, shadows=shadows, blur_px=found.blur_px
+        model=model, geometry=geometry, shadows=shadows, blur_px=found.blur_px
     )
 
 
