@@ -110,7 +110,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
             "all places lie on one line on the gel",
             remedy="give the places of the presses in metres, and press also beside that line",
         )
-    solution = np.linalg.lstsq(features, positions_m, rcond=None)[0]
+    solution: FloatArray = np.linalg.lstsq(features, positions_m, rcond=None)[0]
     direction, offset = solution[:2].T, solution[2]
     centre = np.linalg.solve(direction, -offset)
     scale = np.linalg.norm(direction, axis=0)
@@ -128,6 +128,20 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
         rotation_rad=float(angles[0] + 0.5 * shear),
         mirrored=mirrored,
     )
+    return _with_errors(geometry, float(shear), features, solution, positions_m)
+
+
+def _with_errors(
+    geometry: CameraGeometry,
+    shear_rad: float,
+    features: FloatArray,
+    solution: FloatArray,
+    positions_m: FloatArray,
+) -> ScaleFit:
+    """State the standard errors of a fit of positions to features, pixels and a one, [n, 3]."""
+    pixels = features[:, :2]
+    centre = np.array([geometry.centre_x_px, geometry.centre_y_px])
+    scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
     off = geometry.to_pixels(positions_m) - pixels
     spread = np.sqrt(np.sum((features @ solution - positions_m) ** 2) / (2 * len(pixels) - 6))
     errors = spread * np.sqrt(np.diag(np.linalg.inv(features.T @ features)))
@@ -136,7 +150,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
     return ScaleFit(
         geometry=geometry,
         residual_px=float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
-        shear_rad=float(shear),
+        shear_rad=shear_rad,
         scale_error_m=(float(errors[0]), float(errors[1])),
         rotation_error_rad=float(np.max(errors[:2] / scale)),
         centre_error_px=at_centre / geometry.mean_scale_m,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from enum import StrEnum
+from typing import TypeVar
 
 from drivers.emulators.launch import emulated_devices
 from sim.indenter import Cylinder, Indenter, Sphere
@@ -18,6 +20,8 @@ from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.doctor.result import CheckResult, failed, passed
 from tacauchy_rig.errors import ConfigError
+
+_Closed = TypeVar("_Closed", bound=StrEnum)
 
 
 def check_replay(config: RigConfig) -> str:
@@ -98,13 +102,7 @@ def preset_of(config: RigConfig) -> Preset:
     Raises:
         ConfigError: There is none of that name.
     """
-    try:
-        return Preset(config.replay.preset)
-    except ValueError as error:
-        raise ConfigError(
-            f"replay.preset: {config.replay.preset!r} is no preset",
-            remedy=f"one of: {', '.join(preset.value for preset in Preset)}",
-        ) from error
+    return _member(Preset, config.replay.preset, "replay.preset", "preset")
 
 
 def tolerance_of(config: RigConfig) -> Tolerance | None:
@@ -123,12 +121,16 @@ def drive_of(config: RigConfig) -> Drive:
     Raises:
         ConfigError: There is no such way.
     """
+    return _member(Drive, config.replay.drive, "replay.drive", "way to reach a force")
+
+
+def _member(kind: type[_Closed], value: str, field: str, what: str) -> _Closed:
     try:
-        return Drive(config.replay.drive)
+        return kind(value)
     except ValueError as error:
         raise ConfigError(
-            f"replay.drive: {config.replay.drive!r} is no way to reach a force",
-            remedy=f"one of: {', '.join(drive.value for drive in Drive)}",
+            f"{field}: {value!r} is no {what}",
+            remedy=f"one of: {', '.join(known.value for known in kind)}",
         ) from error
 
 
