@@ -110,7 +110,7 @@ def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height
             "all places lie on one line on the gel",
             remedy="give the places of the presses in metres, and press also beside that line",
         )
-    solution: FloatArray = np.linalg.lstsq(features, positions_m, rcond=None)[0]
+    solution = np.asarray(np.linalg.lstsq(features, positions_m, rcond=None)[0], dtype=np.float64)
     direction, offset = solution[:2].T, solution[2]
     centre = np.linalg.solve(direction, -offset)
     scale = np.linalg.norm(direction, axis=0)
