@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from drivers.checks_camera import camera_checks
-from drivers.checks_robot import robot_checks
-from drivers.checks_serial import force_sensor_checks
+from drivers.arm.checks import robot_checks
+from drivers.camera.checks import camera_checks
+from drivers.force_sensor.checks import force_sensor_checks
 from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
 from tacauchy_rig.doctor.result import CheckResult, skipped
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.arm.ur5 import Ur5
+from drivers.arm.ur5_model import UrModel
+from drivers.camera.uvc_camera import UvcCamera
+from drivers.camera.uvc_capture import CameraMode
 from drivers.clock import HostClock
+from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.interfaces import Arm, Camera, Clock, ForceTorqueSensor, StreamHealth
 from drivers.mock.arm import MockArm
 from drivers.mock.camera import MockCamera
 from drivers.mock.fault_plan import plan_faults
 from drivers.mock.force_sensor import MockForceSensor
 from drivers.mock.world import MockWorld
-from drivers.sri_m3733c import SriM3733c
-from drivers.ur5 import Ur5
-from drivers.ur5_model import UrModel
-from drivers.uvc_camera import UvcCamera
-from drivers.uvc_capture import CameraMode
 from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
 from tacauchy_rig.errors import ConfigError
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from protocols.dwell import Dwell
-from protocols.reference import ReferenceWindow
+from protocols.steps.dwell import Dwell
+from protocols.steps.reference import ReferenceWindow
 from tacauchy_rig.run import Criterion, Outcome, Tare, TrialRecord, TrialSpec
 
 

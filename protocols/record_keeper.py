@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
 from tacauchy_rig.store.journal import append_event, read_journal
-from tacauchy_rig.store.recording import RecordingWriter
+from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.run_store import RunStore
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from drivers.interfaces import Arm, Camera, Clock, ForceTorqueSensor
 from drivers.rig import Rig
-from protocols.abort import Abort
 from protocols.cycle import Cycle
 from protocols.direct_sink import DirectCamera, DirectSink
+from protocols.guard.abort import Abort
 from protocols.journal import Journal
 from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.programme import PlannedTrial, ProgrammeResult, fresh_plan, run_programme
@@ -44,7 +44,7 @@ def run_session(
         config: Its configuration, with the addresses of emulated devices filled in.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
-        abort: Asked at every turn of the control loop; see ``protocols.abort_watch``.
+        abort: Asked at every turn of the control loop; see ``protocols.guard.abort_watch``.
 
     Raises:
         RecordError: Another program works on the run.

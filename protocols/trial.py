@@ -5,22 +5,22 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from protocols.approach import approach
-from protocols.breach import BreachError, reaction_to
 from protocols.cycle import Cycle
-from protocols.drift import force_drift
-from protocols.dwell import hold
 from protocols.findings import Findings
-from protocols.force_guard import Contact
+from protocols.guard.breach import BreachError, reaction_to
+from protocols.guard.force import Contact
 from protocols.journal import Journal
-from protocols.make_safe import make_safe
-from protocols.motion import home_pose, move_to
-from protocols.press import PressDrive, press_to_target, settle
 from protocols.rates import RateMeter
-from protocols.reference import take_reference
-from protocols.retract import retract
-from protocols.search import search_contact
-from protocols.tare import judge_tare, take_quiet_tare, take_tare
+from protocols.steps.approach import approach
+from protocols.steps.drift import force_drift
+from protocols.steps.dwell import hold
+from protocols.steps.make_safe import make_safe
+from protocols.steps.motion import home_pose, move_to
+from protocols.steps.press import PressDrive, press_to_target, settle
+from protocols.steps.reference import take_reference
+from protocols.steps.retract import retract
+from protocols.steps.search import search_contact
+from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
 from protocols.verdict import judge
 from tacauchy_rig.errors import AbortedError, RecordError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec

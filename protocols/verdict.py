@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from protocols.dwell import Dwell
 from protocols.findings import Findings
-from protocols.tare import judge_tare
+from protocols.steps.dwell import Dwell
+from protocols.steps.tare import judge_tare
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import Criterion
 

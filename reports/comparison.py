@@ -7,11 +7,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from reports.contact import score_contact
-from reports.correction import correct
 from reports.criteria import judge_trial
-from reports.evidence import ImageGeometry, RunEvidence, StreamTiming, TrialEvidence, TrialImages
-from reports.floors import (
+from reports.evidence.evidence import (
+    ImageGeometry,
+    RunEvidence,
+    StreamTiming,
+    TrialEvidence,
+    TrialImages,
+)
+from reports.page.reading import limits_of, read_scores, verdict_of
+from reports.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
+from reports.scores.contact import score_contact
+from reports.scores.correction import correct
+from reports.scores.floors import (
     Ceiling,
     Floors,
     Skill,
@@ -24,11 +32,9 @@ from reports.floors import (
     trial_floors,
     wrong_force_matrices,
 )
-from reports.force_agreement import compare_force
-from reports.metrics import ImageScores, Metric, score, to_grey
-from reports.reading import limits_of, read_scores, verdict_of
-from reports.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
-from reports.statistics import psnr_of_mean_mse, t_interval
+from reports.scores.force_agreement import compare_force
+from reports.scores.metrics import ImageScores, Metric, score, to_grey
+from reports.scores.statistics import psnr_of_mean_mse, t_interval
 from reports.truth import recover_truth
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from reports.evidence import Thresholds, TrialEvidence
-from reports.metrics import ImageScores, Metric
+from reports.evidence.evidence import Thresholds, TrialEvidence
+from reports.scores.metrics import ImageScores, Metric
 from tacauchy_rig.run import Criterion
 
 NOT_THERE = "press and replay this trial first: `tacauchy-rig resume RUN`, then `replay RUN`"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.arrays import FloatArray
-from reports.force_agreement import depth_at_force, force_at_depth
+from reports.scores.force_agreement import depth_at_force, force_at_depth
 from tacauchy_rig.run import TrialRecord
 
 _TRIALS_MIN = 2

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from reports.contact import ContactScores
-from reports.correction import Corrections
-from reports.evidence import RunEvidence, TruthComparison
-from reports.floors import Ceiling, Floors, Skill, WrongForceMatrix
-from reports.force_agreement import ForceAgreement
-from reports.metrics import ImageScores
-from reports.statistics import MeanInterval
+from reports.evidence.evidence import RunEvidence, TruthComparison
+from reports.scores.contact import ContactScores
+from reports.scores.correction import Corrections
+from reports.scores.floors import Ceiling, Floors, Skill, WrongForceMatrix
+from reports.scores.force_agreement import ForceAgreement
+from reports.scores.metrics import ImageScores
+from reports.scores.statistics import MeanInterval
 from tacauchy_rig.run import Criterion
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.evidence import EmulatedWorld, RunEvidence, TrueDwell, TruthComparison
+from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell, TruthComparison
 from reports.results import TrialResult
 from tacauchy_rig.run import TrialRecord
 

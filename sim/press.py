@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.effects import EffectPlan, plan_effects
-from sim.gravity import weight
-from sim.loading import Hold, LoadingPath
-from sim.match import find_force
-from sim.model import Model
-from sim.moving_press import moving_press
-from sim.newton import NewtonOptions
-from sim.path_point import PathPoint
-from sim.presets import build_model, densities_of
-from sim.scene import Drive, Effect, Preset, Scene
-from sim.settings import setting_of
-from sim.stress import surface_stress
-from sim.tolerance import Alternative, alternatives, expected_error
-from sim.turned_indenter import tilted
+from sim.effects.plan import EffectPlan, plan_effects
+from sim.effects.presets import build_model
+from sim.error.settings import setting_of
+from sim.error.tolerance import Alternative, alternatives, expected_error
+from sim.fields.stress import surface_stress
+from sim.material.per_element import densities_of
+from sim.scene.scene import Drive, Effect, Preset, Scene
+from sim.scene.tilted_indenter import tilted
+from sim.solve.dynamics.gravity import weight
+from sim.solve.dynamics.moving_press import moving_press
+from sim.solve.load_steps.force_search import find_force
+from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions
 
 _QUICKLY = NewtonOptions(residual_relative=1e-6)
 
@@ -134,7 +135,7 @@ def path_for(
         scene.indenter,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
-        potentials=(weight(model, densities_of(model.mesh, scene)),) if heavy else (),
+        potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
         options=_QUICKLY if is_quick and scene.is_light else NewtonOptions(),
         is_quick=is_quick,
     )
@@ -153,7 +154,9 @@ def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:
         ConvergenceError: No equilibrium, or the force cannot be reached.
     """
     if plan.is_on(Effect.INERTIA):
-        return moving_press(scene, path, density_kg_m3=densities_of(path.model.mesh, scene))
+        return moving_press(
+            scene, path, density_kg_m3=densities_of(path.model.mesh, scene.materials)
+        )
     return follow(scene, path)
 
 

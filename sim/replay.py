@@ -9,17 +9,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from sim.effects import EffectPlan, plan_effects
-from sim.elements import ElementOrder
-from sim.fields import TrialFields, trial_fields
-from sim.indenter import Indenter, describe
-from sim.loading import LoadingPath
-from sim.match import ForceMatch, find_force, push_to_force
+from sim.effects.plan import EffectPlan, plan_effects
+from sim.error.settings import setting_of
+from sim.error.tolerance import Tolerance, alternatives, keeping
+from sim.fields.press_fields import TrialFields, trial_fields
+from sim.mesh.elements import ElementOrder
 from sim.press import PressResult, measure, path_for
-from sim.scene import ContactMode, Drive, Preset, Scene, Target
-from sim.sensor import Sensor
-from sim.settings import setting_of
-from sim.tolerance import Tolerance, alternatives, keeping
+from sim.scene.indenter import Indenter, describe
+from sim.scene.scene import ContactMode, Drive, Preset, Scene, Target
+from sim.sensor.sensor import Sensor
+from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
+from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.run import Replay, ReplayTrial
 
 Progress = Callable[[int, str], None]

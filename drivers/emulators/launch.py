@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from drivers.emulators.emulated_process import EmulatedProcess
 from drivers.emulators.faults import Device, parse_fault, post_fault
+from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.process import EmulatedProcess
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import (
     CameraDriver,
@@ -219,7 +219,7 @@ class Emulation:
         place = robot.home if tip is None else tip
         home = ",".join(f"{value:.9g}" for value in (*place, *robot.tool_rotation))
         return [
-            *("drivers.emulators.ur_controller", "--host", host, "--model", robot.model.value),
+            *("drivers.emulators.arm.controller", "--host", host, "--model", robot.model.value),
             *("--folder", str(self.folder), f"--home={home}"),
             *("--seed", str(self.config.emulation.seed)),
         ]
@@ -227,14 +227,14 @@ class Emulation:
     def _box_arguments(self, truth: Path) -> list[str]:
         sensor = self.config.force_sensor
         return [
-            *("drivers.emulators.m8128_box", "--rate", f"{sensor.rate:.0f}"),
+            *("drivers.emulators.force_sensor.box", "--rate", f"{sensor.rate:.0f}"),
             *("--full-scale-n", f"{sensor.capacity:g}", *self._plant(truth)),
         ]
 
     def _camera_arguments(self, truth: Path) -> list[str]:
         camera = self.config.camera
         return [
-            *("drivers.emulators.camera_stream", "--width", str(camera.width)),
+            *("drivers.emulators.camera.stream", "--width", str(camera.width)),
             *("--height", str(camera.height), "--rate", f"{camera.rate:g}"),
             *("--port", str(self.camera_port), *self._plant(truth)),
         ]

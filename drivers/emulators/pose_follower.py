@@ -15,8 +15,8 @@ from pathlib import Path
 
 from rtde_receive import RTDEReceiveInterface
 
+from drivers.arm.ur5_probe import probe_controller
 from drivers.emulators.shared_world import SharedWorld, WorldWriter
-from drivers.ur5_probe import probe_controller
 from tacauchy_rig.errors import DeviceError, RigError
 from tacauchy_rig.run import Pose, Vector6
 

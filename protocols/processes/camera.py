@@ -8,7 +8,7 @@ import sys
 import time
 from dataclasses import replace
 
-from drivers.exposure import clipped_ratio
+from drivers.camera.exposure import clipped_ratio
 from drivers.interfaces import Camera
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel

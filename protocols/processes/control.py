@@ -15,8 +15,8 @@ from types import FrameType
 from drivers.clock import HostClock
 from drivers.interfaces import Arm, DeviceIdentity, ForceTorqueSensor
 from drivers.rig import Rig, build_arm_and_force_sensor
-from protocols.abort import Abort
 from protocols.cycle import Cycle
+from protocols.guard.abort import Abort
 from protocols.journal import Journal
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child

@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity
-from protocols.abort import Abort
+from protocols.guard.abort import Abort
 from protocols.processes.cut_off import complete_results, last_results
 from protocols.processes.launched import Launched
 from protocols.processes.messages import (

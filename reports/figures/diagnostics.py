@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
-from reports.contact import ContactScores
 from reports.figures.style import (
     BLUE,
     COLUMN_IN,
@@ -24,6 +23,7 @@ from reports.figures.style import (
 )
 from reports.figures.trials import label_forces
 from reports.results import TrialResult, ValidationReport
+from reports.scores.contact import ContactScores
 
 STREAMS = {"force": ("Force", BLUE), "image": ("Images", ORANGE), "arm": ("Arm", GREEN)}
 

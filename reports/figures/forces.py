@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
-from reports.evidence import Curve, TrialEvidence
+from reports.evidence.evidence import Curve, TrialEvidence
 from reports.figures.style import BLUE, COLUMN_IN, GREEN, GREY, LIGHT, ORANGE, PAGE_IN, new_figure
 from reports.figures.trials import force_label, shown
 from reports.results import TrialResult, ValidationReport

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from reports.arrays import FloatArray
-from reports.evidence import ImageGeometry, RunEvidence, TrialEvidence
+from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
 from reports.figures.style import GREY, PAGE_IN, new_figure
 from reports.figures.trials import shown
-from reports.metrics import to_grey
+from reports.scores.metrics import to_grey
 
 ROWS = ("Real", "Simulated", "Difference")
 SCALE_BAR_M = 5e-3

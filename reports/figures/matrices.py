@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from reports.figures.style import GREY, INK, ORANGE, PAGE_IN, new_figure
-from reports.floors import CONTACT_RESIDUAL, WrongForceMatrix
-from reports.metrics import Metric
 from reports.results import ValidationReport
+from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
+from reports.scores.metrics import Metric
 
 TITLES = {
     Metric.SSIM.value: "SSIM",

@@ -14,8 +14,8 @@ from matplotlib.projections.polar import PolarAxes
 
 from reports.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
 from reports.figures.trials import force_label, label_forces, shown
-from reports.metrics import Metric
 from reports.results import TrialResult, ValidationReport
+from reports.scores.metrics import Metric
 
 SIMILARITIES = {
     Metric.SSIM: ("SSIM", BLUE),

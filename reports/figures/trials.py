@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from matplotlib.axes import Axes
 
-from reports.evidence import TrialEvidence
+from reports.evidence.evidence import TrialEvidence
 from reports.results import TrialResult
 
 MAX_COLUMNS = 6

@@ -20,13 +20,13 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch.courses import refuse_unfit, stretches
-from sim.batch.dense import padded_columns
 from sim.batch.environment import BatchOptions, BatchResult, Environment
+from sim.batch.iteration import Tick
+from sim.batch.kernels.dense import padded_columns
+from sim.batch.load_histories import refuse_unfit, stretches
 from sim.batch.pilot import Pilot
-from sim.batch.tick import Tick
 from sim.device import Device, on_host
-from sim.stress import SurfaceStress
+from sim.fields.stress import SurfaceStress
 
 # A test costs a GPU some microseconds, a few ticks too many cost few environments more: they would
 # go on with a stiffness that is no longer the nearest.

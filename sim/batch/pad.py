@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim.effects import plan_effects
-from sim.model import Model
-from sim.presets import BATCH, build_model, mesh_for
-from sim.scene import Effect, Scene
+from sim.effects.plan import plan_effects
+from sim.effects.presets import BATCH, build_model, mesh_for
+from sim.scene.scene import Effect, Scene
+from sim.solve.model import Model
 
 # A barrier of 1 % of the height makes F_z 1 % too large and halves Newton's iterations.
 BARRIER_SHARE = 0.01

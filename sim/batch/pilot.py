@@ -11,13 +11,13 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.assembly import SparsePattern
-from sim.indenter import Indenter
-from sim.loading import LoadingPath
-from sim.mesh_indenter import MeshIndenter
-from sim.model import Model
-from sim.newton import NewtonOptions
-from sim.path_point import PathPoint
+from sim.mesh.sparsity import SparsePattern
+from sim.scene.indenter import Indenter
+from sim.scene.triangle_indenter import MeshIndenter
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions
 from tacauchy_rig.errors import ConfigError
 
 # A GPU takes the inverses, which are dense: 8 of this size are 2 GB.

@@ -8,10 +8,10 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch.dense import DenseProduct
+from sim.batch.kernels.dense import DenseProduct
 from sim.batch.pilot import Pilot, PilotStiffness
 from sim.device import Device
-from sim.linear_solver import linear_solver
+from sim.solve.linear_solver import linear_solver
 
 
 class Preconditioner(Protocol):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sim.optics.geometry import CameraGeometry
-from sim.sensor import Sensor
+from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.sensor import Sensor
 
 
 def camera_geometry(sensor: Sensor) -> CameraGeometry:

@@ -10,19 +10,19 @@ import typer
 
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import calibrate, config_commands, emulate, session
-from tacauchy_rig.cli.accuracy import accuracy
-from tacauchy_rig.cli.bench import bench
 from tacauchy_rig.cli.doctor import doctor
-from tacauchy_rig.cli.effects_check import effects_check
-from tacauchy_rig.cli.fault_table import fault_table
 from tacauchy_rig.cli.folders import export, replay, report
-from tacauchy_rig.cli.modes import modes
-from tacauchy_rig.cli.objects import objects
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
-from tacauchy_rig.cli.torture import torture
-from tacauchy_rig.cli.verify import verify
+from tacauchy_rig.cli.studies.accuracy import accuracy
+from tacauchy_rig.cli.studies.bench import bench
+from tacauchy_rig.cli.studies.effects_check import effects_check
+from tacauchy_rig.cli.studies.fault_table import fault_table
+from tacauchy_rig.cli.studies.modes import modes
+from tacauchy_rig.cli.studies.objects import objects
+from tacauchy_rig.cli.studies.torture import torture
+from tacauchy_rig.cli.studies.verify import verify
 from tacauchy_rig.errors import AbortedError, RigError
 
 app = typer.Typer(

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.calibration_input import OpticsRequest
-from sim.optics.calibration_run import OpticsResult, calibrate_and_check
-from sim.optics.press_scores import PressScores
-from sim.scene import Preset
-from sim.sensor import load_sensor
+from sim.optics.calibrate.input import OpticsRequest
+from sim.optics.calibrate.presses.scores import PressScores
+from sim.optics.calibrate.run import OpticsResult, calibrate_and_check
+from sim.scene.scene import Preset
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.calibrate_markers import markers as calibrate_markers
 from tacauchy_rig.cli.calibrate_scale import scale as calibrate_scale
 from tacauchy_rig.cli.options import JsonFile

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.marker_fidelity import compare_marker_fidelities
+from sim.optics.markers.fidelity import compare_marker_fidelities
 from sim.optics.sensor_camera import camera_geometry
-from sim.scene import ContactMode, Motion, Preset, Scene, Target
-from sim.sensor import load_sensor
+from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.press_terms import parse_indenter

@@ -9,16 +9,16 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.extraction import crop_and_resize
-from sim.optics.ball_press import grey_levels, read_ball_presses, read_rgb
-from sim.optics.scale import ScaleFit, fit_scale, read_positions
-from sim.optics.scale_target import find_target
-from sim.optics.target_terms import parse_target
-from sim.sensor import Sensor, load_sensor
+from reports.evidence.extraction import crop_and_resize
+from sim.optics.calibrate.presses.ball_press import grey_levels, read_ball_presses, read_rgb
+from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.scale.target import find_target
+from sim.optics.calibrate.scale.target_terms import parse_target
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.views import scored_geometry
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.views import scored_geometry
 
 
 def scale(

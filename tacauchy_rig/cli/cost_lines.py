@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sim.tolerance import Alternative
+from sim.error.tolerance import Alternative
 
 
 def cost_lines(

@@ -10,10 +10,10 @@ from drivers.checks import device_checks
 from drivers.emulators.launch import emulated_devices
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.replay_settings import replay_check
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.doctor.host import host_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
+from tacauchy_rig.loop.replay_settings import replay_check
 
 _MARKS = {
     CheckStatus.OK: "ok  ",

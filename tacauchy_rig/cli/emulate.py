@@ -18,7 +18,7 @@ from drivers.emulators.plant.ball_presses import (
     write_ball_presses,
 )
 from drivers.emulators.plant.truth import draw_truth
-from sim.sensor import load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, writable_folder, write_json

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from drivers.emulators.plant.markers import MarkerGrid
-from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.gel.quad_mesh import GelDisc
+from drivers.emulators.plant.light.markers import MarkerGrid
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
-from sim.pad import BoxPad
-from sim.sensor import MarkerGrid as PrintedGrid
-from sim.sensor import Sensor
-from sim.sensor_optics import OpticsKind
+from sim.scene.pad import BoxPad
+from sim.sensor.optics_tables import OpticsKind
+from sim.sensor.sensor import MarkerGrid as PrintedGrid
+from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 
 

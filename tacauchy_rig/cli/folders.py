@@ -9,8 +9,8 @@ import typer
 
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.pipeline import replay_run, report_run
 from tacauchy_rig.cli.press_terms import parse_tolerance
+from tacauchy_rig.loop.replaying import replay_run, report_run
 from tacauchy_rig.store.export import ExportKind, export_run
 from tacauchy_rig.store.run_store import RunStore
 

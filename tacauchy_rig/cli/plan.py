@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
-from sim.effect_estimates import expected_depth
-from sim.effects import plan_effects
-from sim.force_error import is_measured, time_ratio
-from sim.mesh_choice import mesh_choice
-from sim.settings import FAST, setting_of
-from sim.tolerance import alternatives, expected_error
+from sim.effects.estimates import expected_depth
+from sim.effects.mesh_choice import mesh_choice
+from sim.effects.plan import plan_effects
+from sim.error.believed_error import is_measured, time_ratio
+from sim.error.settings import FAST, setting_of
+from sim.error.tolerance import alternatives, expected_error
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from sim.indenter import describe
-from sim.interface import interface_traction
-from sim.laws import paper_eq4
-from sim.laws.catalogue import LawName
+from sim.fields.interface import interface_traction
+from sim.force_error_estimate import with_estimate
+from sim.material.laws import paper_eq4
 from sim.press import PressResult
 from sim.press import press as simulate_press
-from sim.richardson import with_estimate
-from sim.scene import Material, Scene
+from sim.scene.indenter import describe
+from sim.scene.material import LawName, Material
+from sim.scene.scene import Scene
 from sim.warp_start import warp_device
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim.filling import Filling
-from sim.indenter import Cylinder, Indenter, Plane, Sphere
-from sim.laws.catalogue import LawName
-from sim.mesh_indenter import MeshIndenter, MeshUnit, read_mesh_indenter
-from sim.pad import BoxPad, DiscPad, Pad
-from sim.scene import ContactMode, Effect, Layer, Material
-from sim.sensor_pad import filling_of
-from sim.surface_pad import SurfacePad, read_surface_pad
-from sim.tolerance import Tolerance
+from sim.error.tolerance import Tolerance
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.scene.material import LawName, Layer, Material
+from sim.scene.pad import BoxPad, DiscPad, Pad
+from sim.scene.scene import ContactMode, Effect
+from sim.scene.tetwild_options import Filling
+from sim.scene.triangle_indenter import MeshIndenter, MeshUnit, read_mesh_indenter
+from sim.scene.triangle_pad import SurfacePad, read_surface_pad
+from sim.sensor.pad_tables import filling_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 

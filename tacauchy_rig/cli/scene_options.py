@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from sim.effect_estimates import expected_force
-from sim.filling import Filling
-from sim.laws.catalogue import LawName
-from sim.layers import interface_shares
-from sim.pad import Pad
-from sim.scene import Drive, Layer, Material, Motion, Output, Preset, Scene, Target
-from sim.sensor import Sensor, load_sensor
-from sim.tolerance import keeping
+from sim.effects.estimates import expected_force
+from sim.error.tolerance import keeping
+from sim.scene.layers import interface_shares
+from sim.scene.material import LawName, Layer, Material
+from sim.scene.pad import Pad
+from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
+from sim.scene.tetwild_options import Filling
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
     parse_filling,

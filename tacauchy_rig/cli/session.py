@@ -12,25 +12,25 @@ import typer
 
 from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
 from drivers.emulators.plant.truth import TRUTH_FILE
-from protocols.abort_watch import AbortWatch
 from protocols.confirmation import confirmation_screen, expected_answer
+from protocols.guard.abort_watch import AbortWatch
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
-from sim.sensor import load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.emulated_unit import emulated_unit
 from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, console, say, write_json
-from tacauchy_rig.cli.pipeline import replay_run, report_run
 from tacauchy_rig.cli.progress import SessionProgress
-from tacauchy_rig.cli.replay_settings import check_replay
 from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
 from tacauchy_rig.errors import AbortedError, RecordError
+from tacauchy_rig.loop.replay_settings import check_replay
+from tacauchy_rig.loop.replaying import replay_run, report_run
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.free_space import check_free_space
-from tacauchy_rig.store.recover import RecoveryReport, recover_run
+from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.durable import write_error
-from tacauchy_rig.store.messages import POSE_FIELDS, VELOCITY_FIELDS, WRENCH_FIELDS
-from tacauchy_rig.store.reading import FloatArray, IntArray, Recording
+from tacauchy_rig.store.recording.messages import POSE_FIELDS, VELOCITY_FIELDS, WRENCH_FIELDS
+from tacauchy_rig.store.recording.reading import FloatArray, IntArray, Recording
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)

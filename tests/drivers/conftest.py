@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.emulated_process import EmulatedProcess
+from drivers.arm.ur5_model import UrModel
 from drivers.emulators.launch import free_loopback_host
-from drivers.ur5_model import UrModel
+from drivers.emulators.process import EmulatedProcess
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
 
     def start(model: UrModel = UrModel.E_SERIES, *more: str) -> EmulatedUr:
         host = free_loopback_host()
-        arguments = ["drivers.emulators.ur_controller", "--host", host, "--model", model.value]
+        arguments = ["drivers.emulators.arm.controller", "--host", host, "--model", model.value]
         process = EmulatedProcess(
             "robot", [*arguments, "--folder", str(tmp_path), *more], folder=tmp_path
         )
@@ -66,7 +66,7 @@ def run_box() -> Callable[..., AbstractContextManager[str]]:
 
 @contextmanager
 def _running_box(folder: Path, *extra: str, load: str = "0.5,-0.25,3,0,0,0") -> Iterator[str]:
-    command = [sys.executable, "-m", "drivers.emulators.m8128_box"]
+    command = [sys.executable, "-m", "drivers.emulators.force_sensor.box"]
     command += ["--folder", str(folder), "--load", load, *extra]
     with (folder / "box.log").open("wb") as log:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.arm.ur5_model import UrModel
+from drivers.camera.checks import exposure_check
 from drivers.checks import device_checks
-from drivers.checks_camera import exposure_check
-from drivers.checks_serial import latency_timer_check
-from drivers.ur5_model import UrModel
+from drivers.force_sensor.checks import latency_timer_check
 from tacauchy_rig.config.load import restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus

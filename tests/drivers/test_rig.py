@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from drivers.arm.ur5 import Ur5
+from drivers.camera.uvc_camera import UvcCamera
+from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.mock.arm import MockArm
 from drivers.mock.camera import MockCamera
 from drivers.mock.force_sensor import MockForceSensor
 from drivers.rig import build_arm_and_force_sensor, build_camera
-from drivers.sri_m3733c import SriM3733c
-from drivers.ur5 import Ur5
-from drivers.uvc_camera import UvcCamera
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from reports.comparison import compare
-from reports.evidence import (
+from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
     JournalSummary,
@@ -22,8 +22,8 @@ from reports.evidence import (
     TrialImages,
     TruthComparison,
 )
+from reports.page.writing import ReportPaths, write_report
 from reports.results import ValidationReport
-from reports.writing import ReportPaths, write_report
 from tacauchy_rig.run import Outcome, ReplayTrial, TrialRecord
 
 HEIGHT, WIDTH = 240, 320

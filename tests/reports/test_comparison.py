@@ -9,9 +9,9 @@ import pytest
 
 from reports.comparison import compare
 from reports.criteria import judge_trial
-from reports.evidence import RunEvidence, Thresholds
-from reports.metrics import ImageScores, Metric
+from reports.evidence.evidence import RunEvidence, Thresholds
 from reports.results import ValidationReport
+from reports.scores.metrics import ImageScores, Metric
 
 SCORES = ImageScores(ssim=0.9, ncc=0.9, histogram_correlation=0.9, psnr_db=30.0, mse=60.0)
 LIMITS = Thresholds(max_force_mismatch_n=0.08, ssim=0.5)

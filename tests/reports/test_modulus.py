@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from reports.arrays import FloatArray
-from reports.evidence import RunEvidence
+from reports.evidence.evidence import RunEvidence
 from reports.modulus import fit_modulus
-from reports.reading import limits_of
+from reports.page.reading import limits_of
 from reports.results import ValidationReport
 from tacauchy_rig.run import Outcome, TrialRecord
 

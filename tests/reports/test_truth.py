@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from reports.comparison import compare
-from reports.evidence import EmulatedWorld, RunEvidence, TrueDwell
+from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
 from reports.results import ValidationReport
 from reports.truth import read_true_dwells, recover_truth
 from tacauchy_rig.run import Tare

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.object_runs import ObjectPress
-from sim.object_shapes import OBJECTS
-from sim.optics.height_map import HeightMaps
+from sim.optics.height.height_map import HeightMaps
+from sim.studies.objects.runs import ObjectPress
+from sim.studies.objects.shapes import OBJECTS
 from tests.sim.optics.analytic_surface import APEX_M, camera
 
 

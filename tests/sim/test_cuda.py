@@ -7,21 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.indenter import Cylinder, Sphere
-from sim.laws.catalogue import LawName
-from sim.pad import BoxPad
 from sim.press import press
-from sim.scene import (
-    ContactMode,
-    Effect,
-    Layer,
-    Material,
-    Motion,
-    Preset,
-    RelaxationTerm,
-    Scene,
-    Target,
-)
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import LawName, Layer, Material, RelaxationTerm
+from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 
 _GEL = Material(young_pa=0.435e6, poisson=0.48)
 _PRESS = Scene(

@@ -7,18 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.elements import ElementOrder
-from sim.graded_plane import Grading
-from sim.indenter import Cylinder, Indenter, Sphere
-from sim.laws.catalogue import LawName, law
-from sim.loading import LoadingPath
-from sim.model import Model
-from sim.newton import NewtonOptions
-from sim.pad import BoxPad
+from sim.contact.state import ContactOptions
+from sim.material.laws.catalogue import law
+from sim.mesh.elements import ElementOrder
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
 from sim.press import press
-from sim.revolved_mesh import revolved_mesh
-from sim.scene import ContactMode, Material, Preset, Scene, Target
-from sim.state import ContactOptions
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.material import LawName, Material
+from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 PAD = BoxPad(

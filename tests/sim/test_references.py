@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.indenter import Cylinder, Sphere
-from sim.laws.catalogue import LawName
-from sim.pad import DiscPad
 from sim.press import press
-from sim.scene import ContactMode, Material, Preset, Scene, Target
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import LawName, Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Preset, Scene, Target
 
 DISC = DiscPad(radius_m=12e-3, height_m=4.5e-3)
 PUNCH = Cylinder(diameter_m=5e-3)

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.fields import TrialFields
-from sim.force_error import force_error
-from sim.indenter import Cylinder, Plane
+from sim.error.believed_error import force_error
+from sim.error.tolerance import Tolerance
+from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces, replay_scene
-from sim.scene import ContactMode, Material, Preset, Scene, Target
-from sim.sensor import load_sensor
-from sim.tolerance import Tolerance
+from sim.scene.indenter import Cylinder, Plane
+from sim.scene.material import Material
+from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.run import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)

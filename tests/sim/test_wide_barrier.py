@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effects import plan_effects
-from sim.fields import surface_state
-from sim.indenter import Cylinder, Indenter, Plane, Sphere, grown
-from sim.optics.geometry import CameraGeometry
-from sim.optics.height_map import height_maps
-from sim.pad import DiscPad
+from sim.effects.plan import plan_effects
+from sim.fields.press_fields import surface_state
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.height.height_map import height_maps
 from sim.press import path_for
-from sim.scene import Material, Preset, Scene, Target
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Preset, Scene, Target
 
 _DEPTH_M = 0.4e-3
 _SCENE = Scene(

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from drivers.emulators.plant.markers import MarkerGrid
-from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.gel.quad_mesh import GelDisc
+from drivers.emulators.plant.light.markers import MarkerGrid
 
 
 class GelLight(StrEnum):

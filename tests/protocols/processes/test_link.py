@@ -20,7 +20,7 @@ from tacauchy_rig.run import (
     Wrench,
 )
 from tacauchy_rig.store.journal import append_event, read_journal
-from tacauchy_rig.store.reading import Recording
+from tacauchy_rig.store.recording.reading import Recording
 
 
 def force(counter):

@@ -11,7 +11,7 @@ from protocols.processes.entry import Begin, End, Frame, encode
 from protocols.processes.recorder import Producer, Recorder
 from protocols.record_keeper import RecordKeeper
 from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord
-from tacauchy_rig.store.reading import Recording
+from tacauchy_rig.store.recording.reading import Recording
 
 RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0)
 

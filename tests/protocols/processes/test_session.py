@@ -15,12 +15,12 @@ import psutil
 import pytest
 
 import protocols
-from protocols.abort import Abort
+from protocols.guard.abort import Abort
 from protocols.session import plan_session, run_session
 from tacauchy_rig.errors import DeviceError, RecordError
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.reading import Recording
+from tacauchy_rig.store.recording.reading import Recording
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 

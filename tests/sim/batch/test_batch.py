@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch import tick
+from sim.batch import iteration as tick
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.layout import Layout
@@ -17,12 +17,13 @@ from sim.batch.pad import batch_model
 from sim.batch.pilot import Pilot
 from sim.batch.preconditioner import FactoredStiffness
 from sim.device import Device
-from sim.indenter import Cylinder, Indenter, Sphere
-from sim.loading import LoadingPath
-from sim.model import Model
-from sim.pad import DiscPad
-from sim.scene import Material, Scene, Target
-from sim.stress import surface_stress
+from sim.fields.stress import surface_stress
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Scene, Target
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
 
 _YOUNG, _POISSON = 0.3e6, 0.47

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.batch.courses import extrapolation
 from sim.batch.environment import BatchOptions
-from sim.batch.evaluate_kernel import judged
+from sim.batch.kernels.evaluate import judged
+from sim.batch.load_histories import extrapolation
 from sim.batch.phases import NEXT_FRAME, SHORTEN, START
 from sim.batch.progress import Limits, Progress, iteration_limits, new_progress
 from sim.device import Device

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from sim.arrays import FloatArray, IntArray
-from sim.indenter import Indenter, Plane
-from sim.optics.geometry import CameraGeometry
-from sim.surface import SurfaceState
+from sim.fields.surface import SurfaceState
+from sim.optics.camera_geometry import CameraGeometry
+from sim.scene.indenter import Indenter, Plane
 
 HeightFunction = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 APEX_M = 0.004

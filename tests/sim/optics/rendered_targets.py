@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from sim.optics.geometry import CameraGeometry, ImageArray
-from sim.optics.scale_target import ArucoTarget, CharucoTarget
+from sim.optics.calibrate.scale.target import ArucoTarget, CharucoTarget
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
 
 SUPERSAMPLING = 4
 _PRINT_PX_M = 60e3

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.optics.ball_press import BallPress, Circle
-from sim.optics.geometry import CameraGeometry
-from sim.optics.photometric import PhotometricModel
-from sim.optics.polynomial import polynomial_exponents
-from sim.optics.press_scene import PressScene
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.render.photometric.polynomial import polynomial_exponents
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 HEIGHT, WIDTH = 150, 180

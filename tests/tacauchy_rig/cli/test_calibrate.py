@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.optics import pressed_scene
-from sim.optics.photometric import load_photometric
+from sim.optics.calibrate.presses import pressed_scene
+from sim.optics.render.photometric.model import load_photometric
 from sim.optics.sensor_camera import camera_geometry
-from sim.sensor import load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_dots
@@ -120,7 +120,7 @@ def test_a_raw_image_of_a_target_is_brought_to_the_sensors_size(tmp_path: Path) 
     )
     dots = printed_dots(columns=5, rows=4, pitch_m=2e-3, radius_m=0.6e-3)
     cv2.imwrite(str(tmp_path / "raw.png"), photograph(dots, raw, blur_px=0.5, noise=1.0))
-    text = resources.files("sim.sensors").joinpath("digit.toml").read_text("utf-8")
+    text = resources.files("sim.sensor.files").joinpath("digit.toml").read_text("utf-8")
     text = re.sub("width = .*", "width = 64", re.sub("height = 2.*", "height = 48", text))
     (tmp_path / "small.toml").write_text(re.sub("crop = .*", "crop = 0.1", text), encoding="utf-8")
     words = ["--target", "dots:columns=5,rows=4,pitch=2mm", "--json", tmp_path / "scale.json"]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from sim.indenter import Cylinder, Plane, Sphere
-from sim.laws.catalogue import LawName
-from sim.pad import BoxPad, DiscPad
-from sim.scene import ContactMode
-from sim.tolerance import Tolerance
+from sim.error.tolerance import Tolerance
+from sim.scene.indenter import Cylinder, Plane, Sphere
+from sim.scene.material import LawName
+from sim.scene.pad import BoxPad, DiscPad
+from sim.scene.scene import ContactMode
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
     parse_filling,

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from typer.testing import CliRunner
 
-from sim.laws.catalogue import LawName
+from sim.scene.material import LawName
 from tacauchy_rig.cli.scene_command import states_a_scene
 from tacauchy_rig.cli.scene_options import SceneTerms
 

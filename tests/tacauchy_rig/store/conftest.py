@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, Pose, Wrench
-from tacauchy_rig.store.recording import RecordingWriter
+from tacauchy_rig.store.recording.writing import RecordingWriter
 
 START_NS = 5_000_000_000
 PERIOD_NS = 10_000_000

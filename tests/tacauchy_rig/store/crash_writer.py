@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
-from tacauchy_rig.store.recording import RecordingWriter
+from tacauchy_rig.store.recording.writing import RecordingWriter
 
 FRAME_BYTES = 840_000
 FORCE_PER_FRAME = 4

@@ -18,7 +18,7 @@ from tacauchy_rig.store.free_space import (
     estimate_session,
     free_bytes,
 )
-from tacauchy_rig.store.recording import RecordingWriter
+from tacauchy_rig.store.recording.writing import RecordingWriter
 
 Usage = namedtuple("Usage", ("total", "used", "free"))
 

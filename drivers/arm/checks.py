@@ -1,0 +1,52 @@
+"""Checks of the arm: who answers, is it ready, is it near home. Nothing moves or changes."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.arm.ur5_model import UrModel
+from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
+from tacauchy_rig.errors import DeviceError
+
+
+def robot_checks(config: RigConfig) -> list[CheckResult]:
+    """Return ``robot.controller``, ``robot.ready`` and ``robot.home``."""
+    robot = config.robot
+    try:
+        report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
+    except DeviceError as error:
+        later = [skipped(name, "no controller answers") for name in ("robot.ready", "robot.home")]
+        return [failed("robot.controller", error), *later]
+    finding = (
+        f"{report.model.value}, software {report.version_text}, serial number "
+        f"{report.serial or 'unknown'}, answered everything in {report.probe_s * 1e3:.0f} ms"
+    )
+    controller = passed("robot.controller", finding, value=report.probe_s * 1e3, unit="ms")
+    return [controller, _ready_check(config, report), _home_check(config, report)]
+
+
+def _ready_check(config: RigConfig, report: ControllerReport) -> CheckResult:
+    try:
+        require_ready(report, model=UrModel(config.robot.model.value))
+    except DeviceError as error:
+        return failed("robot.ready", error)
+    return passed("robot.ready", "powered, in remote control, free, no safety stop")
+
+
+def _home_check(config: RigConfig, report: ControllerReport) -> CheckResult:
+    distance_m = math.dist(report.pose[:3], config.robot.home)
+    position = ", ".join(f"{value * 1e3:.1f}" for value in report.pose[:3])
+    finding = f"the tip is at ({position}) mm, {distance_m * 1e3:.1f} mm from home"
+    if distance_m <= config.workspace.home_radius:
+        return passed("robot.home", finding, value=distance_m * 1e3, unit="mm")
+    return CheckResult(
+        name="robot.home",
+        status=CheckStatus.WARN,
+        finding=finding,
+        value=distance_m * 1e3,
+        unit="mm",
+        remedy=f"jog the tip to within {config.workspace.home_radius * 1e3:g} mm of robot.home, or "
+        "correct robot.home and the pendant's tool centre point",
+    )

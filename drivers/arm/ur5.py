@@ -1,0 +1,294 @@
+"""A UR5 arm (CB3 or e-Series) driven through ur_rtde."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from enum import StrEnum
+
+from drivers.arm.ur5_caps import MotionCaps
+from drivers.arm.ur5_line import LineMove
+from drivers.arm.ur5_link import UrLink
+from drivers.arm.ur5_model import UrModel
+from drivers.arm.ur5_probe import probe_controller, require_ready
+from drivers.arm.ur5_safety import safety_reason
+from drivers.interfaces import DeviceIdentity
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
+
+_logger = logging.getLogger(__name__)
+
+_FEED_S = 0.25
+_STOP_S = 0.15
+_POLL_S = 0.002
+_RECORD_LIMIT = 100_000
+
+
+class _Motion(StrEnum):
+    NONE = "none"
+    LINE = "line"
+    VELOCITY = "velocity"
+
+
+class Ur5:
+    """One arm. One owner, one thread; best a process of its own, ended after any DeviceError.
+
+    After any loss (silent controller, broken connection, ended program) the arm counts as lost:
+    every further call raises the same error, nothing reconnects, and a person starts again. The
+    controller's watchdog stops the arm when nobody calls ``kick_watchdog`` or ``set_velocity``
+    at ``watchdog_hz``; it is armed by the first motion and stays armed.
+
+    Args:
+        host: Name or address of the controller.
+        model: Generation that must answer.
+        max_speed: Larger speeds are refused here, whatever the caller checked [m/s].
+        max_turn_speed: The same for turning [rad/s].
+        max_acceleration: The same for accelerations [m/s^2].
+        tcp_offset: Flange to tip [m, rad]; None keeps the controller's own.
+        payload_kg: Mass at the flange [kg]; None keeps the controller's own.
+        payload_center: Its centre of gravity in the flange frame [m].
+        stop_deceleration: Used by ``stop`` [m/s^2].
+        stale_limit_s: Age at which data count as lost [s]; None takes 50 ms on an e-Series and
+            100 ms on a CB3.
+        watchdog_hz: Slowest feeding that the controller accepts [Hz].
+        timeout_s: Deadline for the probe, and again for the client library [s].
+        simulated: True when the controller is emulated, for the record.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str,
+        model: UrModel,
+        max_speed: float,
+        max_turn_speed: float = 0.2,
+        max_acceleration: float = 0.5,
+        tcp_offset: Vector6 | None = None,
+        payload_kg: float | None = None,
+        payload_center: Vector3 = (0.0, 0.0, 0.0),
+        stop_deceleration: float = 1.0,
+        stale_limit_s: float | None = None,
+        watchdog_hz: float = 10.0,
+        timeout_s: float = 5.0,
+        simulated: bool = False,
+    ) -> None:
+        self._host, self._model = host, model
+        self._device = f"robot {host}"
+        self._caps = MotionCaps(
+            speed=max_speed, turn_speed=max_turn_speed, acceleration=max_acceleration
+        )
+        self._stop_deceleration = stop_deceleration
+        self._stale_limit_s = model.stale_limit_s if stale_limit_s is None else stale_limit_s
+        self._tcp_offset = tcp_offset
+        self._payload_kg, self._payload_center = payload_kg, payload_center
+        self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
+        self._simulated = simulated
+        self._link: UrLink | None = None
+        self._motion = _Motion.NONE
+        self._velocity: tuple[Vector6, float] = ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
+        self._watchdog_armed = False
+        self._line: LineMove | None = None
+        self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
+
+    def connect(self) -> DeviceIdentity:
+        """Probe the controller, then let ur_rtde connect, each with a deadline.
+
+        Raises:
+            DeviceError: Unreachable, another model, in local control, not powered, stopped for
+                safety, in use, or silent.
+        """
+        report = probe_controller(self._host, timeout_s=self._timeout_s)
+        require_ready(report, model=self._model)
+        self._link = UrLink(
+            self._host,
+            stale_limit_s=self._stale_limit_s,
+            watchdog_hz=self._watchdog_hz,
+            timeout_s=self._timeout_s,
+        )
+        self._motion, self._watchdog_armed = _Motion.NONE, False
+        try:
+            self._set_tool(self._link)
+            self.state()
+        except DeviceError:
+            self.close()
+            raise
+        return DeviceIdentity(
+            driver="ur5",
+            address=self._host,
+            model=f"UR5 {report.model.value}",
+            serial=report.serial,
+            simulated=self._simulated,
+            settings={
+                "controller_version": report.version_text,
+                "tcp_offset": str(self._tcp_offset),
+                "payload_kg": str(self._payload_kg),
+                "watchdog_hz": str(self._watchdog_hz),
+                "stale_limit_s": str(self._stale_limit_s),
+            },
+        )
+
+    def state(self) -> ArmSample:
+        """Return the newest state.
+
+        Raises:
+            DeviceError: The controller's time stamp stands still, the connection broke, or the
+                program ended (with the reason, as far as the controller tells it).
+        """
+        sample, is_new = self._require_link().state()
+        if is_new:
+            self._record.append(sample)
+        return sample
+
+    def drain(self) -> list[ArmSample]:
+        """Return the states that ``state`` saw since the last call, oldest first, none twice."""
+        samples = list(self._record)
+        self._record.clear()
+        return samples
+
+    def is_pose_allowed(self, pose: Pose) -> bool:
+        """Ask the controller whether its safety limits admit ``pose``.
+
+        Raises:
+            DeviceError: The controller did not answer.
+        """
+        vector = list(pose.as_vector())
+        allowed = self._require_link().call(
+            "checking a pose", lambda c: bool(c.isPoseWithinSafetyLimits(vector))
+        )
+        if not allowed:
+            self.state()  # A controller that stopped also says no.
+        return allowed
+
+    def start_move(self, target: Pose, *, speed: float, acceleration: float) -> None:
+        """Start a straight tool move [m/s, m/s^2] and return at once.
+
+        Raises:
+            SafetyError: Beyond the speed or acceleration cap, or not a number.
+            DeviceError: The controller refused.
+        """
+        self._caps.require_line(self._device, target.as_vector(), speed, acceleration)
+        link = self._prepare_motion(_Motion.LINE)
+        self._motion = _Motion.LINE
+        self._line = LineMove(link)
+        self._line.start(target.as_vector(), speed=speed, acceleration=acceleration)
+
+    def is_moving(self) -> bool:
+        """Return True until the move started last has ended.
+
+        Raises:
+            DeviceError: The move never began, or the arm is lost.
+        """
+        if self._motion is _Motion.LINE and self._line is not None:
+            self._require_link()
+            if not self._line.is_running():
+                self._motion = _Motion.NONE
+        return self._motion is not _Motion.NONE
+
+    def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
+        """Set the tool velocity [m/s, rad/s]; holds until changed, stopped or the watchdog bites.
+
+        Raises:
+            SafetyError: Beyond a cap, or not a number.
+            DeviceError: The controller refused.
+        """
+        self._caps.require_velocity(self._device, velocity, acceleration)
+        link = self._prepare_motion(_Motion.VELOCITY)
+        self._motion = _Motion.VELOCITY
+        self._velocity = (velocity, acceleration)
+        self._send_velocity(link)
+
+    def kick_watchdog(self) -> None:
+        """Tell the controller that this program lives; call it at ``watchdog_hz`` or faster.
+
+        Raises:
+            DeviceError: The arm is lost, so feeding it would only keep it moving.
+        """
+        link = self._require_link()
+        if self._motion is _Motion.VELOCITY:
+            # A kick clears the command register: sent before the controller's next cycle it
+            # would swallow a new velocity. Repeating the velocity feeds the watchdog as well.
+            self._send_velocity(link)
+        else:
+            link.command("feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S)
+
+    def stop(self) -> None:
+        """End any motion. Never raises; returns within 0.2 s.
+
+        When the controller does not answer, the arm counts as lost and is fed no more, so that
+        its watchdog stops it.
+        """
+        if self._link is None or self._motion is _Motion.NONE:
+            return
+        try:
+            if self._motion is _Motion.VELOCITY:
+                self._stop_velocity(self._link)
+            elif self._line is not None:
+                self._line.stop(self._stop_deceleration, deadline_s=_STOP_S)
+        except DeviceError as error:
+            _logger.error("%s", error)
+        self._motion = _Motion.NONE
+
+    def protective_stop(self) -> None:
+        """Trigger the controller's protective stop. A person has to unlock it.
+
+        Raises:
+            DeviceError: The controller did not take it.
+        """
+        link = self._link
+        if link is None:
+            raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
+        self._motion = _Motion.NONE
+        # The program dies of it, so whether it answers says nothing: the safety bits do.
+        activity = "triggering a protective stop"
+        link.call(activity, lambda c: c.triggerProtectiveStop())
+        end_s = time.monotonic() + _STOP_S
+        while safety_reason(link.sample().safety_bits) is None:
+            if time.monotonic() > end_s:
+                raise link.health.lose(
+                    "did not take the protective stop", "press the emergency stop"
+                )
+            time.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Stop, end the program on the controller and disconnect. Safe to call twice."""
+        if self._link is not None:
+            self.stop()
+            self._link.close()
+            self._link = None
+
+    def _send_velocity(self, link: UrLink) -> None:
+        velocity, acceleration = self._velocity
+        link.command(
+            "setting the velocity",
+            lambda c: c.speedL(list(velocity), acceleration, 0.0),
+            deadline_s=_FEED_S,
+        )
+
+    def _stop_velocity(self, link: UrLink) -> None:
+        deceleration = self._stop_deceleration
+        if not link.call("stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S):
+            raise link.health.lose("did not take the stop", "see why its program ended")
+
+    def _prepare_motion(self, wanted: _Motion) -> UrLink:
+        link = self._require_link()
+        # Two of the controller's threads that drive the arm at once would end its program.
+        if self._motion is _Motion.LINE or self._motion not in (_Motion.NONE, wanted):
+            self.stop()
+        if not self._watchdog_armed:
+            link.command("setting the watchdog", lambda c: c.setWatchdog(self._watchdog_hz))
+            self._watchdog_armed = True
+        return link
+
+    def _set_tool(self, link: UrLink) -> None:
+        offset, mass, center = self._tcp_offset, self._payload_kg, self._payload_center
+        if offset is not None:
+            link.command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
+        if mass is not None:
+            link.command("setting the payload", lambda c: c.setPayload(mass, list(center)))
+
+    def _require_link(self) -> UrLink:
+        if self._link is None:
+            raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
+        self._link.health.require_alive()
+        return self._link

@@ -1,0 +1,109 @@
+"""Whether an arm still counts as ours: data fresh, connection whole, program running, no stop."""
+
+from __future__ import annotations
+
+import time
+
+from drivers.arm.ur5_safety import (
+    RobotMode,
+    RuntimeState,
+    robot_mode_name,
+    runtime_state_name,
+    safety_reason,
+)
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ArmSample
+
+
+class ArmHealth:
+    """Judges states as they come, and remembers the first thing that went wrong.
+
+    Args:
+        device: Name for messages.
+        stale_limit_s: Age at which data count as lost [s].
+        watchdog_hz: For the message of a program that was not fed [Hz].
+    """
+
+    def __init__(self, device: str, *, stale_limit_s: float, watchdog_hz: float) -> None:
+        self._device = device
+        self._limit_s = stale_limit_s
+        self._watchdog_hz = watchdog_hz
+        self._lost: DeviceError | None = None
+        self._controller_time_s = -1.0
+        self._changed_s = self._looked_s = time.monotonic()
+
+    @property
+    def is_lost(self) -> bool:
+        """True after the first loss; nothing makes it False again."""
+        return self._lost is not None
+
+    def require_alive(self) -> None:
+        """Raise the first loss again, if there was one.
+
+        Raises:
+            DeviceError: The arm is lost.
+        """
+        if self._lost is not None:
+            raise self._lost
+
+    def lose(self, reason: str, remedy: str) -> DeviceError:
+        """Return the error to raise, and remember it: a lost arm stays lost."""
+        return self.remember(DeviceError(f"{self._device}: {reason}", remedy=remedy))
+
+    def remember(self, error: DeviceError) -> DeviceError:
+        """Keep ``error`` as the reason, unless there was an earlier one; return the reason."""
+        self._lost = self._lost or error
+        return self._lost
+
+    def broken(self) -> DeviceError:
+        """Return the loss of a connection that was closed or replaced."""
+        return self.lose(
+            "the connection broke",
+            "check the network and the controller, then start again; nothing reconnects by itself",
+        )
+
+    def looked_away(self) -> bool:
+        """Return whether the last look is so old that old data prove nothing."""
+        return time.monotonic() - self._looked_s > 0.5 * self._limit_s
+
+    def note(self, sample: ArmSample) -> bool:
+        """Take in a state; return True when it is newer than the last one."""
+        self._looked_s = time.monotonic()
+        if sample.controller_time_s == self._controller_time_s:
+            return False
+        self._controller_time_s = sample.controller_time_s
+        self._changed_s = self._looked_s
+        return True
+
+    def require_fresh(self) -> None:
+        """Refuse data whose time stamp stands still.
+
+        Raises:
+            DeviceError: Older than the limit.
+        """
+        age_s = time.monotonic() - self._changed_s
+        if age_s > self._limit_s:
+            raise self.lose(
+                f"no new data for {age_s * 1e3:.0f} ms (limit {self._limit_s * 1e3:.0f} ms)",
+                "check the cable and the controller, then start again",
+            )
+
+    def require_running(self, sample: ArmSample) -> None:
+        """Refuse an arm that was stopped, or whose program ended.
+
+        Raises:
+            DeviceError: With the reason, as far as the controller tells it.
+        """
+        stopped = safety_reason(sample.safety_bits)
+        if stopped is not None:
+            raise self.lose(*stopped)
+        if sample.robot_mode != RobotMode.RUNNING:
+            mode = robot_mode_name(sample.robot_mode)
+            raise self.lose(f"the arm is not running ({mode})", "power it on at the pendant")
+        if sample.runtime_state != RuntimeState.PLAYING:
+            raise self.lose(
+                "the program on the controller ended "
+                f"(runtime state {runtime_state_name(sample.runtime_state)})",
+                f"it ends when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or at the "
+                "pendant; see what held this computer up, then start again",
+            )

@@ -1,0 +1,213 @@
+"""The two ur_rtde interfaces of one arm: opened, read, called and closed within deadlines.
+
+The first loss (old data, a broken connection, an ended program, a missed deadline) is final:
+every later call raises it again.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+from drivers.arm.ur5_commander import Commander
+from drivers.arm.ur5_guardian import Guardian
+from drivers.arm.ur5_health import ArmHealth
+from drivers.arm.ur5_safety import RuntimeState
+from drivers.arm.ur5_sockets import RtdeSockets
+from tacauchy_rig.errors import DeviceError, RigError
+from tacauchy_rig.run import ArmSample, Pose
+
+_logger = logging.getLogger(__name__)
+T = TypeVar("T")
+
+RECORD_RATE_HZ = 125.0
+COMMAND_S = 1.0
+_FIELDS = [
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "runtime_state",
+    "safety_status_bits",
+    "robot_mode",
+]
+_CONTROLLER_RATE = -1.0
+_TORN_READS = 5
+_SECOND_LOOK_S = 0.02
+_REASON_S = 0.05
+_POLL_S = 0.005
+_FIRST_STATE_S = 1.0
+_CLOSE_S = 5.0
+_STOP_SCRIPT_S = 1.0
+
+
+class UrLink:
+    """Both interfaces of one controller; control calls go through one thread.
+
+    Args:
+        host: Name or address of the controller.
+        stale_limit_s: Age at which data count as lost [s].
+        watchdog_hz: Feeding that the controller will ask for, for messages [Hz].
+        timeout_s: How long ur_rtde's constructors may take before this process is ended [s].
+
+    Raises:
+        DeviceError: ur_rtde refused to connect, or no data came.
+    """
+
+    def __init__(
+        self, host: str, *, stale_limit_s: float, watchdog_hz: float, timeout_s: float
+    ) -> None:
+        self.device = f"robot {host}"
+        self._commander = Commander(self.device)
+        self._receive: Any = None
+        self._control: Any = None
+        self._sockets = RtdeSockets()
+        try:
+            with Guardian(f"{self.device}: connecting", timeout_s=timeout_s):
+                self._receive = RTDEReceiveInterface(host, RECORD_RATE_HZ, _FIELDS)
+                # External force input is never used here, and CB3 controllers lack it.
+                flags = (
+                    RTDEControlInterface.FLAG_UPLOAD_SCRIPT | RTDEControlInterface.FLAG_NO_EXT_FT
+                )
+                self._control = RTDEControlInterface(host, _CONTROLLER_RATE, flags)
+        except (RuntimeError, ValueError) as error:
+            self.close()
+            raise DeviceError(
+                f"{self.device}: the client library could not connect: {error}",
+                remedy="see that nothing else drives the robot and that it is in remote control",
+            ) from error
+        self._sockets.remember(host)
+        self._await_first_state()
+        self.health = ArmHealth(self.device, stale_limit_s=stale_limit_s, watchdog_hz=watchdog_hz)
+
+    def state(self) -> tuple[ArmSample, bool]:
+        """Return (newest state, whether it is newer than the last one).
+
+        Raises:
+            DeviceError: The arm is lost.
+        """
+        self.health.require_alive()
+        sample = self.sample()
+        is_new = self.health.note(sample)
+        if not is_new and self.health.looked_away():
+            # This process was held up, and with it the thread that receives: look again.
+            time.sleep(_SECOND_LOOK_S)
+            sample = self.sample()
+            is_new = self.health.note(sample)
+        if not self._sockets.are_unchanged():
+            raise self.health.broken()
+        self.health.require_fresh()
+        self.health.require_running(sample)
+        return sample, is_new
+
+    def sample(self) -> ArmSample:
+        """Return the newest state, all of it from one data packet."""
+        receive = self._receive
+        for _ in range(_TORN_READS):
+            time_s = receive.getTimestamp()
+            x, y, z, rx, ry, rz = receive.getActualTCPPose()
+            vx, vy, vz, wx, wy, wz = receive.getActualTCPSpeed()
+            runtime_state = receive.getRuntimeState()
+            safety_bits = receive.getSafetyStatusBits()
+            robot_mode = receive.getRobotMode()
+            if receive.getTimestamp() == time_s:
+                break
+        return ArmSample(
+            stamp_ns=time.monotonic_ns(),
+            controller_time_s=time_s,
+            pose=Pose(position=(x, y, z), rotation_vector=(rx, ry, rz)),
+            velocity=(vx, vy, vz, wx, wy, wz),
+            runtime_state=runtime_state,
+            safety_bits=safety_bits,
+            robot_mode=robot_mode,
+        )
+
+    def command(
+        self, activity: str, function: Callable[[Any], object], *, deadline_s: float = COMMAND_S
+    ) -> None:
+        """Make a control call that answers whether it was accepted.
+
+        Args:
+            activity: What it does, for messages.
+            function: Makes one call on the control interface.
+            deadline_s: How long to wait [s].
+
+        Raises:
+            DeviceError: Refused, no answer in time, or the arm is lost.
+        """
+        self.health.require_alive()
+        if not self.call(activity, function, deadline_s=deadline_s):
+            self._explain_refusal()
+            raise self.health.lose(f"refused {activity}", "read the pendant's message")
+
+    def call(
+        self, activity: str, function: Callable[[Any], T], *, deadline_s: float = COMMAND_S
+    ) -> T:
+        """Return what ``function`` returns; works on a lost arm too, as far as it can.
+
+        Args:
+            activity: What it does, for messages.
+            function: Makes one call on the control interface.
+            deadline_s: How long to wait [s].
+
+        Raises:
+            DeviceError: No answer in time, or the library complained; the arm is then lost.
+        """
+        control = self._control
+        try:
+            return self._commander.call(
+                activity, functools.partial(function, control), deadline_s=deadline_s
+            )
+        except DeviceError as error:
+            if not self._sockets.are_unchanged():
+                raise self.health.broken() from error
+            self.health.remember(error)
+            raise
+
+    def close(self) -> None:
+        """End the program on the controller and disconnect; never raises."""
+        with Guardian(f"{self.device}: disconnecting", timeout_s=_CLOSE_S):
+            control = self._control
+            # Over a broken connection there is nobody to tell, and the library would wait.
+            reachable = self._sockets.are_unchanged() and not self._commander.is_stuck
+            if control is not None and reachable:
+                try:
+                    self._commander.call(
+                        "ending the program",
+                        control.stopScript,
+                        deadline_s=_STOP_SCRIPT_S,
+                    )
+                except RigError as error:
+                    _logger.warning("%s", error)
+            # The destructors disconnect, each taking half a second.
+            del control
+            self._control = self._receive = None
+        self._commander.close()
+
+    def _explain_refusal(self) -> None:
+        # Commands travel faster than states: the reason may be a data packet or two behind.
+        end_s = time.monotonic() + _REASON_S
+        while time.monotonic() < end_s:
+            if not self._sockets.are_unchanged():
+                raise self.health.broken()
+            self.health.require_running(self.sample())
+            time.sleep(_POLL_S)
+
+    def _await_first_state(self) -> None:
+        end_s = time.monotonic() + _FIRST_STATE_S
+        while True:
+            sample = self.sample()
+            if sample.controller_time_s > 0.0 and sample.runtime_state == RuntimeState.PLAYING:
+                return
+            if time.monotonic() > end_s:
+                self.close()
+                raise DeviceError(
+                    f"{self.device}: its program did not start within {_FIRST_STATE_S:g} s",
+                    remedy="read the pendant's message and log; is a program waiting there?",
+                )
+            time.sleep(_POLL_S)

@@ -1,0 +1,1 @@
+"""Tactile camera: UVC, or an MJPEG stream, through OpenCV."""

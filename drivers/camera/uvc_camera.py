@@ -1,0 +1,213 @@
+"""Driver of a UVC camera, or of an MJPEG stream at a URL, through OpenCV.
+
+A thread owns the capture: it opens, grabs, stamps and releases, because each of these can block
+for seconds. Nobody waits for it longer than a stated deadline; the age of the newest frame tells
+when the camera hangs.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import zlib
+from pathlib import Path
+
+import cv2
+
+from drivers.camera.uvc_capture import READ_TIMEOUT_S, CameraMode, open_url, open_v4l2, quiet_opencv
+from drivers.camera.uvc_device import (
+    VideoDevice,
+    find_device,
+    is_on_this_computer,
+    is_url,
+    probe_url,
+)
+from drivers.camera.uvc_jpeg import jpeg_size
+from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.stream_buffer import StreamBuffer
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ImageFrame
+
+_logger = logging.getLogger(__name__)
+
+_BUFFERED_S = 4.0
+_JOIN_TIMEOUT_S = 0.5
+_WRONG_FRAMES = 5
+
+
+class UvcCamera:
+    """A camera that delivers the JPEG bytes it sends, untouched; see ``Camera``.
+
+    OpenCV tells no frame numbers, so ``lost_count`` holds only frames that were dropped here
+    because nobody drained them; a gap in arrival stamps shows the others. Bytes that are no whole
+    JPEG of the asked size count as corrupt, take a number, and are never delivered. Nothing
+    reconnects by itself: after a failure make a new object.
+
+    Args:
+        device: Part of the name, serial number, ``/dev`` path, or URL.
+        connect_timeout_s: From opening to the first valid frame [s].
+        simulated: Whether an emulator is behind the address, for the record; a stream from this
+            computer itself is recorded as simulated whatever is said here.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        *,
+        mode: CameraMode,
+        connect_timeout_s: float = 10.0,
+        simulated: bool = False,
+    ) -> None:
+        self._device = device
+        self._mode = mode
+        self._connect_timeout_s = connect_timeout_s
+        self._simulated = simulated
+        self._buffer = StreamBuffer[ImageFrame](capacity=max(8, int(_BUFFERED_S * mode.rate_hz)))
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._settings: dict[str, str] = {}
+        self._read_count = 0
+        self._corrupt_count = 0
+        self._other_size: tuple[int, int] | None = None
+
+    def connect(self) -> DeviceIdentity:
+        """Open, set the mode, read it back, and see the first frame before the deadline.
+
+        Raises:
+            DeviceError: Absent, no permission, in use, silent, or in another mode than asked.
+        """
+        deadline = time.monotonic() + self._connect_timeout_s
+        found = self._find()
+        quiet_opencv()
+        self._thread = threading.Thread(
+            target=self._run, args=(found.path,), name="camera", daemon=True
+        )
+        self._thread.start()
+        try:
+            if not self._buffer.wait_for_first(timeout_s=deadline - time.monotonic()):
+                raise self._no_frame()
+        except DeviceError:
+            self.close()
+            raise
+        return DeviceIdentity(
+            driver="uvc",
+            address=found.path,
+            model=found.name or "MJPEG stream",
+            serial=found.serial,
+            simulated=self._simulated or (is_url(found.path) and is_on_this_computer(found.path)),
+            settings=dict(self._settings),
+        )
+
+    def drain(self) -> list[ImageFrame]:
+        """Return every frame that arrived since the last call, oldest first; never blocks.
+
+        Raises:
+            DeviceError: The camera is gone; raised once all frames before that were returned.
+        """
+        return self._buffer.drain()
+
+    def health(self) -> StreamHealth:
+        """Return counts, age and rate; ``repeat_count`` is the run of equal frames now."""
+        return self._buffer.health(lost_count=0, corrupt_count=self._corrupt_count)
+
+    def close(self) -> None:
+        """Release the camera. Safe to call twice.
+
+        A read that is blocked in OpenCV is left to end by itself; its thread then releases.
+        """
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join(_JOIN_TIMEOUT_S)
+
+    def _find(self) -> VideoDevice:
+        if not is_url(self._device):
+            return find_device(self._device)
+        probe_url(self._device, timeout_s=self._connect_timeout_s)
+        return VideoDevice(path=self._device, name="", serial="")
+
+    def _run(self, path: str) -> None:
+        try:
+            if is_url(path):
+                capture, self._settings = open_url(path, timeout_s=self._connect_timeout_s)
+            else:
+                capture, self._settings = open_v4l2(path, self._mode)
+        except DeviceError as error:
+            self._buffer.fail(error)
+            return
+        asked_s = time.monotonic()
+        try:
+            has_stamp = self._settings["backend"] == "V4L2"
+            while not self._stopping.is_set() and self._read(capture, has_stamp=has_stamp):
+                asked_s = time.monotonic()
+            if not self._stopping.is_set():
+                self._buffer.fail(self._gone(path, waited_s=time.monotonic() - asked_s))
+        except cv2.error as error:
+            self._buffer.fail(self._gone(path, waited_s=0.0, reason=str(error)))
+        finally:
+            capture.release()
+
+    def _read(self, capture: cv2.VideoCapture, *, has_stamp: bool) -> bool:
+        """Take one frame; False where the camera gives none."""
+        if not capture.grab():
+            return False
+        stamp_ns = time.monotonic_ns()
+        device_stamp_s = capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3 if has_stamp else None
+        delivered, raw = capture.retrieve()
+        if not delivered:
+            return False
+        jpeg = raw.tobytes()
+        self._read_count += 1
+        size = jpeg_size(jpeg)
+        if size != (self._mode.width, self._mode.height):
+            self._corrupt_count += 1
+            self._other_size = size or self._other_size
+            return self._may_still_come()
+        frame = ImageFrame(
+            stamp_ns=stamp_ns,
+            counter=self._read_count,
+            device_stamp_s=device_stamp_s,
+            width=size[0],
+            height=size[1],
+            jpeg=jpeg,
+        )
+        self._buffer.push(frame, stamp_ns=stamp_ns, fingerprint=zlib.crc32(jpeg))
+        return True
+
+    def _may_still_come(self) -> bool:
+        """Give up on a camera whose first frames are all whole and of another size."""
+        wrong_mode = self._other_size is not None and self._read_count == self._corrupt_count
+        if wrong_mode and self._read_count >= _WRONG_FRAMES:
+            self._buffer.fail(self._no_frame())
+            return False
+        return True
+
+    def _gone(self, path: str, *, waited_s: float, reason: str = "") -> DeviceError:
+        if not reason and not is_url(path) and not Path(path).exists():
+            reason = "it was unplugged"
+        elif not reason and waited_s > 0.9 * READ_TIMEOUT_S:
+            reason = f"it sent nothing for {waited_s:.0f} s"
+        return DeviceError(
+            f"camera: {path} is gone: {reason or 'its stream ended'}",
+            remedy="check the cable and power, then start again; nothing reconnects by itself",
+        )
+
+    def _no_frame(self) -> DeviceError:
+        waited = f"in {self._connect_timeout_s:g} s"
+        if self._other_size is not None:
+            width, height = self._other_size
+            return DeviceError(
+                f"camera: {self._device} sends {width}x{height} px instead of "
+                f"{self._mode.width}x{self._mode.height} px",
+                remedy="set camera.width and camera.height to what it sends, or change its mode",
+            )
+        if self._read_count:
+            return DeviceError(
+                f"camera: none of {self._read_count} frames from {self._device} {waited} is a "
+                "whole JPEG",
+                remedy="check the USB cable, and that no hub shares its bandwidth",
+            )
+        return DeviceError(
+            f"camera: {self._device} is silent: no frame {waited}",
+            remedy="check its cable and power, or raise camera.connect_timeout",
+        )

@@ -1,0 +1,1 @@
+"""An emulated M8128-family box."""

@@ -1,0 +1,1 @@
+"""The emulated world's gel: a finite-strain model of its own."""

@@ -1,0 +1,295 @@
+"""Finite-strain equilibrium of a disc of gel under a rigid tip of revolution.
+
+Nine-node quadrilaterals, full integration; frictionless unilateral contact by a stiff penalty on
+the distance to the tip; clamped base, free wall. Young's modulus of the layer that is touched is
+one, so forces come out in square metres and scale with the true modulus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+
+from drivers.emulators.plant.arrays import FloatArray, IntArray
+from drivers.emulators.plant.gel.neo_hookean import NeoHookean
+from drivers.emulators.plant.gel.quad_mesh import QuadMesh, line_shape
+from drivers.emulators.plant.gel.tips import Tip
+from tacauchy_rig.errors import ConvergenceError
+
+_PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um
+_ITERATION_LIMIT = 60
+_BACKTRACK_LIMIT = 14
+_SUFFICIENT = 0.1  # share of the decrease that a linear model promises
+_STEP_TOLERANCE_M = 1e-10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equilibrium:
+    """One solution.
+
+    Attributes:
+        displacement: (u_r, u_z) [m], shape [node_count, 2].
+        force: Force on the tip along the axis, over Young's modulus [m^2].
+        contact_radius_m: Largest deformed radius in contact [m]; 0 out of contact.
+        iterations: Newton steps taken.
+    """
+
+    displacement: FloatArray
+    force: float
+    contact_radius_m: float
+    iterations: int
+
+
+class GelSolver:
+    """Presses one tip into one mesh; each call starts from the state it is given."""
+
+    def __init__(self, mesh: QuadMesh, law: NeoHookean) -> None:
+        self.mesh = mesh
+        self.law = law
+        self._gradients, measure = _strain_operator(mesh)
+        self._weights = measure * mesh.stiffness[:, None]
+        self._dofs = (2 * mesh.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
+        self._edge_dofs = (2 * mesh.top_edges[:, :, None] + np.arange(2)).reshape(-1, 6)
+        self._edge_shape, self._edge_weights = _surface_quadrature(mesh)
+        rows = np.concatenate([_pairs(self._dofs, 0), _pairs(self._edge_dofs, 0)])
+        columns = np.concatenate([_pairs(self._dofs, 1), _pairs(self._edge_dofs, 1)])
+        self._pattern = _SparsePattern(rows, columns, 2 * mesh.nodes.shape[0])
+        self._clamped = np.union1d(
+            np.concatenate([2 * mesh.base_nodes, 2 * mesh.base_nodes + 1]), 2 * mesh.axis_nodes
+        )
+
+    def press(self, tip: Tip, tip_z_m: float, start: FloatArray) -> Equilibrium:
+        """Return the equilibrium with the tip's lowest point at ``tip_z_m`` [m] above the base.
+
+        Raises:
+            ConvergenceError: Newton's method did not converge from ``start``.
+        """
+        solution, iterations = self._newton(start.ravel(), self._clamped, tip, tip_z_m)
+        force, radius = self._contact_force(solution, tip, tip_z_m)
+        return Equilibrium(
+            displacement=solution.reshape(-1, 2),
+            force=force,
+            contact_radius_m=radius,
+            iterations=iterations,
+        )
+
+    def press_tied(self, patch: IntArray, depth_m: float, start: FloatArray) -> Equilibrium:
+        """Return the equilibrium with top nodes ``patch`` moved straight down by ``depth_m`` [m].
+
+        This is the bonded punch of reference solutions; the force is the patch's reaction.
+
+        Raises:
+            ConvergenceError: Newton's method did not converge from ``start``.
+        """
+        held = np.union1d(self._clamped, np.concatenate([2 * patch, 2 * patch + 1]))
+        u = self._carry_along(start.ravel(), held, patch, depth_m)
+        solution, iterations = self._newton(u, held, None, 0.0)
+        reaction = float(self._internal_force(solution)[2 * patch + 1].sum())
+        displacement = solution.reshape(-1, 2)
+        radius = float((self.mesh.nodes + displacement)[patch, 0].max())
+        return Equilibrium(
+            displacement=displacement,
+            force=-reaction,
+            contact_radius_m=radius,
+            iterations=iterations,
+        )
+
+    def _carry_along(
+        self, u: FloatArray, held: IntArray, patch: IntArray, depth_m: float
+    ) -> FloatArray:
+        """Move the patch and let the rest follow linearly, so that no element folds."""
+        step = np.zeros_like(u)
+        step[2 * patch], step[2 * patch + 1] = -u[2 * patch], -depth_m - u[2 * patch + 1]
+        free = np.setdiff1d(np.arange(u.size), held)
+        residual, stiffness = self._linearise(u, None, 0.0)
+        step[free] = -_factor(stiffness, free).solve((residual + stiffness @ step)[free])
+        return u + step
+
+    def _newton(
+        self, u: FloatArray, held: IntArray, tip: Tip | None, tip_z: float
+    ) -> tuple[FloatArray, int]:
+        free = np.setdiff1d(np.arange(u.size), held)
+        energy = self._energy(u, tip, tip_z)
+        iteration = 0
+        while np.isfinite(energy) and iteration < _ITERATION_LIMIT:
+            residual, stiffness = self._linearise(u, tip, tip_z)
+            step = self._direction(residual, stiffness, free)
+            if residual @ step > 0.0:
+                # Contact on a rounded edge made the tangent indefinite: leave its curvature out.
+                residual, stiffness = self._linearise(u, tip, tip_z, curvature=0.0)
+                step = self._direction(residual, stiffness, free)
+            slope = float(residual @ step)
+            u, energy, taken = self._search(u, step, (energy, slope), tip, tip_z)
+            iteration += 1
+            if taken * np.abs(step).max() < _STEP_TOLERANCE_M:
+                return u, iteration
+        raise ConvergenceError(
+            f"emulated gel: no equilibrium after {iteration} Newton steps with the tip at "
+            f"{tip_z * 1e3:.3f} mm above the base",
+            remedy="press in smaller steps, or less deep",
+        )
+
+    @staticmethod
+    def _direction(residual: FloatArray, stiffness: csc_matrix, free: IntArray) -> FloatArray:
+        step = np.zeros_like(residual)
+        step[free] = -_factor(stiffness, free).solve(residual[free])
+        return step
+
+    def _search(
+        self,
+        u: FloatArray,
+        step: FloatArray,
+        start: tuple[float, float],
+        tip: Tip | None,
+        tip_z: float,
+    ) -> tuple[FloatArray, float, float]:
+        """Halve the step until the energy falls enough (Armijo)."""
+        energy, slope = start
+        scale = 1.0
+        tolerance = 1e-12 * abs(energy)
+        for _ in range(_BACKTRACK_LIMIT):
+            trial = u + scale * step
+            trial_energy = self._energy(trial, tip, tip_z)
+            if trial_energy <= energy + _SUFFICIENT * scale * slope + tolerance:
+                return trial, trial_energy, scale
+            scale *= 0.5
+        return u + scale * step, self._energy(u + scale * step, tip, tip_z), scale
+
+    def _deformation(self, u: FloatArray) -> FloatArray:
+        strain = np.matmul(self._gradients, u[self._dofs][:, :, None])[..., 0]
+        identity = np.array([1.0, 0.0, 0.0, 1.0, 1.0])
+        deformation: FloatArray = strain.reshape(*self._weights.shape, 5) + identity
+        return deformation
+
+    def _energy(self, u: FloatArray, tip: Tip | None, tip_z: float) -> float:
+        energy = float(np.sum(self._weights * self.law.energy(self._deformation(u))))
+        if tip is None:
+            return energy
+        depth = np.minimum(tip.distance(*self._surface_points(u, tip_z)).value, 0.0)
+        return energy + 0.5 * _PENALTY_PER_M * float(self._edge_weights.ravel() @ depth**2)
+
+    def _internal_force(self, u: FloatArray) -> FloatArray:
+        stress = self.law.stress(self._deformation(u)) * self._weights[..., None]
+        stress = stress.reshape(stress.shape[0], -1, 1)
+        local = np.matmul(np.swapaxes(self._gradients, 1, 2), stress)[..., 0]
+        return _assemble(self._dofs, local, u.size)
+
+    def _linearise(
+        self, u: FloatArray, tip: Tip | None, tip_z: float, *, curvature: float = 1.0
+    ) -> tuple[FloatArray, csc_matrix]:
+        tangent = self.law.tangent(self._deformation(u)) * self._weights[..., None, None]
+        element_count, point_count = self._weights.shape
+        operator = self._gradients.reshape(element_count, point_count, 5, 18)
+        scaled = np.matmul(tangent, operator).reshape(element_count, -1, 18)
+        stiffness = np.matmul(np.swapaxes(self._gradients, 1, 2), scaled)
+        force = self._internal_force(u)
+        contact = np.zeros((self._edge_dofs.shape[0], 6, 6))
+        if tip is not None:
+            contact_force, contact = self._contact(u, tip, tip_z, curvature)
+            force = force + contact_force
+        values = np.concatenate([stiffness.ravel(), contact.ravel()])
+        return force, self._pattern.matrix(values)
+
+    def _contact(
+        self, u: FloatArray, tip: Tip, tip_z: float, curvature: float
+    ) -> tuple[FloatArray, FloatArray]:
+        distance = tip.distance(*self._surface_points(u, tip_z))
+        depth = np.minimum(distance.value, 0.0)
+        weight = _PENALTY_PER_M * self._edge_weights.ravel()
+        pull = (weight * depth)[:, None] * distance.gradient
+        square = distance.gradient[:, :, None] * distance.gradient[:, None, :]
+        active = np.where(depth < 0.0, weight, 0.0)[:, None, None]
+        block = active * (square + curvature * depth[:, None, None] * distance.hessian)
+        edge_count, point_count = self._edge_weights.shape
+        shape = self._edge_shape
+        force = np.einsum("qi,eqa->eia", shape, pull.reshape(edge_count, point_count, 2))
+        stiffness = np.einsum(
+            "qi,qj,eqab->eiajb", shape, shape, block.reshape(edge_count, point_count, 2, 2)
+        )
+        return _assemble(self._edge_dofs, force, u.size), stiffness.reshape(edge_count, 6, 6)
+
+    def _contact_force(self, u: FloatArray, tip: Tip, tip_z: float) -> tuple[float, float]:
+        r, z = self._surface_points(u, tip_z)
+        distance = tip.distance(r, z)
+        touching = distance.value < 0.0
+        if not touching.any():
+            return 0.0, 0.0
+        pressure = -_PENALTY_PER_M * np.minimum(distance.value, 0.0) * self._edge_weights.ravel()
+        return float(-np.sum(pressure * distance.gradient[:, 1])), float(r[touching].max())
+
+    def _surface_points(self, u: FloatArray, tip_z: float) -> tuple[FloatArray, FloatArray]:
+        position = (self.mesh.nodes + u.reshape(-1, 2))[self.mesh.top_edges]
+        points = np.einsum("qi,eia->eqa", self._edge_shape, position).reshape(-1, 2)
+        return points[:, 0], points[:, 1] - tip_z
+
+
+class _SparsePattern:
+    """Sums element entries into a fixed compressed-column matrix."""
+
+    def __init__(self, rows: IntArray, columns: IntArray, size: int) -> None:
+        keys, self._slot = np.unique(columns * size + rows, return_inverse=True)
+        self._rows = (keys % size).astype(np.int32)
+        self._starts = np.searchsorted(keys // size, np.arange(size + 1)).astype(np.int32)
+        self._size = size
+
+    def matrix(self, values: FloatArray) -> csc_matrix:
+        data = np.bincount(self._slot, values, minlength=self._rows.size)
+        return csc_matrix((data, self._rows, self._starts), shape=(self._size, self._size))
+
+
+def _factor(stiffness: csc_matrix, free: IntArray) -> SuperLU:
+    try:
+        return splu(
+            stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
+    except RuntimeError as error:
+        raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
+
+
+def _assemble(dofs: IntArray, local: FloatArray, size: int) -> FloatArray:
+    total = np.bincount(dofs.ravel(), local.ravel(), minlength=size)
+    return total.astype(np.float64)
+
+
+def _pairs(dofs: IntArray, axis: int) -> IntArray:
+    count = dofs.shape[1]
+    expanded = dofs[:, :, None] if axis == 0 else dofs[:, None, :]
+    return np.broadcast_to(expanded, (dofs.shape[0], count, count)).ravel()
+
+
+def _strain_operator(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:
+    """Return d(deformation gradient)/d(dofs) [1/m] and 2 pi r dA [m^3] at 3 x 3 Gauss points."""
+    points, weights = np.polynomial.legendre.leggauss(3)
+    value, slope = line_shape(points)
+    shape = np.einsum("pj,qi->pqji", value, value).reshape(9, 9)
+    by_xi = np.einsum("pj,qi->pqji", value, slope).reshape(9, 9)
+    by_eta = np.einsum("pj,qi->pqji", slope, value).reshape(9, 9)
+    corners = mesh.nodes[mesh.elements]
+    jacobian = np.stack(
+        [np.einsum("gn,ena->ega", by_xi, corners), np.einsum("gn,ena->ega", by_eta, corners)],
+        axis=-2,
+    )
+    derivative = np.einsum(
+        "egab,gbn->egan", np.linalg.inv(jacobian), np.stack([by_xi, by_eta], axis=1)
+    )
+    radius = np.einsum("gn,en->eg", shape, corners[..., 0])
+    element_count = mesh.elements.shape[0]
+    operator = np.zeros((element_count, 9, 5, 9, 2))
+    operator[:, :, 0, :, 0] = operator[:, :, 2, :, 1] = derivative[:, :, 0]
+    operator[:, :, 1, :, 0] = operator[:, :, 3, :, 1] = derivative[:, :, 1]
+    operator[:, :, 4, :, 0] = shape / radius[..., None]
+    measure = np.outer(weights, weights).ravel() * np.linalg.det(jacobian)
+    return operator.reshape(element_count, 45, 18), 2.0 * np.pi * radius * measure
+
+
+def _surface_quadrature(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:
+    """Return shape values [points, 3] and 2 pi r ds at rest [m^2], shape [edges, points]."""
+    points, weights = np.polynomial.legendre.leggauss(4)
+    shape, slope = line_shape(points)
+    edges = mesh.nodes[mesh.top_edges]
+    radius = np.einsum("qi,ei->eq", shape, edges[..., 0])
+    tangent = np.einsum("qi,eia->eqa", slope, edges)
+    return shape, 2.0 * np.pi * radius * np.linalg.norm(tangent, axis=-1) * weights

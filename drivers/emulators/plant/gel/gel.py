@@ -1,0 +1,188 @@
+"""The gel as a plant: pose of the indenter in, wrench and surface out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from drivers.emulators.plant.arrays import FloatArray
+from drivers.emulators.plant.gel.relaxation import Relaxation
+from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
+from drivers.emulators.plant.truth import PlantTruth
+from tacauchy_rig.run import Pose, Vector3
+
+_STIFFENING_M = 3e-4  # beyond the table the stiffness doubles every so much depth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Geometry:
+    """Where things are said to be, and the pad's size.
+
+    Attributes:
+        surface: Expected highest point of the gel in the robot's base frame [m].
+        pad_size_m: Length along x and y [m]; outside there is nothing to press.
+    """
+
+    surface: Vector3
+    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceProfile:
+    """The deformed surface around the indenter's axis.
+
+    Attributes:
+        depth_m: Tip below the gel's highest point [m]; zero or less is no contact.
+        centre: The indenter's axis from the gel's centre, x and y [m].
+        tilt: Real lean of the indenter's axis towards x and y [rad].
+        contact_radius: Radius in contact [m].
+        radius: Deformed radii from the axis [m], rising, shape [point_count].
+        height: Height there relative to the gel's highest point at rest [m].
+        radius_rest: Where those points were at rest [m].
+    """
+
+    depth_m: float
+    centre: tuple[float, float]
+    tilt: tuple[float, float]
+    contact_radius: float
+    radius: FloatArray
+    height: FloatArray
+    radius_rest: FloatArray
+
+
+class Plant:
+    """One gel under one indenter.
+
+    ``wrench`` remembers what it was asked before (relaxation): one process, one caller, rising
+    stamps. ``surface`` and ``depth`` remember nothing.
+    """
+
+    def __init__(self, truth: PlantTruth, case: PressCase, geometry: Geometry) -> None:
+        self.truth = truth
+        self.case = case
+        self.geometry = geometry
+        self.table: PressTable = press_table(case)
+        self._force = CubicSpline(self.table.depths, self.table.force)
+        self._stiffness = self._force.derivative()
+        self._relaxation = Relaxation(truth.relaxation_weights, truth.relaxation_times_s)
+        self._stamp_ns: int | None = None
+
+    def wrench(self, pose: Pose, stamp_ns: int) -> tuple[Vector3, Vector3]:
+        """Return force [N] and moment about the robot's tip [N m] on the indenter, base frame.
+
+        Args:
+            pose: Pose of the tip as the robot has it.
+            stamp_ns: When that was; earlier than the last call counts as the same moment.
+        """
+        depth = self.depth(pose)
+        duration_s = 0.0 if self._stamp_ns is None else max(0, stamp_ns - self._stamp_ns) * 1e-9
+        self._stamp_ns = stamp_ns
+        normal = self._relaxation.advance(self.relaxed_force(depth), duration_s)
+        if normal <= 0.0:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        lean_x, lean_y = self.lean(pose)
+        force = (normal * lean_x, normal * lean_y, normal)
+        # A tilted flat face presses harder on its lower side; half-space ratio of the stiffnesses.
+        radius = float(np.interp(depth, self.table.depths, self.table.contact_radius))
+        restoring = 2.0 / 3.0 * radius**2 * self.tangent_stiffness(depth)
+        arm_x, arm_y = self.truth.pose_error_m
+        return force, (
+            arm_y * force[2] + restoring * lean_y,
+            -arm_x * force[2] - restoring * lean_x,
+            arm_x * force[1] - arm_y * force[0],
+        )
+
+    def depth(self, pose: Pose) -> float:
+        """Return how far the tip is below the undeformed surface under it [m]; negative above."""
+        x, y = self.centre(pose)
+        length, width = self.geometry.pad_size_m
+        if abs(x) > 0.5 * length or abs(y) > 0.5 * width:
+            return -math.inf
+        surface_z = self.geometry.surface[2] + self.truth.surface_error_m
+        sag = 0.5 * (x * x + y * y) / self.case.gel.dome_radius_m
+        return surface_z - sag - pose.position[2]
+
+    def centre(self, pose: Pose) -> tuple[float, float]:
+        """Return where the indenter's axis really is, from the gel's centre, x and y [m]."""
+        return (
+            pose.position[0] - self.geometry.surface[0] + self.truth.pose_error_m[0],
+            pose.position[1] - self.geometry.surface[1] + self.truth.pose_error_m[1],
+        )
+
+    def lean(self, pose: Pose) -> tuple[float, float]:
+        """Return how the indenter's axis (tip to flange) leans towards base x and y [rad]."""
+        axis = _tool_axis(pose.rotation_vector)
+        return (-axis[0] + self.truth.tilt_rad[0], -axis[1] + self.truth.tilt_rad[1])
+
+    def relaxed_force(self, depth: float) -> float:
+        """Return the long-term force at ``depth`` [m], [N]."""
+        if depth <= 0.0:
+            return 0.0
+        last = float(self.table.depths[-1])
+        inside = min(depth, last)
+        beyond = depth - inside
+        slope = float(self._stiffness(inside))
+        force = float(self._force(inside)) + slope * beyond * (1.0 + 0.5 * beyond / _STIFFENING_M)
+        return max(0.0, force * self.truth.young_pa)
+
+    def tangent_stiffness(self, depth: float) -> float:
+        """Return dF/d(depth) of the relaxed force [N/m]."""
+        inside = min(max(depth, 0.0), float(self.table.depths[-1]))
+        beyond = max(0.0, depth - inside)
+        slope = float(self._stiffness(inside)) * (1.0 + beyond / _STIFFENING_M)
+        return slope * self.truth.young_pa
+
+    def light_gain(self, elapsed_s: float) -> float:
+        """Return the gain of the lights when they have been on for ``elapsed_s`` [s]."""
+        warmth = -math.expm1(-elapsed_s / self.truth.light_drift_time_s)
+        return 1.0 + self.truth.light_drift_ratio * warmth
+
+    def surface(self, pose: Pose) -> SurfaceProfile:
+        """Return the surface around the indenter's axis."""
+        return self.surface_at(self.depth(pose), self.centre(pose), self.lean(pose))
+
+    def surface_at(
+        self, depth: float, centre: tuple[float, float], tilt: tuple[float, float] = (0.0, 0.0)
+    ) -> SurfaceProfile:
+        """Return the surface at ``depth`` [m] with the axis at ``centre`` [m]."""
+        table = self.table
+        inside = min(max(depth, 0.0), float(table.depths[-1]))
+        upper = int(np.clip(np.searchsorted(table.depths, inside), 1, table.depths.size - 1))
+        share = (inside - table.depths[upper - 1]) / (table.depths[upper] - table.depths[upper - 1])
+        moved = (1.0 - share) * table.displacement[upper - 1] + share * table.displacement[upper]
+        if depth > inside:
+            moved = moved * (depth / inside)
+        contact = float(np.interp(inside, table.depths, table.contact_radius))
+        radius = np.maximum.accumulate(table.radius_rest + moved[:, 0])
+        height = table.height_rest + moved[:, 1]
+        if depth > 0.0:
+            # The penalty let the tip sink in by some tenths of a micrometre: take that back.
+            face = self.case.tip.height(radius) - depth
+            height = np.minimum(height, face)
+        return SurfaceProfile(
+            depth_m=depth,
+            centre=centre,
+            tilt=tilt,
+            contact_radius=contact if depth > 0.0 else 0.0,
+            radius=radius,
+            height=height,
+            radius_rest=table.radius_rest,
+        )
+
+
+def _tool_axis(rotation_vector: Vector3) -> tuple[float, float, float]:
+    """Return the tool's z axis in the base frame: Rodrigues' formula applied to (0, 0, 1)."""
+    rx, ry, rz = rotation_vector
+    angle = math.sqrt(rx * rx + ry * ry + rz * rz)
+    if angle < 1e-12:
+        return (0.0, 0.0, 1.0)
+    kx, ky, kz = rx / angle, ry / angle, rz / angle
+    sine, versine = math.sin(angle), 1.0 - math.cos(angle)
+    return (
+        ky * sine + kx * kz * versine,
+        -kx * sine + ky * kz * versine,
+        1.0 - versine * (1 - kz * kz),
+    )

@@ -1,0 +1,1 @@
+"""Force sensor: the SRI M3733C behind its M8128-family box."""

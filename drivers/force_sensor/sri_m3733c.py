@@ -1,0 +1,258 @@
+"""Driver of an SRI M3733C force/torque sensor behind an M8128-family box on a serial port.
+
+Not yet tried with a real box. Documents disagree on the name of the rate command (SMPF or SMPR)
+and on what is acknowledged: both names are tried, and a missing acknowledgement is noted in the
+identity's settings instead of being an error. What counts is that valid frames arrive.
+"""
+
+from __future__ import annotations
+
+import logging
+import termios
+import threading
+import time
+
+import serial
+
+from drivers.force_sensor.sri_command import Command, Reply, encode_command, find_reply
+from drivers.force_sensor.sri_frame import FrameParser, frame_length
+from drivers.force_sensor.sri_port import adapter_serial, is_pseudo_terminal, open_port
+from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.stream_buffer import StreamBuffer
+from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ForceSample, Wrench
+
+_logger = logging.getLogger(__name__)
+
+PORT_ERRORS = (OSError, termios.error)
+BITS_PER_BYTE = 10  # 8N1: start, eight, stop
+FORMAT = "(A01,A02,A03,A04,A05,A06);E;1;(WMA:1)"
+_REPLY_TIMEOUT_S = 0.3
+_QUIET_S = 0.1
+_FIRST_FRAME_S = 0.5
+_JOIN_TIMEOUT_S = 1.0
+_QUOTED_BYTES = 16
+_BUFFERED_S = 600.0
+
+
+class SriM3733c:
+    """A force/torque sensor that streams engineering units; see ``ForceTorqueSensor``.
+
+    Samples with NaN or infinity are counted as corrupt and never delivered. Nothing reconnects by
+    itself: after a failure make a new object.
+
+    Args:
+        port: Path of the serial port.
+        rate_hz: Frames per second asked of the box [Hz].
+        connect_timeout_s: From opening the port to the first valid frame [s].
+        simulated: Whether an emulator is behind the port, for the record; a pseudo-terminal is
+            recorded as simulated whatever is said here.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        baud_rate: int = 115200,
+        rate_hz: float = 100.0,
+        checksum: Checksum = Checksum.SUM,
+        connect_timeout_s: float = 5.0,
+        simulated: bool = False,
+    ) -> None:
+        self._path = port
+        self._baud_rate = baud_rate
+        self._rate_hz = rate_hz
+        self._checksum = checksum
+        self._connect_timeout_s = connect_timeout_s
+        self._simulated = simulated
+        self._port: serial.Serial | None = None
+        self._parser = FrameParser(checksum=checksum)
+        self._buffer = StreamBuffer[ForceSample](capacity=int(_BUFFERED_S * rate_hz))
+        self._stopping = threading.Event()
+        self._reader: threading.Thread | None = None
+        self._first_bytes = b""
+
+    def connect(self) -> DeviceIdentity:
+        """Open the port, configure the box, start the stream and see the first frame.
+
+        Raises:
+            DeviceError: Absent, no permission, in use, silent, or speaking something else.
+        """
+        deadline = time.monotonic() + self._connect_timeout_s
+        self._check_bandwidth()
+        self._port = open_port(self._path, baud_rate=self._baud_rate)
+        try:
+            settings = self._configure(self._port)
+            self._start_reader(self._port)
+            self._port.write(encode_command(Command(name="GSD")))
+            left_s = max(deadline - time.monotonic(), _FIRST_FRAME_S)
+            if not self._buffer.wait_for_first(timeout_s=left_s):
+                raise self._no_frame()
+        except PORT_ERRORS as error:
+            self.close()
+            raise _gone(self._path, error) from error
+        except DeviceError:
+            self.close()
+            raise
+        return DeviceIdentity(
+            driver="m3733c",
+            address=self._path,
+            model="SRI M3733C, M8128-family box",
+            serial=adapter_serial(self._path),
+            simulated=self._simulated or is_pseudo_terminal(self._path),
+            settings=settings,
+        )
+
+    def drain(self) -> list[ForceSample]:
+        """Return every sample that arrived since the last call, oldest first; never blocks.
+
+        Raises:
+            DeviceError: The port is gone; raised once everything that came before was returned.
+        """
+        return self._buffer.drain()
+
+    def health(self) -> StreamHealth:
+        """Return counts, age and rate; ``repeat_count`` is the length of the present run."""
+        return self._buffer.health(
+            lost_count=self._parser.lost_count, corrupt_count=self._parser.corrupt_frame_count
+        )
+
+    def close(self) -> None:
+        """Stop streaming and release the port. Safe to call twice."""
+        self._stopping.set()
+        if self._reader is not None and self._reader is not threading.current_thread():
+            self._reader.join(_JOIN_TIMEOUT_S)
+        port, self._port = self._port, None
+        if port is None:
+            return
+        try:
+            # Not flushed: waiting for a box that no longer reads could last for ever.
+            port.write(encode_command(Command(name="GSD", value="STOP")))
+        except PORT_ERRORS as error:
+            _logger.debug("%s: could not stop the stream: %s", self._path, error)
+        port.close()
+
+    def _check_bandwidth(self) -> None:
+        needed = self._rate_hz * frame_length(self._checksum) * BITS_PER_BYTE
+        if needed > 0.9 * self._baud_rate:
+            raise DeviceError(
+                f"force sensor: {self._rate_hz:g} Hz needs {needed:.0f} baud; "
+                f"{self._path} is set to {self._baud_rate}",
+                remedy="lower force_sensor.rate or raise force_sensor.baud_rate (and the box's)",
+            )
+
+    def _configure(self, port: serial.Serial) -> dict[str, str]:
+        """Stop whatever streams, set the box up, and return what was set and acknowledged."""
+        self._silence(port)
+        settings = {"baud_rate": str(self._baud_rate)}
+        for names, value in (
+            (("SMPF", "SMPR"), f"{self._rate_hz:g}"),
+            (("SGDM",), FORMAT),
+            (("DCKMD",), self._checksum.value),
+        ):
+            name, acknowledged = self._set(port, names, value)
+            settings[name] = value if acknowledged else f"{value} (not acknowledged)"
+        return settings
+
+    def _set(self, port: serial.Serial, names: tuple[str, ...], value: str) -> tuple[str, bool]:
+        """Set a value under the first name that is acknowledged; return it and whether it was."""
+        refused = False
+        for name in names:
+            reply = self._ask(port, Command(name=name, value=value))
+            if reply is not None and not reply.refused:
+                return name, True
+            refused = refused or reply is not None
+        if refused:
+            raise DeviceError(
+                f"force sensor: the box on {self._path} refused {' and '.join(names)} = {value}",
+                remedy="set force_sensor.rate and force_sensor.checksum to what its manual lists",
+            )
+        _logger.warning("%s: %s=%s was not acknowledged", self._path, names[0], value)
+        return names[0], False
+
+    def _silence(self, port: serial.Serial) -> None:
+        """Stop a stream that an earlier owner left on; both spellings are in use."""
+        for name in ("GSD", "GETSD"):
+            port.write(encode_command(Command(name=name, value="STOP")))
+            if self._falls_silent(port):
+                return
+
+    def _falls_silent(self, port: serial.Serial) -> bool:
+        """Read until nothing came for a moment; False where bytes keep coming."""
+        last_byte = started = time.monotonic()
+        while (now := time.monotonic()) < started + _REPLY_TIMEOUT_S:
+            if self._read_waiting(port):
+                last_byte = time.monotonic()
+            elif now - last_byte > _QUIET_S:
+                return True
+        return False
+
+    def _ask(self, port: serial.Serial, command: Command) -> Reply | None:
+        port.reset_input_buffer()
+        port.write(encode_command(command))
+        received = b""
+        give_up = time.monotonic() + _REPLY_TIMEOUT_S
+        while time.monotonic() < give_up:
+            received += self._read_waiting(port)
+            reply = find_reply(received, name=command.name)
+            if reply is not None:
+                return reply
+        return None
+
+    def _start_reader(self, port: serial.Serial) -> None:
+        self._reader = threading.Thread(
+            target=self._read_forever, args=(port,), name="force-sensor", daemon=True
+        )
+        self._reader.start()
+
+    def _read_forever(self, port: serial.Serial) -> None:
+        try:
+            while not self._stopping.is_set():
+                data = self._read_waiting(port)
+                if data:
+                    self._accept(data, time.monotonic_ns())
+        except PORT_ERRORS as error:
+            self._buffer.fail(_gone(self._path, error))
+
+    def _read_waiting(self, port: serial.Serial) -> bytes:
+        """Wait for one byte for at most the port's timeout, then take all that waits with it."""
+        data = bytes(port.read(1))
+        if data:
+            data += bytes(port.read(port.in_waiting))
+        if len(self._first_bytes) < _QUOTED_BYTES:
+            self._first_bytes += data[:_QUOTED_BYTES]
+        return data
+
+    def _accept(self, data: bytes, stamp_ns: int) -> None:
+        for frame in self._parser.feed(data):
+            v = frame.values
+            sample = ForceSample(
+                stamp_ns=stamp_ns,
+                counter=frame.counter,
+                wrench=Wrench(force=(v[0], v[1], v[2]), torque=(v[3], v[4], v[5])),
+            )
+            self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=v)
+
+    def _no_frame(self) -> DeviceError:
+        if not self._first_bytes:
+            return DeviceError(
+                f"force sensor: {self._path} is silent: no byte in {self._connect_timeout_s:g} s",
+                remedy=f"check the box's power, the cable, and that it is set to "
+                f"{self._baud_rate} baud",
+            )
+        start = self._first_bytes[:_QUOTED_BYTES].hex(" ").upper()
+        return DeviceError(
+            f"force sensor: {self._path} sends something that is no {self._checksum.value} frame "
+            f"of six channels; it begins {start}",
+            remedy="check force_sensor.baud_rate and force_sensor.checksum, and that this port is "
+            "the sensor's box",
+        )
+
+
+def _gone(path: str, error: Exception) -> DeviceError:
+    return DeviceError(
+        f"force sensor: the port {path} is gone ({error})",
+        remedy="check the USB cable and the box's power, then start again; nothing reconnects "
+        "by itself",
+    )

@@ -1,0 +1,1 @@
+"""What stops the arm: limits on force, streams, place, following, and people."""

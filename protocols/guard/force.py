@@ -1,0 +1,171 @@
+"""Every force sample against the limits; the guard sees raw samples, never filtered ones."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import StrEnum
+
+from protocols.guard.breach import BreachError, Reaction
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import ForceSample, Tare, Wrench
+
+SATURATED_FRACTION = 0.95
+RATE_SAMPLES = 5
+"""Samples of the slope: at 100 Hz and 0.01 N of noise its deviation is 0.3 N/s."""
+
+
+class Contact(StrEnum):
+    """What the arm expects to touch now."""
+
+    NONE = "none"
+    EXPECTED = "expected"
+    LEAVING = "leaving"
+
+
+class ForceGuard:
+    """Compares samples with the limits of a configuration.
+
+    Before the first tare the zero is unknown, so only the sensor's own health is judged; nothing
+    moves then.
+
+    Attributes:
+        contact: What is expected now; decides which limits hold.
+    """
+
+    def __init__(self, config: RigConfig) -> None:
+        self.contact = Contact.NONE
+        self._limits = config.limits
+        self._capacity_n = config.force_sensor.capacity
+        self._sign = config.force_sensor.compression_sign
+        self._period_s = 1.0 / config.force_sensor.rate
+        self._zero: Tare | None = None
+        self._previous: Wrench | None = None
+        self._repeat_count = 1
+        self._recent: deque[tuple[int, float]] = deque(maxlen=RATE_SAMPLES)
+
+    @property
+    def is_tared(self) -> bool:
+        """True once a zero is known."""
+        return self._zero is not None
+
+    def set_zero(self, tare: Tare) -> None:
+        """Judge from now on what differs from ``tare``."""
+        self._zero = tare
+        self._recent.clear()
+
+    def check(self, sample: ForceSample) -> float:
+        """Compare one sample; return the pressing force [N], positive in compression.
+
+        Raises:
+            BreachError: A limit was passed.
+        """
+        self._check_sensor(sample)
+        if self._zero is None:
+            return 0.0
+        mean = self._zero.mean
+        fx, fy, fz = (value - zero for value, zero in zip(sample.wrench.force, mean, strict=False))
+        pressing = self._sign * fz
+        self._check_hard(pressing)
+        self._check_saturation(sample)
+        self._check_pressing(pressing)
+        self._check_sides(fx, fy, sample, mean[3:])
+        self._check_rate(sample.counter, abs(pressing))
+        return pressing
+
+    def _check_sensor(self, sample: ForceSample) -> None:
+        values = (*sample.wrench.force, *sample.wrench.torque)
+        if not all(map(math.isfinite, values)):
+            raise BreachError(
+                f"force sensor: frame {sample.counter} holds a value that is no number",
+                limit="force_sensor.finite",
+                reaction=Reaction.HOLD,
+                remedy="check the box's cable and its decoupling matrix",
+            )
+        same = sample.wrench == self._previous
+        self._repeat_count = self._repeat_count + 1 if same else 1
+        self._previous = sample.wrench
+        if self._repeat_count >= self._limits.repeat_count:
+            raise BreachError(
+                f"limits.repeat_count: {self._repeat_count} identical force samples in a row "
+                f"({sample.wrench.force[2]:.4f} N); a live sensor has noise",
+                limit="limits.repeat_count",
+                reaction=Reaction.HOLD,
+                remedy="switch the box off and on, then `tacauchy-rig doctor`",
+            )
+        if self._zero is None:
+            self._check_saturation(sample)
+
+    def _check_hard(self, pressing: float) -> None:
+        if abs(pressing) > self._limits.hard_force:
+            raise BreachError(
+                f"limits.hard_force {self._limits.hard_force:g} N: measured {pressing:.5g} N",
+                limit="limits.hard_force",
+                reaction=Reaction.PROTECTIVE_STOP,
+                remedy="look at the indenter and the gel before unlocking the arm by hand",
+            )
+
+    def _check_saturation(self, sample: ForceSample) -> None:
+        largest = max(map(abs, sample.wrench.force))
+        if largest >= SATURATED_FRACTION * self._capacity_n:
+            raise BreachError(
+                f"force sensor: {largest:.4g} N raw is above 95 % of its capacity "
+                f"{self._capacity_n:g} N, so the true force is unknown",
+                limit="force_sensor.capacity",
+                reaction=Reaction.HOLD,
+                remedy="look at what loads the sensor; check force_sensor.capacity",
+            )
+
+    def _check_pressing(self, pressing: float) -> None:
+        limits = self._limits
+        if self.contact is Contact.NONE and abs(pressing) > limits.early_contact:
+            raise BreachError(
+                f"limits.early_contact {limits.early_contact:g} N: measured {pressing:.3f} N where "
+                "nothing should touch",
+                limit="limits.early_contact",
+                reaction=Reaction.RETRACT,
+                remedy="see what touched; check sensor.surface and sensor.surface_uncertainty",
+            )
+        if self.contact is not Contact.LEAVING and abs(pressing) > limits.soft_force:
+            raise BreachError(
+                f"limits.soft_force {limits.soft_force:g} N: measured {pressing:.3f} N",
+                limit="limits.soft_force",
+                reaction=Reaction.RETRACT,
+                remedy="see what pushed; lower robot.press_speed if the arm overran",
+            )
+
+    def _check_sides(
+        self, fx: float, fy: float, sample: ForceSample, zero: tuple[float, ...]
+    ) -> None:
+        lateral = math.hypot(fx, fy)
+        if lateral > self._limits.lateral_force:
+            raise BreachError(
+                f"limits.lateral_force {self._limits.lateral_force:g} N: measured {lateral:.3f} N",
+                limit="limits.lateral_force",
+                reaction=Reaction.RETRACT,
+                remedy="check the tool's tilt and that the sensor is clamped",
+            )
+        moment = max(abs(m - z) for m, z in zip(sample.wrench.torque, zero, strict=True))
+        if moment > self._limits.moment:
+            raise BreachError(
+                f"limits.moment {self._limits.moment:g} N m: measured {moment:.4f} N m",
+                limit="limits.moment",
+                reaction=Reaction.RETRACT,
+                remedy="check that the indenter is straight and presses the gel's middle",
+            )
+
+    def _check_rate(self, counter: int, size: float) -> None:
+        # Time by the box's counter: arrival stamps bunch up, and bunched samples look steep.
+        self._recent.append((counter, size))
+        if self.contact is Contact.LEAVING or len(self._recent) < RATE_SAMPLES:
+            return
+        mean_count = sum(c for c, _ in self._recent) / RATE_SAMPLES
+        spread = sum((c - mean_count) ** 2 for c, _ in self._recent)
+        slope = sum((c - mean_count) * f for c, f in self._recent) / spread / self._period_s
+        if slope > self._limits.force_rate:
+            raise BreachError(
+                f"limits.force_rate {self._limits.force_rate:g} N/s: measured {slope:.1f} N/s",
+                limit="limits.force_rate",
+                reaction=Reaction.RETRACT,
+                remedy="something hit the tool or the table; lower the speeds if it was the arm",
+            )

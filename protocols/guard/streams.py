@@ -1,0 +1,142 @@
+"""Streams that went stale, lossy or silent; judged by age, never by waiting."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from drivers.interfaces import StreamHealth
+from protocols.guard.breach import BreachError, Reaction
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import ForceSample
+
+RATIO_WINDOW_NS = 2_000_000_000
+RATIO_MIN_SAMPLES = 50
+DISTURBED_S = 0.015
+"""A turn longer than this means that the computer itself was held up: three times its period."""
+PATIENCE = 4.0
+CLOCK_SLACK = 0.01
+"""How far the box's rate may differ from its nominal one."""
+
+
+class StreamGuard:
+    """Ages of force and image, and the share of force frames that did not get through.
+
+    A computer that was held up finds old samples although the sensor is well. So an age counts
+    only once the loop has been running undisturbed for as long as the limit; but never is more
+    than ``PATIENCE`` times the limit accepted.
+    """
+
+    def __init__(self, config: RigConfig) -> None:
+        self._limits = config.limits
+        self._counts: deque[tuple[int, int, int]] = deque()
+        self._undisturbed_s = 0.0
+        self._held_up_s = 0.0
+        self._period_ns = 1e9 / config.force_sensor.rate
+        self._earliest: tuple[int, float] | None = None
+        self._lag_s = 0.0
+
+    @property
+    def force_lag_s(self) -> float:
+        """How late the newest force sample arrived, against the undelayed stream [s]."""
+        return self._lag_s
+
+    def note_turn(self, turn_s: float) -> None:
+        """Take how long the loop's last turn was [s]; once a turn, before the checks."""
+        if turn_s > DISTURBED_S:
+            self._undisturbed_s = 0.0
+            self._held_up_s = turn_s
+        else:
+            self._undisturbed_s += turn_s
+
+    def note_force(self, sample: ForceSample) -> None:
+        """Take the newest force sample: how much later than its number says did it arrive?
+
+        The lower envelope of arrival minus number times period is the undelayed stream. It is
+        let rise by ``CLOCK_SLACK``, so that a box whose rate is a little off is not called late.
+        """
+        offset_ns = sample.stamp_ns - sample.counter * self._period_ns
+        if self._earliest is None:
+            self._earliest = (sample.stamp_ns, offset_ns)
+        since_ns, earliest_ns = self._earliest
+        slack_ns = CLOCK_SLACK * (sample.stamp_ns - since_ns)
+        self._earliest = (sample.stamp_ns, min(earliest_ns + slack_ns, offset_ns))
+        self._lag_s = (offset_ns - self._earliest[1]) * 1e-9
+
+    def check_force(self, health: StreamHealth, *, now_ns: int) -> None:
+        """Judge the force stream.
+
+        Raises:
+            BreachError: Stale, late, or too many frames lost.
+        """
+        limit = self._limits.stale_force
+        if self._is_stale(self._lag_s, limit):
+            raise BreachError(
+                f"limits.stale_force {limit * 1e3:g} ms: force samples arrive "
+                f"{self._lag_s * 1e3:.0f} ms late{self._excuse()}",
+                limit="limits.stale_force",
+                reaction=Reaction.HOLD,
+                remedy="see `tacauchy-rig doctor`: latency timer of the serial adapter",
+            )
+        if self._is_stale(health.age_s, limit):
+            raise BreachError(
+                f"limits.stale_force {limit * 1e3:g} ms: the newest force sample is "
+                f"{health.age_s * 1e3:.0f} ms old{self._excuse()}",
+                limit="limits.stale_force",
+                reaction=Reaction.HOLD,
+                remedy="check the box's power and cable, then `tacauchy-rig doctor`",
+            )
+        self._check_losses(health, now_ns)
+
+    def check_image(self, health: StreamHealth) -> None:
+        """Judge the camera.
+
+        Raises:
+            BreachError: Stale, or the same image again and again.
+        """
+        limit = self._limits.stale_image
+        if self._is_stale(health.age_s, limit):
+            raise BreachError(
+                f"limits.stale_image {limit * 1e3:g} ms: the newest image is "
+                f"{health.age_s * 1e3:.0f} ms old{self._excuse()}",
+                limit="limits.stale_image",
+                reaction=Reaction.RETRACT,
+                remedy="check the camera's cable and USB port, then `tacauchy-rig doctor`",
+            )
+        if health.repeat_count >= self._limits.repeat_count:
+            raise BreachError(
+                f"limits.repeat_count: {health.repeat_count} identical images in a row; a live "
+                "camera has noise",
+                limit="limits.repeat_count",
+                reaction=Reaction.RETRACT,
+                remedy="unplug the camera and plug it in again, then `tacauchy-rig doctor`",
+            )
+
+    def _is_stale(self, age_s: float, limit_s: float) -> bool:
+        if age_s <= limit_s:
+            return False
+        return self._undisturbed_s >= limit_s or age_s > PATIENCE * limit_s
+
+    def _excuse(self) -> str:
+        if self._undisturbed_s > 1.0 or self._held_up_s == 0.0:
+            return ""
+        return (
+            f" (this computer was held up for {self._held_up_s * 1e3:.0f} ms, "
+            f"{self._undisturbed_s * 1e3:.0f} ms ago)"
+        )
+
+    def _check_losses(self, health: StreamHealth, now_ns: int) -> None:
+        bad = max(health.lost_count, health.corrupt_count)
+        self._counts.append((now_ns, health.received_count, bad))
+        while now_ns - self._counts[0][0] > RATIO_WINDOW_NS:
+            self._counts.popleft()
+        received = health.received_count - self._counts[0][1]
+        lost = bad - self._counts[0][2]
+        total = received + lost
+        if total >= RATIO_MIN_SAMPLES and lost > self._limits.corrupt_ratio * total:
+            raise BreachError(
+                f"limits.corrupt_ratio {self._limits.corrupt_ratio:.0%}: {lost} of {total} force "
+                f"frames in the last {RATIO_WINDOW_NS // 10**9} s were lost or damaged",
+                limit="limits.corrupt_ratio",
+                reaction=Reaction.RETRACT,
+                remedy="check the cable's length and shield; a lower baud rate loses fewer",
+            )

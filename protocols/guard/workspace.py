@@ -1,0 +1,122 @@
+"""Where the tip may be and how the tool may point: checked before a move and while it lasts."""
+
+from __future__ import annotations
+
+import math
+
+from protocols.guard.breach import BreachError, Reaction
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import SafetyError
+from tacauchy_rig.run import ArmSample, Pose, Vector3
+
+SPEED_MARGIN = 1.5
+SPEED_NOISE_M_S = 0.003
+
+
+class Workspace:
+    """The box, the tilt and the speeds that a configuration allows."""
+
+    def __init__(self, config: RigConfig) -> None:
+        self._box = config.workspace
+        self._home = config.robot.home
+        self._axis = tool_axis(config.robot.tool_rotation)
+        robot = config.robot
+        self._fastest = max(robot.approach_speed, robot.retract_speed, robot.search_speed)
+
+    def check_target(self, pose: Pose) -> None:
+        """Refuse a target outside the box or tilted.
+
+        Raises:
+            BreachError: Which bound, and by how much.
+        """
+        problem = self._outside(pose.position) or self._tilted(pose)
+        if problem:
+            limit, text = problem
+            raise BreachError(
+                f"{limit}: a move to {describe(pose)} was refused: {text}",
+                limit=limit,
+                reaction=Reaction.RETRACT,
+                remedy="correct robot.home, sensor.surface or the workspace box",
+            )
+
+    def check_state(self, state: ArmSample) -> None:
+        """Compare where the arm is, how it points and how fast it is.
+
+        Raises:
+            BreachError: Which bound, and by how much.
+        """
+        problem = self._outside(state.pose.position) or self._tilted(state.pose)
+        if problem is None:
+            problem = self._too_fast(state)
+        if problem:
+            limit, text = problem
+            raise BreachError(
+                f"{limit}: the tip is at {describe(state.pose)}: {text}",
+                limit=limit,
+                reaction=Reaction.HOLD,
+                remedy="move the arm back by hand in local mode, and see why it left",
+            )
+
+    def check_start(self, pose: Pose) -> None:
+        """Refuse to start far from home.
+
+        Raises:
+            SafetyError: The distance, and where home is.
+        """
+        distance = math.dist(pose.position, self._home)
+        if distance > self._box.home_radius:
+            raise SafetyError(
+                f"robot: the tip is {distance * 1e3:.0f} mm from home, more than "
+                f"workspace.home_radius {self._box.home_radius * 1e3:g} mm",
+                remedy=f"jog it to {_millimetres(self._home)} mm with the pendant",
+            )
+
+    def _outside(self, position: Vector3) -> tuple[str, str] | None:
+        box = self._box
+        bounds = ((box.x_min, box.x_max), (box.y_min, box.y_max), (box.z_min, box.z_max))
+        for axis, value, (low, high) in zip("xyz", position, bounds, strict=True):
+            if not low <= value <= high:
+                name = f"workspace.{axis}_{'min' if value < low else 'max'}"
+                bound = low if value < low else high
+                return name, f"{axis} = {value * 1e3:.2f} mm is beyond {bound * 1e3:g} mm"
+        return None
+
+    def _tilted(self, pose: Pose) -> tuple[str, str] | None:
+        axis = tool_axis(pose.rotation_vector)
+        cosine = sum(a * b for a, b in zip(axis, self._axis, strict=True))
+        tilt = math.acos(min(1.0, max(-1.0, cosine)))
+        if tilt <= self._box.max_tilt:
+            return None
+        return (
+            "workspace.max_tilt",
+            (
+                f"the tool is tilted by {math.degrees(tilt):.1f} deg, more than "
+                f"{math.degrees(self._box.max_tilt):g} deg"
+            ),
+        )
+
+    def _too_fast(self, state: ArmSample) -> tuple[str, str] | None:
+        speed = math.hypot(*state.velocity[:3])
+        cap = self._fastest * SPEED_MARGIN + SPEED_NOISE_M_S
+        if speed <= cap:
+            return None
+        return "robot.speed", f"it moves at {speed * 1e3:.1f} mm/s, more than {cap * 1e3:.1f} mm/s"
+
+
+def tool_axis(rotation_vector: Vector3) -> Vector3:
+    """Return the tool's z axis in the base frame: Rodrigues' rotation of (0, 0, 1)."""
+    angle = math.hypot(*rotation_vector)
+    if angle < 1e-12:
+        return (0.0, 0.0, 1.0)
+    x, y, z = (value / angle for value in rotation_vector)
+    sine, versine = math.sin(angle), 1.0 - math.cos(angle)
+    return (x * z * versine + y * sine, y * z * versine - x * sine, 1.0 - versine * (1.0 - z * z))
+
+
+def describe(pose: Pose) -> str:
+    """Return ``x, y, z`` in millimetres for a message."""
+    return f"({_millimetres(pose.position)}) mm"
+
+
+def _millimetres(position: Vector3) -> str:
+    return ", ".join(f"{value * 1e3:.2f}" for value in position)

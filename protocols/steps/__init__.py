@@ -1,0 +1,1 @@
+"""The steps of a trial, from home to home."""

@@ -1,0 +1,73 @@
+"""Straight moves that are watched at every turn, and coming to rest."""
+
+from __future__ import annotations
+
+import math
+
+from protocols.cycle import Cycle
+from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.workspace import describe
+from tacauchy_rig.run import Pose, Vector6
+
+ARRIVED_M = 0.0005
+REST_SPEED_M_S = 2e-5
+REST_TIMEOUT_S = 0.5
+SPARE_S = 3.0
+
+
+def move_to(cycle: Cycle, target: Pose, *, speed: float) -> None:
+    """Move in a straight line [m/s] and return on arrival.
+
+    Raises:
+        BreachError: A limit was passed on the way, or the arm did not arrive.
+    """
+    start = cycle.turn().arm.pose
+    distance = math.dist(start.position, target.position)
+    deadline_ns = cycle.rig.clock.now_ns() + round((1.5 * distance / speed + SPARE_S) * 1e9)
+    cycle.start_move(target, speed=speed)
+    reading = cycle.turn()
+    while cycle.is_moving():
+        if reading.now_ns > deadline_ns:
+            cycle.stop()
+            raise _not_arrived(target, reading.arm.pose, "in time")
+        reading = cycle.turn()
+    reading = cycle.turn()
+    if math.dist(reading.arm.pose.position, target.position) > ARRIVED_M:
+        raise _not_arrived(target, reading.arm.pose, "there")
+
+
+def come_to_rest(cycle: Cycle) -> None:
+    """Stop and turn until the arm stands still, at most ``REST_TIMEOUT_S``."""
+    cycle.stop()
+    deadline_ns = cycle.rig.clock.now_ns() + round(REST_TIMEOUT_S * 1e9)
+    reading = cycle.turn()
+    while reading.now_ns < deadline_ns:
+        if math.hypot(*reading.arm.velocity[:3]) < REST_SPEED_M_S:
+            return
+        reading = cycle.turn()
+
+
+def downward(speed: float) -> Vector6:
+    """Return the tool velocity for ``speed`` [m/s] towards the gel; negative is away."""
+    return (0.0, 0.0, -speed, 0.0, 0.0, 0.0)
+
+
+def at_height(cycle: Cycle, z_m: float) -> Pose:
+    """Return the pose above the middle of the gel at height ``z_m`` [m], tool straight down."""
+    x, y, _ = cycle.config.sensor.surface
+    return Pose(position=(x, y, z_m), rotation_vector=cycle.config.robot.tool_rotation)
+
+
+def home_pose(cycle: Cycle) -> Pose:
+    """Return the pose that every trial starts from."""
+    robot = cycle.config.robot
+    return Pose(position=robot.home, rotation_vector=robot.tool_rotation)
+
+
+def _not_arrived(target: Pose, actual: Pose, how: str) -> BreachError:
+    return BreachError(
+        f"robot: it did not arrive {how}: asked for {describe(target)}, is at {describe(actual)}",
+        limit="robot.arrival",
+        reaction=Reaction.HOLD,
+        remedy="see whether the controller shows a message or runs at reduced speed",
+    )

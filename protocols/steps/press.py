@@ -1,0 +1,120 @@
+"""Press to the target force and settle there."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from protocols.cycle import Cycle, Press, Reading
+from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.force import Contact
+from protocols.steps.motion import downward
+from protocols.steps.servo import ForceServo
+from protocols.window import ForceWindow, summarise
+
+SETTLE_WINDOW_S = 0.5
+
+
+class PressDrive:
+    """Moves the indenter by the servo, one turn at a time.
+
+    Args:
+        cycle: The control loop.
+        target_n: Force to reach and hold [N].
+        contact_z_m: Height of contact [m]; depth counts from there.
+    """
+
+    def __init__(self, cycle: Cycle, *, target_n: float, contact_z_m: float) -> None:
+        self._cycle = cycle
+        self._contact_z_m = contact_z_m
+        self._servo = ForceServo(
+            target_n=target_n,
+            speed_cap=cycle.config.robot.press_speed,
+            period_s=1.0 / cycle.config.force_sensor.rate,
+            contact_force_n=cycle.config.protocol.contact_force,
+        )
+        cycle.force_guard.contact = Contact.EXPECTED
+
+    @property
+    def target_n(self) -> float:
+        """Force to reach and hold [N]."""
+        return self._servo.target_n
+
+    @property
+    def error_n(self) -> float:
+        """Target minus low-passed force [N]."""
+        return self._servo.target_n - self._servo.filtered_n
+
+    def depth(self, reading: Reading) -> float:
+        """Return the depth below contact [m]."""
+        return self._contact_z_m - reading.arm.pose.position[2]
+
+    def turn(self) -> Reading:
+        """Do one turn of the control loop and steer by what it brought.
+
+        Raises:
+            BreachError: Deeper than ``limits.max_depth``, or any other limit.
+        """
+        reading = self._cycle.turn()
+        depth_m = self.depth(reading)
+        limit_m = self._cycle.config.limits.max_depth
+        if depth_m > limit_m:
+            raise BreachError(
+                f"limits.max_depth {limit_m * 1e3:g} mm: the tip is {depth_m * 1e3:.3f} mm below "
+                f"contact at {self._cycle.last_force_n:.3f} N",
+                limit="limits.max_depth",
+                reaction=Reaction.RETRACT,
+                remedy="the gel is softer than expected, or contact was found on something else",
+            )
+        if reading.presses:
+            speeds = [self._servo.update(p.force_n, depth_m=depth_m) for p in reading.presses]
+            self._cycle.set_velocity(downward(speeds[-1]))
+        return reading
+
+
+def press_to_target(cycle: Cycle, drive: PressDrive) -> None:
+    """Press until the force is within tolerance of the target.
+
+    Raises:
+        BreachError: Not reached within ``protocol.press_timeout``.
+    """
+    protocol = cycle.config.protocol
+    deadline_ns = cycle.rig.clock.now_ns() + round(protocol.press_timeout * 1e9)
+    reading = drive.turn()
+    while abs(drive.error_n) > protocol.force_tolerance:
+        if reading.now_ns > deadline_ns:
+            raise BreachError(
+                f"protocol.press_timeout {protocol.press_timeout:g} s: the force is still "
+                f"{abs(drive.error_n):.3f} N from the target",
+                limit="protocol.press_timeout",
+                reaction=Reaction.RETRACT,
+                remedy="raise press_timeout or robot.press_speed",
+            )
+        reading = drive.turn()
+
+
+def settle(cycle: Cycle, drive: PressDrive) -> bool:
+    """Hold until mean and slope of half a second are inside their gates.
+
+    Returns:
+        False when ``protocol.settle_timeout`` passed first; the verdict will say so.
+    """
+    protocol = cycle.config.protocol
+    deadline_ns = cycle.rig.clock.now_ns() + round(protocol.settle_timeout * 1e9)
+    needed = round(SETTLE_WINDOW_S * cycle.config.force_sensor.rate)
+    recent: deque[Press] = deque(maxlen=needed)
+    reading = drive.turn()
+    target_n = drive.target_n
+    while reading.now_ns < deadline_ns:
+        recent.extend(reading.presses)
+        if len(recent) == needed and _is_settled(summarise(tuple(recent)), cycle, target_n):
+            return True
+        reading = drive.turn()
+    return False
+
+
+def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
+    protocol = cycle.config.protocol
+    return (
+        abs(window.mean_n - target_n) <= protocol.force_tolerance / 2
+        and abs(window.slope_n_s) <= protocol.dwell_force_rate
+    )

@@ -1,0 +1,81 @@
+"""The software zero of a trial: mean of an unloaded, quiet interval. Raw values stay raw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from protocols.cycle import Cycle
+from protocols.guard.breach import BreachError, Reaction
+from protocols.window import listen
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import Criterion, Tare, Vector6
+
+TRIES = 3
+MIN_SHARE = 0.5
+
+
+def take_tare(cycle: Cycle) -> Tare:
+    """Average the raw wrench over ``protocol.tare_duration``, standing still.
+
+    Raises:
+        BreachError: Fewer than half of the expected samples came.
+    """
+    duration_s = cycle.config.protocol.tare_duration
+    samples = [press.raw for press in listen(cycle, duration_s)]
+    expected = duration_s * cycle.config.force_sensor.rate
+    if len(samples) < max(2.0, MIN_SHARE * expected):
+        raise BreachError(
+            f"force sensor: {len(samples)} samples in {duration_s:g} s of tare, "
+            f"{expected:.0f} were expected",
+            limit="protocol.tare_duration",
+            reaction=Reaction.HOLD,
+            remedy="check force_sensor.rate against what the box sends",
+        )
+    wrenches = np.array([(*s.wrench.force, *s.wrench.torque) for s in samples])
+    return Tare(
+        start_ns=samples[0].stamp_ns,
+        end_ns=samples[-1].stamp_ns,
+        mean=_six(wrenches.mean(axis=0)),
+        deviation=_six(wrenches.std(axis=0, ddof=1)),
+        sample_count=len(samples),
+    )
+
+
+def take_quiet_tare(cycle: Cycle) -> Tare:
+    """Take tares until one passes the gate, at most ``TRIES``; return the last one."""
+    tare = take_tare(cycle)
+    for _ in range(TRIES - 1):
+        if all(criterion.passed for criterion in judge_tare(tare, cycle.config)):
+            break
+        tare = take_tare(cycle)
+    return tare
+
+
+def judge_tare(tare: Tare, config: RigConfig) -> tuple[Criterion, ...]:
+    """Compare mean and deviation of an unloaded interval with their gates."""
+    protocol = config.protocol
+    deviation = max(tare.deviation[:3])
+    mean = max(map(abs, tare.mean[:3]))
+    return (
+        Criterion(
+            name="tare_deviation",
+            passed=deviation <= protocol.tare_deviation,
+            measured=deviation,
+            limit=f"<= {protocol.tare_deviation:g} N",
+            unit="N",
+            remedy="let the table come to rest; look for fans and loose cables",
+        ),
+        Criterion(
+            name="tare_mean",
+            passed=mean <= protocol.tare_mean,
+            measured=mean,
+            limit=f"<= {protocol.tare_mean:g} N",
+            unit="N",
+            remedy="see what hangs on the sensor; zero the box",
+        ),
+    )
+
+
+def _six(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Vector6:
+    a, b, c, d, e, f = values.tolist()
+    return (a, b, c, d, e, f)

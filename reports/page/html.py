@@ -1,0 +1,98 @@
+"""``report.html``: one file without any link, made from ``summary.json`` and the figures."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+from reports.page.reading import MINUS, NAMES
+from reports.scores.metrics import Metric
+
+ABSENT = "\u2013"
+KEY_UNITS = {"hz": "Hz", "ms": "ms", "s": "s", "n": "N", "m": "m", "mm": "mm", "pa": "Pa"}
+DECIMALS = {
+    Metric.SSIM.value: 4,
+    Metric.NCC.value: 4,
+    Metric.HISTOGRAM_CORRELATION.value: 4,
+    Metric.PSNR_DB.value: 2,
+    Metric.MSE.value: 1,
+}
+
+
+def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> str:
+    """Render the page.
+
+    Args:
+        summary: The value of ``summary.json``.
+        figures: Folder of the figures' PNG files, which are put into the page.
+        images: Folder of the trials' images, which are put into the page.
+    """
+    environment = Environment(
+        loader=FunctionLoader(_template),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "signed": signed, "plain": plain, "words": words}
+    environment.globals |= {
+        "figure_data": lambda name: png_data(figures / f"{name}.png"),
+        "image_data": lambda name: png_data(images / name),
+        "metric_names": {metric.value: name for metric, name in NAMES.items()},
+        "decimals": DECIMALS,
+    }
+    return environment.get_template("report.html.jinja").render(summary=summary)
+
+
+def _template(name: str) -> str:
+    return resources.files("reports").joinpath("templates", name).read_text("utf-8")
+
+
+def png_data(path: Path) -> str:
+    """Return a PNG file as a data URL."""
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def number(value: float | None, digits: int = 3, factor: float = 1.0, unit: str = "") -> str:
+    """Format with a fixed number of decimals and a true minus sign; a dash where unknown."""
+    if value is None:
+        return ABSENT
+    text = f"{value * factor:.{digits}f}"
+    if float(text) == 0.0:
+        text = text.lstrip("-")
+    return f"{text.replace('-', MINUS)}{unit}"
+
+
+def signed(value: float | None, digits: int = 3, factor: float = 1.0, unit: str = "") -> str:
+    """Format like ``number`` with the sign always shown."""
+    text = number(value, digits, factor, unit)
+    return text if value is None or text.startswith(MINUS) else f"+{text}"
+
+
+def plain(value: object) -> str:
+    """Show a JSON value in a table cell: text as it is, numbers short, the rest as JSON."""
+    if value is None:
+        return ABSENT
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}".replace("-", MINUS)
+    if isinstance(value, str | int):
+        return str(value)
+    return json.dumps(value, ensure_ascii=False)
+
+
+def words(name: str) -> str:
+    """Turn a key such as ``force_rate_hz`` into words with its unit, "force rate (Hz)"."""
+    parts = name.replace("-", "_").split("_")
+    for index, part in enumerate(parts[1:], start=1):
+        if part in KEY_UNITS:
+            parts = [*parts[:index], *parts[index + 1 :], f"({KEY_UNITS[part]})"]
+            break
+    return " ".join(parts)

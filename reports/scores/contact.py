@@ -1,0 +1,174 @@
+"""Scores of the contact alone: the change against the no-contact frame, where the gel is touched.
+
+Full-frame scores hardly see a contact that covers a tenth of the frame; these see nothing else.
+The region always comes from the real image, so a simulated image cannot choose where it is judged.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from reports.arrays import ColorImage, FloatArray, Mask, check_image_pair
+from reports.scores.metrics import zero_mean_correlation
+
+SMOOTHING_PX = 2.0
+PEAK_FRACTION = 0.5
+NOISE_FACTOR = 8.0
+MIN_CHANGE_LEVELS = 4.0
+COMPONENT_FRACTION = 0.10
+MIN_AREA_FRACTION = 0.002
+REGION_MARGIN = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactScores:
+    """How well the simulated change of the image matches the real one.
+
+    Attributes:
+        zncc: Correlation of the two changes inside the region: place and shape.
+        relative_residual: Norm of the difference of the changes over the norm of the real one:
+            amplitude, so force. 0 is perfect, 1 is what predicting no contact gives.
+        mask_iou: Overlap of the two footprints over their union.
+        centroid_error_px: Distance of the footprints' centroids [px].
+        radius_error_px: Simulated minus real radius of a disc of the footprint's area [px].
+        centroid_error_mm: None when the scale [mm/px] is unknown.
+    """
+
+    zncc: float
+    relative_residual: float
+    mask_iou: float
+    centroid_error_px: float
+    radius_error_px: float
+    radius_real_px: float
+    centroid_error_mm: float | None = None
+    radius_error_mm: float | None = None
+    radius_real_mm: float | None = None
+
+
+def image_change(image: ColorImage, reference: ColorImage) -> FloatArray:
+    """Subtract the no-contact frame, shape [height, width, 3] [grey level]."""
+    check_image_pair(image, reference)
+    return image.astype(np.float64) - reference.astype(np.float64)
+
+
+def contact_footprint(change: FloatArray) -> Mask | None:
+    """Find where the gel is deformed.
+
+    The footprint is the convex hull of the pixels that changed by more than half of the peak: a
+    flat punch changes the image at its rim and hardly inside. It includes part of the gel's skirt,
+    so its radius is that of the visible mark, not of the contact. A uniform change of the light
+    is taken off first.
+
+    Args:
+        change: Output of ``image_change``.
+
+    Returns:
+        The footprint, or None where nothing stands out from the noise.
+    """
+    smooth = cv2.GaussianBlur(change, (0, 0), SMOOTHING_PX)
+    magnitude = np.linalg.norm(smooth - np.median(smooth, axis=(0, 1)), axis=2)
+    threshold = max(
+        PEAK_FRACTION * float(np.percentile(magnitude, 99.5)),
+        NOISE_FACTOR * smoothed_noise(change),
+        MIN_CHANGE_LEVELS,
+    )
+    labels, count = ndimage.label(magnitude > threshold)
+    if count == 0:
+        return None
+    areas = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    if areas.max() < MIN_AREA_FRACTION * magnitude.size:
+        return None
+    kept = 1 + np.flatnonzero(areas >= COMPONENT_FRACTION * areas.max())
+    points = np.argwhere(np.isin(labels, kept))[:, ::-1].astype(np.int32)
+    hull = np.zeros(magnitude.shape, dtype=np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
+    return hull.astype(np.bool_)
+
+
+def smoothed_noise(change: FloatArray) -> float:
+    """Estimate what camera noise leaves after the smoothing, over all channels [grey level].
+
+    From differences of neighbouring pixels, where a contact hardly shows: its own skirt may
+    cover half of the frame.
+    """
+    sigma = 1.4826 * float(np.median(np.abs(np.diff(change, axis=1)))) / math.sqrt(2.0)
+    return math.sqrt(3.0) * sigma / (2.0 * math.sqrt(math.pi) * SMOOTHING_PX)
+
+
+def contact_region(footprint: Mask) -> Mask:
+    """Widen a footprint by a quarter of its radius, so that the gel's skirt is judged too."""
+    margin = max(1, round(REGION_MARGIN * footprint_radius(footprint)))
+    return np.asarray(ndimage.distance_transform_edt(~footprint) <= margin, dtype=np.bool_)
+
+
+def footprint_radius(footprint: Mask) -> float:
+    """Return the radius [px] of a disc of the same area."""
+    return math.sqrt(float(footprint.sum()) / math.pi)
+
+
+def relative_residual(real: FloatArray, simulated: FloatArray, region: Mask) -> float:
+    """Return |real - simulated| / |real| of two changes inside ``region``; NaN without a change."""
+    norm = float(np.linalg.norm(real[region]))
+    return float(np.linalg.norm((real - simulated)[region])) / norm if norm > 0.0 else math.nan
+
+
+def score_contact(
+    real: ColorImage,
+    simulated: ColorImage,
+    reference: ColorImage,
+    *,
+    scale_mm_px: tuple[float, float] | None = None,
+) -> ContactScores | None:
+    """Score the contact of one trial.
+
+    Args:
+        real: What the camera saw.
+        simulated: What the replay rendered.
+        reference: The real no-contact frame; both changes are taken against it.
+        scale_mm_px: Gel surface per pixel along x and y [mm/px].
+
+    Returns:
+        The scores, or None when the real image shows no contact. A simulated image without a
+        visible contact scores an overlap of 0 and NaN distances.
+    """
+    real_change, simulated_change = (
+        image_change(real, reference),
+        image_change(simulated, reference),
+    )
+    footprint = contact_footprint(real_change)
+    if footprint is None:
+        return None
+    region = contact_region(footprint)
+    other = contact_footprint(simulated_change)
+    offset_px, radius_error_px, iou = (math.nan, math.nan), math.nan, 0.0
+    if other is not None:
+        offset_px = _centroid_offset(footprint, other)
+        radius_error_px = footprint_radius(other) - footprint_radius(footprint)
+        iou = float((footprint & other).sum()) / float((footprint | other).sum())
+    scale = scale_mm_px or (math.nan, math.nan)
+    mean_scale = math.sqrt(scale[0] * scale[1])
+    return ContactScores(
+        zncc=zero_mean_correlation(real_change[region], simulated_change[region]),
+        relative_residual=relative_residual(real_change, simulated_change, region),
+        mask_iou=iou,
+        centroid_error_px=math.hypot(*offset_px),
+        radius_error_px=radius_error_px,
+        radius_real_px=footprint_radius(footprint),
+        centroid_error_mm=_known(math.hypot(offset_px[0] * scale[0], offset_px[1] * scale[1])),
+        radius_error_mm=_known(radius_error_px * mean_scale),
+        radius_real_mm=_known(footprint_radius(footprint) * mean_scale),
+    )
+
+
+def _centroid_offset(first: Mask, second: Mask) -> tuple[float, float]:
+    a, b = np.argwhere(first).mean(axis=0), np.argwhere(second).mean(axis=0)
+    return float(b[1] - a[1]), float(b[0] - a[0])
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,267 @@
+"""Two different claims about force, and what is known of the error of either.
+
+Force-matched (the paper): the simulated indenter moved until F_z agreed, so agreement is by
+construction and the depth is the outcome. Force-predicted: the depth that was measured, F_z read
+off the simulator, so the force is the outcome. Only the second tests the simulator's force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from reports.arrays import FloatArray
+from reports.evidence.evidence import TrialEvidence
+
+_SAME_DEPTH_M = 1e-9
+
+
+class TermGroup(StrEnum):
+    """Where an uncertainty enters, after ASME V&V 20."""
+
+    NUMERICS = "numerics"
+    INPUTS = "inputs"
+    DATA = "data"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyTerm:
+    """One line of the budget.
+
+    Attributes:
+        value_n: Standard uncertainty of the force [N]; None when nobody has measured it.
+        basis: How the value is known, or why it is not.
+    """
+
+    name: str
+    group: TermGroup
+    value_n: float | None
+    basis: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceAgreement:
+    """Simulated against measured force of one trial.
+
+    Attributes:
+        mismatch_n: Simulated minus measured at the accepted depth [N]; by construction small.
+        force_predicted_n: Simulated force at the measured depth [N]; None outside the curve.
+        prediction_error_n: Predicted minus measured [N], E = S - D of ASME V&V 20.
+        depth_error_m: Simulated minus measured depth at equal force [m], both from first touch.
+        touch_depth_m: Depth of the simulator at the force that the press called contact [m];
+            added to the measured depth.
+        known_uncertainty_n: Root sum of squares of the known terms of ``budget`` [N].
+        budget_complete: False when any term is unknown: u_val is then larger than shown.
+    """
+
+    tolerance_n: float
+    mismatch_n: float | None
+    force_predicted_n: float | None
+    prediction_error_n: float | None
+    prediction_error_relative: float | None
+    depth_error_m: float | None
+    touch_depth_m: float | None
+    known_uncertainty_n: float | None
+    budget_complete: bool
+    budget: tuple[UncertaintyTerm, ...]
+
+
+def force_at_depth(curve: FloatArray, depth_m: float) -> float | None:
+    """Interpolate the simulated force [N] at ``depth_m``.
+
+    Args:
+        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
+        depth_m: Depth below first touch [m].
+
+    Returns:
+        None outside the depths that were simulated: nothing is extrapolated.
+    """
+    if len(curve) < 2 or not curve[0, 0] <= depth_m <= curve[-1, 0]:
+        return None
+    return float(np.interp(depth_m, curve[:, 0], curve[:, 1]))
+
+
+def depth_at_force(curve: FloatArray, force_n: float) -> float | None:
+    """Interpolate the depth [m] at which the simulator first reaches ``force_n`` [N].
+
+    Args:
+        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
+        force_n: Pressing force [N].
+
+    Returns:
+        None above the forces that were simulated.
+    """
+    reached = np.flatnonzero(curve[:, 1] >= force_n)
+    if len(curve) < 2 or not len(reached):
+        return None
+    last = max(int(reached[0]), 1)
+    (d0, f0), (d1, f1) = curve[last - 1], curve[last]
+    return float(d0 + (d1 - d0) * (force_n - f0) / (f1 - f0)) if f1 > f0 else float(d0)
+
+
+def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> FloatArray | None:
+    """Merge the evaluations of all trials' searches into one curve from first touch on.
+
+    The trials share one model, so every (depth [m], force [N]) lies on the same curve.
+
+    Returns:
+        Shape [n, 2], sorted by depth, first row zero; None when there is no evaluation.
+    """
+    points = np.array(
+        sorted((d, f) for history in histories for d, f in history if d > 0.0), dtype=np.float64
+    ).reshape(-1, 2)
+    if not len(points):
+        return None
+    apart = np.diff(points[:, 0], prepend=0.0) > _SAME_DEPTH_M  # trials pass the same depths
+    return np.concatenate([[[0.0, 0.0]], points[apart]])
+
+
+def compare_force(
+    trial: TrialEvidence,
+    *,
+    tolerance_n: float,
+    model: Mapping[str, Any],
+    contact_force_n: float = 0.0,
+) -> ForceAgreement:
+    """Compare the forces of one trial under both claims.
+
+    Args:
+        trial: Record and replay of the trial; what is missing gives None.
+        tolerance_n: Largest mismatch that counts as matched [N].
+        model: The replay's model; ``young_uncertainty_relative`` enters the budget when present.
+        contact_force_n: Force at which the press called the gel touched [N]. The simulator is a
+            little deep at that force, and measured depth counts from there.
+    """
+    record, replay = trial.record, trial.replay
+    measured = None if record is None else record.force_measured_n
+    depth = None if record is None else record.depth_measured_m
+    simulated = None if replay is None else replay.force_simulated_n
+    curve, predicted, touched = trial.force_depth_simulated, None, None
+    if curve is not None and depth is not None:
+        touched = depth_at_force(curve, contact_force_n)
+    if curve is not None and depth is not None and touched is not None:
+        depth += touched
+        predicted = force_at_depth(curve, depth)
+    error = _difference(predicted, measured)
+    budget = uncertainty_budget(trial, model, touched_m=touched)
+    known = [term.value_n for term in budget if term.value_n is not None]
+    return ForceAgreement(
+        tolerance_n=tolerance_n,
+        mismatch_n=_difference(simulated, measured),
+        force_predicted_n=predicted,
+        prediction_error_n=error,
+        prediction_error_relative=error / measured if error is not None and measured else None,
+        depth_error_m=_difference(None if replay is None else replay.depth_simulated_m, depth),
+        touch_depth_m=touched,
+        known_uncertainty_n=math.hypot(*known) if known else None,
+        budget_complete=all(term.value_n is not None for term in budget),
+        budget=budget,
+    )
+
+
+def uncertainty_budget(
+    trial: TrialEvidence, model: Mapping[str, Any], *, touched_m: float | None = None
+) -> tuple[UncertaintyTerm, ...]:
+    """List what is known and what is not of the uncertainty of simulated minus measured force.
+
+    Args:
+        trial: Record and replay of the trial.
+        model: The replay's model.
+        touched_m: Depth of the simulator at the contact force [m].
+    """
+    return (
+        *_numerics(trial),
+        *_inputs(trial, model),
+        _contact_height(trial, touched_m),
+        *_data(trial),
+    )
+
+
+def _contact_height(trial: TrialEvidence, touched_m: float | None) -> UncertaintyTerm:
+    curve, value = trial.force_depth_simulated, None
+    depth = None if trial.record is None else trial.record.depth_measured_m
+    if curve is not None and depth is not None and touched_m is not None and len(curve) > 1:
+        stiffness = np.interp(depth, curve[:, 0], np.gradient(curve[:, 1], curve[:, 0]))
+        value = 0.5 * touched_m * float(stiffness)
+    return UncertaintyTerm(
+        name="height of first contact",
+        group=TermGroup.INPUTS,
+        value_n=value,
+        basis="half of the simulator's depth at the contact force, times its stiffness"
+        if value is not None
+        else "unknown: no simulated curve",
+    )
+
+
+def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
+    replay = trial.replay
+    error = None if replay is None else replay.force_error_estimate
+    return (
+        UncertaintyTerm(
+            name="mesh, element and barrier of the simulator",
+            group=TermGroup.NUMERICS,
+            value_n=abs(error * replay.force_simulated_n)
+            if replay is not None and error is not None
+            else None,
+            basis=replay.force_error_basis if replay is not None else "no replay",
+        ),
+    )
+
+
+def _inputs(trial: TrialEvidence, model: Mapping[str, Any]) -> tuple[UncertaintyTerm, ...]:
+    relative = model.get("young_uncertainty_relative")
+    replay = trial.replay
+    stated = isinstance(relative, int | float) and replay is not None
+    return (
+        UncertaintyTerm(
+            name="modulus of the gel",
+            group=TermGroup.INPUTS,
+            value_n=abs(float(relative) * replay.force_simulated_n)
+            if isinstance(relative, int | float) and replay is not None
+            else None,
+            basis="stated with the material"
+            if stated
+            else "unknown: the material states no uncertainty for this unit",
+        ),
+        UncertaintyTerm(
+            name="tilt and place of the indenter",
+            group=TermGroup.INPUTS,
+            value_n=None,
+            basis="unknown: not measured",
+        ),
+    )
+
+
+def _data(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
+    record = trial.record
+    deviation = None if record is None else record.force_deviation_n
+    drift = None if record is None else record.force_drift_n
+    return (
+        UncertaintyTerm(
+            name="scatter of the force in the dwell",
+            group=TermGroup.DATA,
+            value_n=deviation,
+            basis="standard deviation over the dwell" if deviation is not None else "not recorded",
+        ),
+        UncertaintyTerm(
+            name="drift of the force sensor's zero",
+            group=TermGroup.DATA,
+            value_n=None if drift is None else abs(drift),
+            basis="unloaded after minus before" if drift is not None else "not recorded",
+        ),
+        UncertaintyTerm(
+            name="repeatability of the press",
+            group=TermGroup.DATA,
+            value_n=None,
+            basis="unknown: needs at least five presses at one force",
+        ),
+    )
+
+
+def _difference(first: float | None, second: float | None) -> float | None:
+    return None if first is None or second is None else first - second

@@ -1,0 +1,215 @@
+"""Warp functions of a batch's contact forces and their change along a direction.
+
+The barrier is that of ``sim.contact.barrier``.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from sim.batch.environment import Environment
+from sim.batch.numbering import Numbering
+from sim.batch.pilot import Pilot
+from sim.contact.barrier import barrier_curvature, barrier_slope
+from sim.contact.indenter_distance import Body, body_at, distance_curvature, signed_distance
+from sim.contact.state import ContactOptions
+from sim.device import Device
+from sim.mesh.discretisation import Discretisation
+from sim.scene.indenter import Indenter, Plane
+from sim.scene.triangle_indenter import MeshIndenter
+
+
+@wp.struct
+class BatchContact:
+    """Numbers of the contact model that all environments share.
+
+    Attributes:
+        distance: d_hat [m].
+        stiffness_factor: kappa over E d_hat.
+        extension: Share of d_hat below which the barrier goes on as a parabola.
+    """
+
+    distance: wp.float64
+    stiffness_factor: wp.float64
+    extension: wp.float64
+
+
+def batch_contact(options: ContactOptions, *, extension: float) -> Any:
+    """Return the settings as the kernels take them."""
+    settings = BatchContact()
+    settings.distance = options.distance_m
+    settings.stiffness_factor = options.stiffness_factor
+    settings.extension = extension
+    return settings
+
+
+@wp.struct
+class BatchSurface:
+    """The surface that may be touched, and the indenter.
+
+    Attributes:
+        rows: Unknowns of every face, shape [3 * face_node_count, face_count].
+        rest: Their nodes at rest [m], shape [face_node_count, face_count].
+        values: Shape functions, shape [face_point_count, face_node_count].
+        rough_values: The same in float32.
+        areas: Rest area of every contact point [m^2], shape [face_point_count, face_count].
+        body: The indenter, apart from its pose.
+        rotations: Of the indenter in every environment.
+        young: E of the gel in every environment [Pa].
+    """
+
+    rows: wp.array2d(dtype=wp.int32)
+    rest: wp.array2d(dtype=wp.vec3d)
+    values: wp.array2d(dtype=wp.float64)
+    rough_values: wp.array2d(dtype=wp.float32)
+    areas: wp.array2d(dtype=wp.float64)
+    body: Body
+    rotations: wp.array(dtype=wp.mat33d)
+    young: wp.array(dtype=wp.float64)
+
+
+def batch_surface(
+    pad: Discretisation,
+    numbered: Numbering,
+    pilot: Pilot,
+    environments: Sequence[Environment],
+    *,
+    kept: NDArray[np.bool_],
+    device: Device,
+) -> Any:
+    """Upload those faces of a pad that may be touched, and what touches them."""
+    faces = pad.faces[kept]
+    surface = BatchSurface()
+    surface.rows = device.array(numbered.of_nodes(faces), wp.int32)
+    surface.rest = device.array(pad.nodes[faces].transpose(1, 0, 2), wp.vec3d)
+    surface.values = device.array(pad.reference.face_values, wp.float64)
+    surface.rough_values = device.array(pad.reference.face_values, wp.float32)
+    areas = pad.reference.face_weights[:, None] * pad.face_areas[kept]
+    surface.areas = device.array(areas, wp.float64)
+    surface.body = body_at(pilot.indenter, np.zeros(3), np.eye(3), device=device.name)
+    surface.rotations = device.array(np.stack([e.rotation for e in environments]), wp.mat33d)
+    surface.young = device.array([e.young_pa for e in environments], wp.float64)
+    return surface
+
+
+@wp.struct
+class ContactPoints:
+    """What the contact points of all environments have found.
+
+    Attributes:
+        touching: 1 within d_hat at the last evaluation, shape [environment_count, point_count].
+        forces: Unbalanced, or their change along a direction [N]; the same shape.
+        stiffness: Their derivative where they touch [N/m]; the same shape.
+        face_forces: What faces contribute to their nodes [N], shape [environment_count,
+            3 * face_node_count * face_count].
+    """
+
+    touching: wp.array2d(dtype=wp.int32)
+    forces: wp.array2d(dtype=wp.vec3d)
+    stiffness: wp.array2d(dtype=wp.mat33f)
+    face_forces: wp.array2d(dtype=wp.float64)
+
+
+def contact_points(environment_count: int, surface: Any, device: Device) -> Any:
+    """Return the arrays for a surface."""
+    point_count, face_count = surface.areas.size, surface.areas.shape[1]
+    points = ContactPoints()
+    points.touching = device.zeros((environment_count, point_count), wp.int32)
+    points.forces = device.zeros((environment_count, point_count), wp.vec3d)
+    points.stiffness = device.zeros((environment_count, point_count), wp.mat33f)
+    nodes = 3 * surface.rest.shape[0] * face_count
+    points.face_forces = device.zeros((environment_count, nodes), wp.float64)
+    return points
+
+
+@wp.func
+def contact_force(
+    point: wp.int32,
+    b: wp.int32,
+    tip: wp.vec3d,
+    surface: BatchSurface,
+    settings: BatchContact,
+    displacements: Any,
+):
+    """Return the unbalanced force of one contact point [N], its derivative [N/m], its gap [m]."""
+    f = point % surface.areas.shape[1]
+    q = point // surface.areas.shape[1]
+    x = wp.vec3d()
+    for k in range(surface.values.shape[1]):
+        u = wp.vec3d(
+            displacements[surface.rows[3 * k, f]],
+            displacements[surface.rows[3 * k + 1, f]],
+            displacements[surface.rows[3 * k + 2, f]],
+        )
+        x += (surface.rest[k, f] + u) * surface.values[q, k]
+    body = surface.body
+    body.position = tip
+    body.rotation = surface.rotations[b]
+    gap, n = signed_distance(body, x)
+    v = wp.vec3d()
+    stiffness = wp.mat33f()
+    if gap < settings.distance:
+        s = gap / settings.distance
+        scale = surface.areas[q, f] * settings.stiffness_factor * surface.young[b]
+        slope = scale * barrier_slope(s, settings.extension)
+        along = scale / settings.distance * barrier_curvature(s, settings.extension)
+        v = n * slope
+        stiffness = wp.mat33f(wp.outer(n, n) * along + distance_curvature(body, x) * slope)
+    return v, stiffness, gap
+
+
+@wp.func
+def contact_rate(
+    point: wp.int32,
+    sink: wp.float32,
+    stiffness: wp.mat33f,
+    surface: BatchSurface,
+    directions: Any,
+) -> wp.vec3d:
+    """Return its change along a direction, in which the indenter rises by ``sink``."""
+    f = point % surface.areas.shape[1]
+    q = point // surface.areas.shape[1]
+    d = wp.vec3f(0.0, 0.0, -sink)
+    for k in range(surface.values.shape[1]):
+        u = wp.vec3f(
+            directions[surface.rows[3 * k, f]],
+            directions[surface.rows[3 * k + 1, f]],
+            directions[surface.rows[3 * k + 2, f]],
+        )
+        d += u * surface.rough_values[q, k]
+    return wp.vec3d(stiffness * d)
+
+
+@wp.func
+def spread_contact(i: wp.int32, b: wp.int32, surface: BatchSurface, contact: ContactPoints):
+    """Sum what the points of a face contribute to one of its nodes."""
+    face_count = surface.areas.shape[1]
+    f = i % face_count
+    k = i // face_count
+    v = wp.vec3d()
+    for q in range(surface.values.shape[0]):
+        v += contact.forces[b, q * face_count + f] * surface.values[q, k]
+    for axis in range(3):
+        contact.face_forces[b, (3 * k + axis) * face_count + f] = v[axis]
+
+
+def touchable(pad: Discretisation, indenter: Indenter, centres_m: FloatArray) -> NDArray[np.bool_]:
+    """Return which faces an upright indenter may reach: half the pad's height beside it at most.
+
+    Args:
+        centres_m: Where it comes down, x and y [m], shape [environment_count, 2].
+    """
+    if isinstance(indenter, Plane | MeshIndenter):
+        return np.ones(len(pad.faces), dtype=np.bool_)
+    corners = pad.nodes[pad.faces[:, :3], :2]
+    away = np.linalg.norm(corners[:, :, None] - centres_m, axis=-1).min(axis=(1, 2))
+    return np.asarray(away <= indenter.radius_m + 0.5 * pad.nodes[:, 2].max())

@@ -1,0 +1,255 @@
+"""Warp functions of one element's forces, and of their change along a direction.
+
+Forces are float64; their change, which only steers conjugate gradients, is float32, and takes the
+law's tangent from where the forces kept it.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import warp as wp
+
+from sim.batch.environment import Environment
+from sim.batch.numbering import Numbering
+from sim.device import Device
+from sim.material.element_gradient import shape_gradients
+from sim.material.laws.tangent import Law, Tangent
+from sim.mesh.discretisation import Discretisation
+from sim.mesh.elements import ReferenceElement
+from sim.warp_start import start_warp
+
+start_warp()
+
+
+@wp.func
+def cofactor_rate(G: wp.mat33f, H: wp.mat33f) -> wp.mat33f:
+    """Return the derivative of cof G along H."""
+    g0 = wp.vec3f(G[0, 0], G[1, 0], G[2, 0])
+    g1 = wp.vec3f(G[0, 1], G[1, 1], G[2, 1])
+    g2 = wp.vec3f(G[0, 2], G[1, 2], G[2, 2])
+    h0 = wp.vec3f(H[0, 0], H[1, 0], H[2, 0])
+    h1 = wp.vec3f(H[0, 1], H[1, 1], H[2, 1])
+    h2 = wp.vec3f(H[0, 2], H[1, 2], H[2, 2])
+    return wp.matrix_from_cols(
+        wp.cross(h1, g2) + wp.cross(g1, h2),
+        wp.cross(h2, g0) + wp.cross(g2, h0),
+        wp.cross(h0, g1) + wp.cross(g0, h1),
+    )
+
+
+@wp.func
+def cofactor(F: wp.mat33f) -> wp.mat33f:
+    """Return cof F."""
+    f0 = wp.vec3f(F[0, 0], F[1, 0], F[2, 0])
+    f1 = wp.vec3f(F[0, 1], F[1, 1], F[2, 1])
+    f2 = wp.vec3f(F[0, 2], F[1, 2], F[2, 2])
+    return wp.matrix_from_cols(wp.cross(f1, f2), wp.cross(f2, f0), wp.cross(f0, f1))
+
+
+@wp.struct
+class BatchGel:
+    """The gel of all environments.
+
+    Attributes:
+        rows: Unknowns of every element, shape [3 * element_node_count, element_count].
+        inverse_jacobians: Row by row, shape [9, element_count].
+        weights: Rest volume of every quadrature point [m^3], shape [point_count, element_count].
+        parameters: The law's numbers in every environment, shape [environment_count].
+        young: E in every environment [Pa].
+    """
+
+    rows: wp.array2d(dtype=wp.int32)
+    inverse_jacobians: wp.array2d(dtype=wp.float64)
+    weights: wp.array2d(dtype=wp.float64)
+    parameters: wp.array(dtype=wp.vec4d)
+    young: wp.array(dtype=wp.float64)
+
+
+def batch_gel(
+    pad: Discretisation,
+    numbered: Numbering,
+    law: Law,
+    environments: Sequence[Environment],
+    device: Device,
+) -> Any:
+    """Upload a pad's gel."""
+    parameters = [law.parameters(e.young_pa, e.poisson) for e in environments]
+    gel = BatchGel()
+    gel.rows = device.array(numbered.of_nodes(pad.elements), wp.int32)
+    gel.inverse_jacobians = device.array(pad.inverse_jacobians.reshape(-1, 9).T, wp.float64)
+    gel.weights = device.array(pad.reference.weights[:, None] * pad.volumes, wp.float64)
+    gel.parameters = device.array(parameters, wp.vec4d)
+    gel.young = device.array([e.young_pa for e in environments], wp.float64)
+    return gel
+
+
+@wp.func
+def inverse_jacobian(e: wp.int32, gel: BatchGel) -> wp.mat33d:
+    """Return an element's."""
+    m = wp.mat33d()
+    for i in range(3):
+        for j in range(3):
+            m[i, j] = gel.inverse_jacobians[3 * i + j, e]
+    return m
+
+
+@wp.struct
+class Tangents:
+    """The law's tangent at every quadrature point of all environments.
+
+    It only steers conjugate gradients, so that float16 will do.
+
+    Attributes:
+        values: F less one, then a, b, c, d and e of ``sim.material.laws.tangent`` over E, value
+            by value, shape [environment_count, 14 * point_count * element_count].
+    """
+
+    values: wp.array2d(dtype=wp.float16)
+
+
+def new_tangents(environment_count: int, gel: Any, device: Device) -> Any:
+    """Return the array for a gel."""
+    tangents = Tangents()
+    tangents.values = device.zeros((environment_count, 14 * gel.weights.size), wp.float16)
+    return tangents
+
+
+@wp.func
+def keep_tangent(
+    b: wp.int32,
+    place: wp.int32,
+    stride: wp.int32,
+    t: Tangent,
+    F: wp.mat33d,
+    young: wp.float64,
+    tangents: Tangents,
+):
+    """Keep a point's tangent for the searches from this state."""
+    for i in range(3):
+        for j in range(3):
+            value = F[i, j] - wp.where(i == j, wp.float64(1.0), wp.float64(0.0))
+            tangents.values[b, place + (3 * i + j) * stride] = wp.float16(value)
+    tangents.values[b, place + 9 * stride] = wp.float16(t.a / young)
+    tangents.values[b, place + 10 * stride] = wp.float16(t.b / young)
+    tangents.values[b, place + 11 * stride] = wp.float16(t.c / young)
+    tangents.values[b, place + 12 * stride] = wp.float16(t.d / young)
+    tangents.values[b, place + 13 * stride] = wp.float16(t.e / young)
+
+
+@wp.func
+def kept(b: wp.int32, place: wp.int32, tangents: Tangents) -> wp.float32:
+    """Return one of a point's values."""
+    return wp.float32(tangents.values[b, place])
+
+
+@wp.func
+def kept_stress_rate(
+    b: wp.int32, place: wp.int32, stride: wp.int32, H: wp.mat33f, tangents: Tangents
+) -> wp.mat33f:
+    """Return the change of the first Piola-Kirchhoff stress along H, over E."""
+    G = wp.identity(n=3, dtype=wp.float32)
+    for i in range(3):
+        for j in range(3):
+            G[i, j] += kept(b, place + (3 * i + j) * stride, tangents)
+    C = cofactor(G)
+    along_deformation = wp.ddot(G, H)
+    along_cofactor = wp.ddot(C, H)
+    c = kept(b, place + 11 * stride, tangents)
+    on_deformation = kept(b, place + 10 * stride, tangents) * along_deformation + c * along_cofactor
+    on_cofactor = c * along_deformation + kept(b, place + 12 * stride, tangents) * along_cofactor
+    return (
+        H * kept(b, place + 9 * stride, tangents)
+        + G * on_deformation
+        + C * on_cofactor
+        + cofactor_rate(G, H) * kept(b, place + 13 * stride, tangents)
+    )
+
+
+def forces_function(law: Law, reference: ReferenceElement) -> Any:
+    """Build the function that gives an element's nodal forces, and keeps its tangents."""
+    law_stress, law_tangent = law.stress, law.tangent
+    gradients, node_count = shape_gradients(reference), reference.node_count
+    NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
+
+    @wp.func
+    def element_forces(
+        e: wp.int32, b: wp.int32, gel: BatchGel, displacements: Any, tangents: Tangents
+    ):
+        inverse = inverse_jacobian(e, gel)
+        p = gel.parameters[b]
+        total = NodeVectors()
+        for q in range(wp.static(len(gradients))):
+            D = wp.mat33d()
+            for k in range(wp.static(node_count)):
+                # Read anew at every point: float64 fills the registers as it is.
+                u0 = displacements[gel.rows[3 * k, e]]
+                u1 = displacements[gel.rows[3 * k + 1, e]]
+                u2 = displacements[gel.rows[3 * k + 2, e]]
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        g = wp.float64(wp.static(gradients[q][k][j]))
+                        D[0, j] += u0 * g
+                        D[1, j] += u1 * g
+                        D[2, j] += u2 * g
+            F = wp.identity(n=3, dtype=wp.float64) + D * inverse
+            weight = gel.weights[q, e]
+            place = q * gel.weights.shape[1] + e
+            keep_tangent(
+                b,
+                place,
+                gel.weights.shape[0] * gel.weights.shape[1],
+                law_tangent(F, p),
+                F,
+                gel.young[b],
+                tangents,
+            )
+            K = (law_stress(F, p) * wp.transpose(inverse)) * weight
+            for k in range(wp.static(node_count)):
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        for axis in range(3):
+                            total[k, axis] += K[axis, j] * wp.float64(wp.static(gradients[q][k][j]))
+        return total
+
+    return element_forces
+
+
+def rates_function(reference: ReferenceElement) -> Any:
+    """Build the function that gives their change along a direction, by the kept tangents."""
+    gradients, node_count = shape_gradients(reference), reference.node_count
+    NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float32)
+
+    @wp.func
+    def element_rates(e: wp.int32, b: wp.int32, gel: BatchGel, directions: Any, tangents: Tangents):
+        inverse = wp.mat33f(inverse_jacobian(e, gel))
+        young = wp.float32(gel.young[b])
+        along = NodeVectors()
+        total = NodeVectors()
+        for k in range(wp.static(node_count)):
+            for axis in range(3):
+                along[k, axis] = directions[gel.rows[3 * k + axis, e]]
+        for q in range(wp.static(len(gradients))):
+            S = wp.mat33f()
+            for k in range(wp.static(node_count)):
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        for axis in range(3):
+                            S[axis, j] += along[k, axis] * wp.float32(wp.static(gradients[q][k][j]))
+            place = q * gel.weights.shape[1] + e
+            P = kept_stress_rate(
+                b, place, gel.weights.shape[0] * gel.weights.shape[1], S * inverse, tangents
+            )
+            K = (P * wp.transpose(inverse)) * (young * wp.float32(gel.weights[q, e]))
+            for k in range(wp.static(node_count)):
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        for axis in range(3):
+                            total[k, axis] += K[axis, j] * wp.float32(wp.static(gradients[q][k][j]))
+        return total
+
+    return element_rates

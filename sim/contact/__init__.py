@@ -1,0 +1,1 @@
+"""Barrier contact and friction between the gel's surface and a rigid indenter."""

@@ -1,0 +1,219 @@
+"""Warp kernels of barrier contact between the gel's surface and the indenter.
+
+The barrier is integrated over the rest surface, so it converges under refinement:
+
+    E = sum_p A_p kappa f(g_p / d_hat),  f(s) = s - 1 - ln s for s < 1, else 0
+
+so the pressure is kappa / d_hat (1/s - 1). The barrier of Incremental Potential Contact (Li et al.
+2020), -(s - 1)^2 ln s, lets the pressure vanish quadratically at d_hat; Newton then frees a point
+by a factor of four an iteration, where this one frees it in one. Below s = extension the barrier
+goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
+overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
+What happens along the surface is ``sim.contact.friction``'s.
+All kernels launch over [face_count, face_point_count] but ``hessian``.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from sim.contact.indenter_distance import BodyKernel, distance_curvature, signed_distance
+
+
+@wp.struct
+class ContactSettings:
+    """Numbers of the contact model.
+
+    Attributes:
+        distance: d_hat [m].
+        stiffness: kappa [J/m^2].
+        extension: Share of d_hat below which the barrier goes on as a parabola.
+    """
+
+    distance: wp.float64
+    stiffness: wp.float64
+    extension: wp.float64
+
+
+def contact_settings(*, distance_m: float, stiffness_j_m2: float, extension: float) -> Any:
+    """Return the settings as the kernels take them."""
+    settings = ContactSettings()
+    settings.distance = distance_m
+    settings.stiffness = stiffness_j_m2
+    settings.extension = extension
+    return settings
+
+
+@wp.func
+def surface_point(
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    positions: wp.array(dtype=wp.vec3d),
+    face: wp.int32,
+    point: wp.int32,
+) -> wp.vec3d:
+    """Return the position of a contact point [m]."""
+    x = wp.vec3d()
+    for k in range(faces.shape[1]):
+        x += positions[faces[face, k]] * face_values[point, k]
+    return x
+
+
+@wp.func
+def barrier_curvature(s: wp.float64, extension: wp.float64) -> wp.float64:
+    """Return f''(s), where the parabola below ``extension`` goes on."""
+    r = wp.max(s, extension)
+    return wp.float64(1.0) / (r * r)
+
+
+@wp.func
+def barrier_slope(s: wp.float64, extension: wp.float64) -> wp.float64:
+    """Return f'(s), where the parabola below ``extension`` goes on."""
+    r = wp.max(s, extension)
+    return wp.float64(1.0) - wp.float64(1.0) / r + (s - r) / (r * r)
+
+
+@wp.func
+def _barrier(s: wp.float64, extension: wp.float64) -> wp.float64:
+    r = wp.max(s, extension)
+    h = s - r
+    one = wp.float64(1.0)
+    return r - one - wp.log(r) + h * (one - one / r) + wp.float64(0.5) * h * h / (r * r)
+
+
+@wp.func
+def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
+    """Return ``v`` without its component along the unit vector ``n``."""
+    return v - n * wp.dot(v, n)
+
+
+@BodyKernel
+@wp.kernel(enable_backward=False)
+def gap(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    body: Any,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    # Data out:
+    gap_out: wp.array2d(dtype=wp.float64),
+):
+    """Measure the gap of every contact point [m]."""
+    f, q = wp.tid()
+    distance, _ = signed_distance(body, surface_point(faces, face_values, positions, f, q))
+    gap_out[f, q] = distance
+
+
+@BodyKernel
+@wp.kernel(enable_backward=False)
+def energy(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    areas: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Any,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    # Data out:
+    energy_out: wp.array2d(dtype=wp.float64),
+):
+    """Evaluate the contact energy of every point [J]."""
+    f, q = wp.tid()
+    x = surface_point(faces, face_values, positions, f, q)
+    distance, _ = signed_distance(body, x)
+    total = wp.float64(0.0)
+    if distance < settings.distance:
+        total = settings.stiffness * _barrier(distance / settings.distance, settings.extension)
+    energy_out[f, q] = areas[f, q] * total
+
+
+@BodyKernel
+@wp.kernel(enable_backward=False)
+def force(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    areas: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Any,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    curved: wp.bool,
+    # Data out:
+    point_out: wp.array2d(dtype=wp.vec3d),
+    force_out: wp.array2d(dtype=wp.vec3d),
+    stiffness_out: wp.array2d(dtype=wp.mat33d),
+):
+    """Give each point's position [m], the energy's gradient [N] and its stiffness [N/m].
+
+    The gradient is the force on the indenter. With ``curved`` the stiffness is exact; without, the
+    indenter's curvature is left out, which keeps it positive semidefinite.
+    """
+    f, q = wp.tid()
+    x = surface_point(faces, face_values, positions, f, q)
+    distance, n = signed_distance(body, x)
+    pull = wp.vec3d()
+    stiffness = wp.mat33d()
+    if distance < settings.distance:
+        s = distance / settings.distance
+        scale = areas[f, q] * settings.stiffness / settings.distance
+        pull = n * (scale * barrier_slope(s, settings.extension))
+        along = scale / settings.distance * barrier_curvature(s, settings.extension)
+        stiffness = wp.outer(n, n) * along
+        if curved:
+            slope = scale * barrier_slope(s, settings.extension)
+            stiffness += distance_curvature(body, x) * slope
+    point_out[f, q] = x
+    force_out[f, q] = pull
+    stiffness_out[f, q] = stiffness
+
+
+@wp.kernel(enable_backward=False)
+def scatter(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    # Data in:
+    point_vectors: wp.array2d(dtype=wp.vec3d),
+    # Data out:
+    nodes_out: wp.array(dtype=wp.vec3d),
+):
+    """Add a vector at every contact point to its nodes."""
+    f, q = wp.tid()
+    v = point_vectors[f, q]
+    if wp.dot(v, v) > wp.float64(0.0):
+        for k in range(faces.shape[1]):
+            wp.atomic_add(nodes_out, faces[f, k], v * face_values[q, k])
+
+
+@wp.kernel(enable_backward=False)
+def hessian(
+    # Model:
+    blocks: wp.array3d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    # Data in:
+    stiffness: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    values_out: wp.array(dtype=wp.mat33d),
+):
+    """Add a face's blocks to the matrix; launches over [face_count, face_node_count]."""
+    f, i = wp.tid()
+    active = wp.bool(False)
+    for q in range(stiffness.shape[1]):
+        if wp.ddot(stiffness[f, q], stiffness[f, q]) > wp.float64(0.0):
+            active = True
+    if active:
+        for j in range(i, blocks.shape[2]):
+            slot = blocks[f, i, j]
+            if slot >= 0:
+                total = wp.mat33d()
+                for q in range(stiffness.shape[1]):
+                    total += stiffness[f, q] * (face_values[q, i] * face_values[q, j])
+                wp.atomic_add(values_out, slot // 2, total)

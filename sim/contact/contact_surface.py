@@ -1,0 +1,209 @@
+"""The surface that may be touched, on a device: its contact with one indenter, and its grip."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.contact import barrier as contact
+from sim.contact import forces_kernel as push_kernel
+from sim.contact import friction
+from sim.contact.indenter_distance import body_at
+from sim.contact.state import ContactForces, ContactOptions, Grip, State
+from sim.device import KERNEL_EPSILON, Device, on_host
+from sim.mesh.discretisation import Discretisation
+from sim.scene.indenter import Indenter
+
+
+class ContactSurface:
+    """A pad's outer faces with their contact points.
+
+    Args:
+        young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness.
+    """
+
+    def __init__(
+        self, pad: Discretisation, options: ContactOptions, *, young_pa: float, device: Device
+    ) -> None:
+        self._pad, self._options, self._device = pad, options, device
+        self._young_pa = young_pa
+        self._shape = (len(pad.faces), len(pad.reference.face_weights))
+        self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
+        self._values = device.array(pad.reference.face_values, wp.float64)
+        self._arrays = [device.array(pad.faces, wp.int32), self._values]
+        self._areas = device.array(pad.face_areas[:, None] * pad.reference.face_weights, wp.float64)
+
+    @property
+    def areas(self) -> FloatArray:
+        """Rest area of every contact point [m^2], shape [face_count, point_count]."""
+        return on_host(self._areas)
+
+    def free_grip(self) -> Grip | None:
+        """Return the memory of a surface that nothing has touched; None if nothing is kept."""
+        if not self._options.is_tangential:
+            return None
+        return Grip(
+            held=np.zeros(self._shape, dtype=np.int32),
+            anchors=np.zeros((*self._shape, 3)),
+            loads=np.zeros((*self._shape, 3)),
+        )
+
+    def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
+        """Return the gap of every contact point [m], shape [face_count, point_count]."""
+        out = self._points(wp.float64)
+        inputs = [*self._arrays, self._body(indenter, state), self._device.vectors(positions)]
+        self._device.launch(contact.gap.of(indenter), self._shape, inputs, [out])
+        return on_host(out)
+
+    def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
+        """Return the contact energy [J]."""
+        out = self._points(wp.float64)
+        inputs = self._barrier_inputs(positions, indenter, state)
+        self._device.launch(contact.energy.of(indenter), self._shape, inputs, [out])
+        if state.grip is not None:
+            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            self._device.launch(friction.add_energy.of(indenter), self._shape, inputs, [out])
+        return float(on_host(out).sum())
+
+    def forces(
+        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool
+    ) -> ContactForces:
+        """Return the contact at every point, its stiffness exact if ``curved``."""
+        out = self._barrier_forces(positions, indenter, state, curved=curved)
+        if state.grip is not None:
+            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            self._device.launch(friction.add_force.of(indenter), self._shape, inputs, out[1:])
+        points, forces, stiffness = (on_host(array) for array in out)
+        return ContactForces(points=points, forces=forces, stiffness=stiffness)
+
+    def recorded_push(
+        self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
+    ) -> Any:
+        """Return a launch of ``push_kernel`` at positions [m] on the device."""
+        body = body_at(indenter, np.zeros(3), np.eye(3), device=self._device.name)
+        inputs = [*self._arrays, self._areas, self._settings(extension), body, positions]
+        return self._device.record(push_kernel.push, self._shape, inputs, outputs)
+
+    def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
+        """Add the contact points' stiffness [N/m] to the matrix's blocks."""
+        self._device.launch(
+            contact.hessian,
+            (self._shape[0], self._pad.reference.face_node_count),
+            [self._slots, self._values, self._device.array(stiffness, wp.mat33d)],
+            [values],
+        )
+
+    def scatter(self, point_vectors: FloatArray) -> FloatArray:
+        """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
+        out = self._device.zeros(len(self._pad.nodes), wp.vec3d)
+        inputs = [*self._arrays, self._device.array(point_vectors, wp.vec3d)]
+        self._device.launch(contact.scatter, self._shape, inputs, [out])
+        return on_host(out)
+
+    def area_vectors(self, positions: FloatArray) -> FloatArray:
+        """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
+        reference, faces = self._pad.reference, self._pad.faces
+        along = np.einsum("pka,fkx->afpx", reference.face_gradients, positions[faces])
+        normals = 0.5 * np.cross(along[0], along[1])
+        return np.asarray(normals * reference.face_weights[:, None])
+
+    def refresh_grip(self, indenter: Indenter, state: State) -> float:
+        """Hold the points that touch, free the others, and take over pressure and normal.
+
+        Returns:
+            Change of the friction limit, summed over the points, over its new sum; zero where
+            nothing is tangential or everything is bonded.
+        """
+        grip = state.grip
+        if grip is None:
+            return 0.0
+        before = grip.loads
+        _, forces, _ = self._barrier_forces(state.positions, indenter, state, curved=True)
+        held = self._device.array(grip.held, wp.int32)
+        anchors = self._device.array(grip.anchors, wp.vec3d)
+        loads = self._points(wp.vec3d)
+        inputs = [*self._grip_model(indenter, state), self._device.vectors(state.positions), forces]
+        self._device.launch(
+            friction.refresh.of(indenter), self._shape, inputs, [held, anchors, loads]
+        )
+        state.grip = Grip(
+            held=on_host(held).copy(), anchors=on_host(anchors).copy(), loads=on_host(loads).copy()
+        )
+        if self._options.bonded:
+            return 0.0
+        change = self.areas * np.linalg.norm(state.grip.loads - before, axis=2)
+        total = self.areas * np.linalg.norm(state.grip.loads, axis=2)
+        return float(change.sum() / max(total.sum(), 1e-300))
+
+    def drag_anchors(self, indenter: Indenter, state: State) -> None:
+        """Let the anchors of sliding points follow; the state is then one to go on from."""
+        grip = state.grip
+        if grip is None or self._options.bonded:
+            return
+        anchors = self._device.array(grip.anchors, wp.vec3d)
+        faces, values, _, settings, body = self._grip_model(indenter, state)
+        inputs = [faces, values, settings, body, self._device.vectors(state.positions)]
+        inputs += [
+            self._device.array(grip.held, wp.int32),
+            self._device.array(grip.loads, wp.vec3d),
+        ]
+        self._device.launch(friction.drag.of(indenter), self._shape, inputs, [anchors])
+        grip.anchors = on_host(anchors).copy()
+
+    def _points(self, kind: Any) -> Any:
+        return self._device.empty(self._shape, kind)
+
+    def _body(self, indenter: Indenter, state: State) -> Any:
+        return body_at(indenter, state.tip, state.rotation, device=self._device.name)
+
+    def _barrier_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
+        settings, body = self._settings(state.extension), self._body(indenter, state)
+        return [*self._arrays, self._areas, settings, body, self._device.vectors(positions)]
+
+    def _settings(self, extension: float) -> Any:
+        options = self._options
+        return contact.contact_settings(
+            distance_m=options.distance_m,
+            stiffness_j_m2=options.stiffness_factor * self._young_pa * options.distance_m,
+            extension=extension,
+        )
+
+    def _barrier_forces(
+        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool
+    ) -> list[Any]:
+        """Return points [m], forces [N] and their stiffness [N/m] without grip, on the device."""
+        out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
+        inputs = [*self._barrier_inputs(positions, indenter, state), curved]
+        self._device.launch(contact.force.of(indenter), self._shape, inputs, out)
+        return out
+
+    def _grip_model(self, indenter: Indenter, state: State) -> list[Any]:
+        options = self._options
+        settings = friction.grip_settings(
+            reach_m=options.distance_m,
+            stiffness_pa_m=self._young_pa / options.distance_m if options.bonded else 0.0,
+            coefficient=options.friction,
+            slip_m=options.slip_m,
+        )
+        return [*self._arrays, self._areas, settings, self._body(indenter, state)]
+
+    def _grip_inputs(
+        self, positions: FloatArray, indenter: Indenter, state: State, grip: Grip
+    ) -> list[Any]:
+        return [
+            *self._grip_model(indenter, state),
+            self._device.vectors(positions),
+            self._device.array(grip.held, wp.int32),
+            self._device.array(grip.anchors, wp.vec3d),
+            self._device.array(grip.loads, wp.vec3d),
+        ]
+
+
+def contact_rounding_n(found: ContactForces) -> float:
+    """Return how much the contact forces change when the points' coordinates are rounded [N]."""
+    stiffness = np.linalg.norm(found.stiffness, axis=(2, 3))
+    change = KERNEL_EPSILON * stiffness * np.abs(found.points).max(axis=2)
+    return float(np.linalg.norm(change))

@@ -1,0 +1,177 @@
+"""Signed distance to the rigid indenter on the device.
+
+Kernels take either kind of body and are compiled for the analytic one; a mesh has its own build of
+them, made when the first mesh is pressed, so that the others carry nothing of its search.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.contact.triangle_distance import DeviceSurface, surface_distance, uploaded_surface
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.scene.triangle_indenter import MeshIndenter
+
+PLANE = wp.constant(0)
+CYLINDER = wp.constant(1)
+SPHERE = wp.constant(2)
+
+
+@wp.struct
+class Body:
+    """An analytic indenter at its pose; local = rotation^T (x - position)."""
+
+    shape: wp.int32
+    radius: wp.float64
+    fillet: wp.float64
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+@wp.struct
+class MeshBody:
+    """An indenter made of triangles at its pose."""
+
+    surface: DeviceSurface
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+class BodyKernel:
+    """A kernel whose argument ``body`` may be of either kind; a decorator of such kernels."""
+
+    every: ClassVar[list[BodyKernel]] = []
+
+    def __init__(self, kernel: Any) -> None:
+        self.kernel = kernel
+        self.analytic = wp.overload(kernel, {"body": Body})
+        self.meshed: Any = None
+        self.every.append(self)
+
+    def of(self, indenter: Indenter) -> Any:
+        """Return the build that an indenter needs."""
+        if not isinstance(indenter, MeshIndenter):
+            return self.analytic
+        if self.meshed is None:
+            # All at once, because every declaration outdates what was compiled of its module.
+            for other in self.every:
+                other.meshed = wp.overload(other.kernel, {"body": MeshBody})
+        return self.meshed
+
+
+def body_at(
+    indenter: Indenter, position: FloatArray, rotation: FloatArray, *, device: str = "cpu"
+) -> Any:
+    """Return the device's description of an indenter.
+
+    Args:
+        position: Tip in the pad's frame [m], shape [3].
+        rotation: Indenter frame to pad frame, shape [3, 3].
+        device: Where the kernels run; a mesh is uploaded there once.
+    """
+    body = _mesh_body(indenter, device) if isinstance(indenter, MeshIndenter) else _body(indenter)
+    body.position = wp.vec3d(*position)
+    body.rotation = wp.mat33d(*rotation.reshape(-1))
+    return body
+
+
+def _body(indenter: Cylinder | Sphere | Plane) -> Any:
+    body = Body()
+    body.shape = PLANE
+    if isinstance(indenter, Cylinder):
+        body.shape, body.radius, body.fillet = CYLINDER, indenter.radius_m, indenter.fillet_m
+    elif isinstance(indenter, Sphere):
+        body.shape, body.radius = SPHERE, indenter.radius_m
+    return body
+
+
+def _mesh_body(indenter: MeshIndenter, device: str) -> Any:
+    body = MeshBody()
+    body.surface = uploaded_surface(indenter, device).surface
+    return body
+
+
+@wp.func
+def local_point(body: Any, x: wp.vec3d) -> wp.vec3d:
+    """Return a point of the pad's frame in the indenter's frame [m]."""
+    return wp.transpose(body.rotation) * (x - body.position)
+
+
+@wp.func
+def signed_distance(body: Body, x: wp.vec3d):
+    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+    zero = wp.float64(0.0)
+    p = local_point(body, x)
+    gap = -p[2]
+    n = wp.vec3d(zero, zero, wp.float64(-1.0))
+    if body.shape == SPHERE:
+        c = p - wp.vec3d(zero, zero, body.radius)
+        length = wp.max(wp.length(c), wp.float64(1.0e-30))
+        gap = length - body.radius
+        n = c / length
+    if body.shape == CYLINDER:
+        r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
+        side = r - (body.radius - body.fillet)
+        below = body.fillet - p[2]
+        outward = wp.vec3d(p[0] / r, p[1] / r, zero)
+        if side > zero and below > zero:
+            corner = wp.sqrt(side * side + below * below)
+            gap = corner - body.fillet
+            n = (outward * side + n * below) / corner
+        elif below >= side:
+            gap = below - body.fillet
+        else:
+            gap = side - body.fillet
+            n = outward
+    return gap, body.rotation * n
+
+
+@wp.func
+def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
+    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+    gap, n = surface_distance(body.surface, local_point(body, x))
+    return gap, body.rotation * n
+
+
+@wp.func
+def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
+    """Return the second derivative of the gap [1/m] in the pad's frame.
+
+    A sharp rim's infinite curvature across the rim is left out: the gel's stiffness decides there.
+    """
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    p = local_point(body, x)
+    H = wp.mat33d()
+    if body.shape == SPHERE:
+        c = p - wp.vec3d(zero, zero, body.radius)
+        length = wp.max(wp.length(c), wp.float64(1.0e-30))
+        n = c / length
+        H = (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * (one / length)
+    if body.shape == CYLINDER:
+        r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
+        side = r - (body.radius - body.fillet)
+        below = body.fillet - p[2]
+        outward = wp.vec3d(p[0] / r, p[1] / r, zero)
+        around = wp.vec3d(-outward[1], outward[0], zero)
+        if side > zero and below > zero:
+            corner = wp.max(wp.sqrt(side * side + below * below), wp.float64(1.0e-30))
+            H = wp.outer(around, around) * (side / (corner * r))
+            if body.fillet > zero:
+                t = (outward * below + wp.vec3d(zero, zero, side)) / corner
+                H += wp.outer(t, t) * (one / corner)
+        elif side > below:
+            H = wp.outer(around, around) * (one / r)
+    return body.rotation * H * wp.transpose(body.rotation)
+
+
+@wp.func
+def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: ARG001, F811
+    """Return zero: faces are flat, and edges are left out as a sharp rim is."""
+    return wp.mat33d()

@@ -1,0 +1,165 @@
+"""How fine each preset is around a footprint, and the mesh that a scene gets by that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.effects.mesh_choice import footprint_depth
+from sim.mesh.bisection import bisected
+from sim.mesh.fitted import with_rim_fitted, with_top_fitted
+from sim.mesh.footprint import Footprint, footprint
+from sim.mesh.footprint_sizing import FootprintSizing
+from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, refuse_flat
+from sim.mesh.tetwild import WildSettings, filled_pad
+from sim.scene.indenter import Cylinder
+from sim.scene.pad import Pad
+from sim.scene.scene import Preset, Scene
+from sim.scene.tilted_indenter import TurnedIndenter, tilted
+from tacauchy_rig.errors import ConfigError
+
+_SPACING_M = 0.8e-3
+_COARSE_M = 2.5e-3
+_EPSILON_R = 1e-3
+_STOP_ENERGY = 10.0
+_DIHEDRAL_MIN_RAD = math.radians(2.0)
+_RIM_REACH_SHARE = 0.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FootprintResolution:
+    """A footprint mesh's numbers.
+
+    Attributes:
+        edge_share: Edge length at a sharp edge of the contact over the radius of the disc of the
+            same area.
+        inside_share: Largest edge length under the contact over that radius.
+        fillet_share: Largest edge length at a rounded rim over its fillet.
+        growth: Ratio of neighbouring edge lengths away from there.
+    """
+
+    edge_share: float
+    inside_share: float
+    fillet_share: float
+    growth: float
+
+
+FOOTPRINT_RESOLUTIONS = {
+    Preset.FAST: FootprintResolution(
+        edge_share=0.12, inside_share=0.40, fillet_share=1.5, growth=2.5
+    ),
+    Preset.BALANCED: FootprintResolution(
+        edge_share=0.06, inside_share=0.30, fillet_share=1.0, growth=2.2
+    ),
+    Preset.ACCURATE: FootprintResolution(
+        edge_share=0.03, inside_share=0.20, fillet_share=0.5, growth=1.9
+    ),
+    Preset.REFERENCE: FootprintResolution(
+        edge_share=0.02, inside_share=0.14, fillet_share=0.5, growth=1.7
+    ),
+}
+
+
+def footprint_mesh(
+    scene: Scene, *, shares: tuple[float, ...] = (), refinement: float = 1.0
+) -> TetMesh:
+    """Return a mesh of the whole pad, fine where a scene's indenter touches.
+
+    The coarse mesh that it refines is made once and kept.
+
+    Args:
+        shares: Rising shares of the local height at which layers meet.
+        refinement: Make every edge this many times shorter.
+
+    Raises:
+        ConfigError: The indenter stands beside the pad, or fTetWild cannot fill it as asked.
+    """
+    depth = footprint_depth(scene)
+    # Before fTetWild is asked: an indenter beside the pad needs no mesh.
+    touched = scene_footprint(scene, depth_m=depth)
+    return refined_under(scene, _base_mesh(scene, shares), touched, refinement=refinement)
+
+
+def refined_under(
+    scene: Scene, base: TetMesh, touched: Footprint, *, refinement: float = 1.0
+) -> TetMesh:
+    """Return a coarse mesh of a scene's pad, or of its part, refined where it is touched.
+
+    Args:
+        refinement: Make every edge this many times shorter.
+
+    Raises:
+        ConfigError: An element became too flat.
+    """
+    sizing = _sizing(scene, touched, FOOTPRINT_RESOLUTIONS[scene.preset], refinement)
+    fine = bisected(base, sizing.size_at)
+    reach = 2.0 * (scene.filling.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
+    fitted = with_top_fitted(fine, scene.pad, reach_m=reach)
+    fitted = with_rim_fitted(
+        fitted, scene.pad, touched.rim, reach_m=_RIM_REACH_SHARE * sizing.edge_m
+    )
+    mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
+    refuse_flat(mesh, scene.filling.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
+    return mesh
+
+
+def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
+    """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
+    settings = WildSettings(
+        spacing_m=_SPACING_M,
+        coarse_m=_coarse_m(scene),
+        envelope_share=scene.filling.epsilon_r or _EPSILON_R,
+        stop_energy=scene.filling.stop_energy or _STOP_ENERGY,
+    )
+    key = mesh_key(scene.pad, settings, shares)
+    return stored_mesh(
+        "base",
+        key,
+        lambda: filled_pad(scene.pad, settings, name=f"fTetWild, {key}", interface_shares=shares),
+    )
+
+
+def scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
+    """Return where a scene's indenter touches the pad, before it is carried along and after.
+
+    Raises:
+        ConfigError: It comes down beside the pad.
+    """
+    turned = TurnedIndenter(indenter=scene.indenter, rotation=tilted(*scene.motion.tilt_rad))
+    start = footprint(scene.pad, turned, centre_m=scene.centre_m, depth_m=depth_m)
+    if not any(scene.motion.shift_m):
+        return start
+    x, y = np.array(scene.centre_m) + np.array(scene.motion.shift_m)
+    try:
+        return start.joined(footprint(scene.pad, turned, centre_m=(x, y), depth_m=depth_m))
+    except ConfigError:
+        # It is carried off the pad, where it touches nothing.
+        return start
+
+
+def _sizing(
+    scene: Scene, touched: Footprint, resolution: FootprintResolution, refinement: float
+) -> FootprintSizing:
+    edge = resolution.edge_share * touched.radius_m
+    if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
+        edge = min(edge, resolution.fillet_share * scene.indenter.fillet_m)
+    return FootprintSizing(
+        footprint=touched,
+        edge_m=edge / refinement,
+        inside_m=resolution.inside_share * touched.radius_m / refinement,
+        growth=1.0 / (1.0 - (1.0 - 1.0 / resolution.growth) / refinement),
+        coarse_m=_coarse_m(scene) / refinement,
+    )
+
+
+def _coarse_m(scene: Scene) -> float:
+    return _COARSE_M if scene.filling.l_r is None else scene.filling.l_r * diagonal(scene.pad)
+
+
+def diagonal(pad: Pad) -> float:
+    """Return the diagonal of a pad's bounding box [m]."""
+    half_x, half_y = pad.half_extents()
+    return math.hypot(2.0 * half_x, 2.0 * half_y, pad.height_m)

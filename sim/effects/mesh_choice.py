@@ -1,0 +1,100 @@
+"""Which kind of mesh a scene gets.
+
+Revolved meshes are better where they serve: the same on every machine, nodes on the rim, few
+tetrahedra. They need an indenter that is round seen from above and stands upright, its edge on the
+pad all around, and a pad with a known outline. Everything else gets a mesh of its own by fTetWild,
+fine where the indenter's footprint has its edge.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from sim.effects.estimates import expected_depth
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.scene import Preset, Scene
+from sim.scene.triangle_indenter import MeshIndenter
+from sim.scene.triangle_pad import SurfacePad
+
+# Of the expected depth: a rim that is tilted by less touches all around.
+_TILT_SHARE = 0.75
+_MARGIN_SHARE = 1.02
+_EXPECTED_DEPTH_SHARE = 0.2
+
+
+class MeshKind(StrEnum):
+    """How a mesh is made."""
+
+    PAPER = "paper"
+    REVOLVED = "revolved"
+    FOOTPRINT = "footprint"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshChoice:
+    """A kind of mesh, and why it is that one."""
+
+    kind: MeshKind
+    reason: str
+
+
+def mesh_choice(scene: Scene) -> MeshChoice:
+    """Return the kind of mesh that a scene gets."""
+    if scene.preset is Preset.PAPER:
+        return MeshChoice(kind=MeshKind.PAPER, reason="preset paper has the paper's mesh")
+    against = _not_revolved(scene)
+    if against:
+        return MeshChoice(kind=MeshKind.FOOTPRINT, reason=against)
+    return MeshChoice(kind=MeshKind.REVOLVED, reason="round, upright, its edge all on the pad")
+
+
+def contact_reach(scene: Scene) -> float:
+    """Return about how far from its axis a round or flat, unbounded indenter will touch [m]."""
+    if isinstance(scene.indenter, Cylinder):
+        return scene.indenter.radius_m
+    widest = 0.6 * min(scene.pad.half_extents())
+    if not isinstance(scene.indenter, Sphere):
+        return widest
+    radius = scene.indenter.radius_m
+    return float(min(math.sqrt(1.5 * radius * mesh_depth(scene)), radius, widest))
+
+
+def mesh_depth(scene: Scene) -> float:
+    """Return the depth that a revolved mesh is made for [m]."""
+    return scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
+
+
+def footprint_depth(scene: Scene) -> float:
+    """Return the depth that a footprint is taken at [m]."""
+    share = _EXPECTED_DEPTH_SHARE * scene.pad.height_m
+    if scene.target.depth_m is None and isinstance(scene.indenter, MeshIndenter):
+        return share
+    return expected_depth(scene) or share
+
+
+def _not_revolved(scene: Scene) -> str:
+    """Say why no revolved mesh serves a scene, or nothing."""
+    if isinstance(scene.pad, SurfacePad):
+        return "the pad's surface comes from a file"
+    if isinstance(scene.indenter, MeshIndenter):
+        return "the indenter is a mesh"
+    if _lifts_its_rim(scene):
+        return "the indenter is tilted so far that it does not touch all around"
+    reach = _MARGIN_SHARE * contact_reach(scene)
+    start = np.array(scene.centre_m)
+    ways = np.stack([start, start + np.array(scene.motion.shift_m)])
+    if scene.pad.distance_to_outline(ways).min() < reach:
+        return "the indenter's edge lies beside the pad"
+    return ""
+
+
+def _lifts_its_rim(scene: Scene) -> bool:
+    tilt = math.hypot(*scene.motion.tilt_rad)
+    if tilt == 0.0 or isinstance(scene.indenter, Sphere):
+        return False
+    rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, 1.5))
+    return rise > _TILT_SHARE * footprint_depth(scene)

@@ -1,0 +1,259 @@
+"""Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
+
+Every effect that a scene has but does not need within its tolerance is left out: the plan adds up
+the estimated errors, smallest first, and stops before the sum passes the tolerance. What is off is
+not compiled, not launched and not allocated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sim.effects import estimates
+from sim.effects.mesh_choice import MeshKind, mesh_choice
+from sim.scene.indenter import Cylinder, Plane, Sphere
+from sim.scene.material import LawName
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
+from tacauchy_rig.errors import ConfigError
+
+PRESET_TOLERANCE = {
+    Preset.FAST: 0.05,
+    Preset.BALANCED: 0.02,
+    Preset.ACCURATE: 0.005,
+    Preset.REFERENCE: 2e-4,
+    Preset.PAPER: 2e-4,
+}
+_SELF_CONTACT_DEPTH_SHARE = 0.6
+_DRAWN = {
+    Effect.IMAGE: Output.IMAGE,
+    Effect.SHADOW: Output.SHADOW,
+    Effect.MARKERS: Output.MARKERS,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedEffect:
+    """One row of a plan.
+
+    Attributes:
+        on: It is simulated.
+        reason: Why, with the numbers.
+        estimated_error: Relative error of F_z if it is left out; zero where it changes nothing,
+            None where leaving it out would answer another question.
+        asked: The user switched it.
+    """
+
+    effect: Effect
+    on: bool
+    reason: str
+    estimated_error: float | None
+    asked: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values for ``--json``."""
+        return {
+            "name": self.effect.value,
+            "on": self.on,
+            "reason": self.reason,
+            "estimated_error": self.estimated_error,
+            "asked": self.asked,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectPlan:
+    """What is simulated of a scene, and why.
+
+    Attributes:
+        tolerance: Relative error of F_z that all effects left out may have together.
+    """
+
+    effects: tuple[PlannedEffect, ...]
+    tolerance: float
+
+    def is_on(self, effect: Effect) -> bool:
+        """Return whether an effect is simulated."""
+        return next(row.on for row in self.effects if row.effect is effect)
+
+    @property
+    def estimated_error(self) -> float:
+        """Sum of the estimated errors of what is left out."""
+        return sum(row.estimated_error or 0.0 for row in self.effects if not row.on)
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return the rows for ``--json``."""
+        return [row.as_json() for row in self.effects]
+
+
+def plan_effects(scene: Scene) -> EffectPlan:
+    """Decide what a scene is simulated with.
+
+    Raises:
+        ConfigError: The user switched something on or off that cannot be.
+    """
+    tolerance = PRESET_TOLERANCE[scene.preset] if scene.tolerance is None else scene.tolerance
+    called = {row.effect: row for row in _called_for(scene)}
+    rows = dict(called)
+    doubtful = [row for row in rows.values() if row.on and row.estimated_error is not None]
+    spent = 0.0
+    for row in sorted(doubtful, key=lambda row: row.estimated_error or 0.0):
+        if row.effect in _ALWAYS_IF_CALLED:
+            continue
+        spent += row.estimated_error or 0.0
+        if spent > tolerance:
+            break
+        reason = f"{row.reason}; left out: within the tolerance of {tolerance:.2%}"
+        rows[row.effect] = replace(row, on=False, reason=reason)
+    for effect, on in scene.effects:
+        if on and not called[effect].on and effect in _CANNOT_BE_ADDED:
+            raise ConfigError(
+                f"effect {effect.value} cannot be switched on: {called[effect].reason}",
+                remedy=_CANNOT_BE_ADDED[effect],
+            )
+        rows[effect] = _switched(called[effect], on=on)
+    return EffectPlan(effects=tuple(rows[effect] for effect in Effect), tolerance=tolerance)
+
+
+_ALWAYS_IF_CALLED = {Effect.SYMMETRY, Effect.SECOND_LAYER, *_DRAWN}
+
+
+def _switched(row: PlannedEffect, *, on: bool) -> PlannedEffect:
+    if on == row.on:
+        return replace(row, asked=True)
+    return replace(row, on=on, asked=True, reason=f"switched by the user; {row.reason}")
+
+
+_CANNOT_BE_ADDED = {
+    Effect.SELF_CONTACT: "leave it off: gel against gel is not simulated",
+    Effect.SECOND_LAYER: "give the layers",
+    Effect.SYMMETRY: "centre the indenter and let it go straight down",
+    Effect.VISCOELASTICITY: "give the material a Prony series",
+    Effect.FRICTION: "ask for --contact friction:MU",
+}
+
+
+def _called_for(scene: Scene) -> Iterator[PlannedEffect]:
+    yield _inertia(scene)
+    yield _gravity(scene)
+    yield _friction(scene)
+    yield _finite_strain(scene)
+    yield _locking(scene)
+    yield _layers(scene)
+    yield _relaxation(scene)
+    yield _self_contact(scene)
+    yield _symmetry(scene)
+    for effect, output in _DRAWN.items():
+        wanted = output in scene.outputs
+        reason = "asked for" if wanted else "not asked for"
+        yield PlannedEffect(effect=effect, on=wanted, reason=reason, estimated_error=0.0)
+
+
+def _inertia(scene: Scene) -> PlannedEffect:
+    error = estimates.inertia_error(scene)
+    period = estimates.slowest_period(scene)
+    reason = f"in proportion to (T1 / t)^2, T1 = {period * 1e3:.2g} ms, t = {scene.duration_s:g} s"
+    return PlannedEffect(effect=Effect.INERTIA, on=True, reason=reason, estimated_error=error)
+
+
+def _gravity(scene: Scene) -> PlannedEffect:
+    error = estimates.gravity_error(scene)
+    reason = "rho g H / E of the softest material"
+    return PlannedEffect(effect=Effect.GRAVITY, on=True, reason=reason, estimated_error=error)
+
+
+def _friction(scene: Scene) -> PlannedEffect:
+    if scene.contact is not ContactMode.FRICTION or scene.friction == 0.0:
+        reason = f"the contact is {scene.contact.value}"
+        return PlannedEffect(effect=Effect.FRICTION, on=False, reason=reason, estimated_error=0.0)
+    if not scene.motion.is_straight or Output.MARKERS in scene.outputs:
+        reason = "the indenter moves along the gel, or markers are asked for"
+        return PlannedEffect(effect=Effect.FRICTION, on=True, reason=reason, estimated_error=None)
+    error = estimates.frictionless_error(scene)
+    reason = f"a straight press at nu {scene.material.poisson:g}: friction changes F_z little"
+    return PlannedEffect(effect=Effect.FRICTION, on=True, reason=reason, estimated_error=error)
+
+
+def _finite_strain(scene: Scene) -> PlannedEffect:
+    share = estimates.expected_depth(scene) / scene.pad.height_m
+    reason = f"depth is {share:.1%} of the pad's thickness"
+    laws = {material.law for material in scene.materials}
+    linear = LawName.LINEAR in laws
+    error = None if not scene.motion.is_straight else estimates.linear_error(scene)
+    if LawName.PAPER_EQ4 in laws:
+        error = None
+        reason = "the printed law is under tension at rest, which small strains do not know"
+    return PlannedEffect(
+        effect=Effect.FINITE_STRAIN,
+        on=not linear,
+        reason="the law is linear" if linear else reason,
+        estimated_error=None if linear else error,
+        asked=linear,
+    )
+
+
+def _locking(scene: Scene) -> PlannedEffect:
+    error = estimates.locking_error(scene)
+    effect = Effect.LOCKING_FREE_ELEMENT
+    if scene.preset is Preset.PAPER:
+        reason = "preset paper has the paper's linear tetrahedra, which lock"
+        return PlannedEffect(effect=effect, on=False, reason=reason, estimated_error=error)
+    poisson = max(material.poisson for material in scene.materials)
+    reason = f"nu is {poisson:g}; linear tetrahedra lock above 0.4"
+    return PlannedEffect(effect=effect, on=True, reason=reason, estimated_error=error)
+
+
+def _layers(scene: Scene) -> PlannedEffect:
+    count = len(scene.layers)
+    on = count > 1
+    reason = f"the gel has {count} layers" if on else "the gel is of one material"
+    error = None if on else 0.0
+    return PlannedEffect(effect=Effect.SECOND_LAYER, on=on, reason=reason, estimated_error=error)
+
+
+def _relaxation(scene: Scene) -> PlannedEffect:
+    effect = Effect.VISCOELASTICITY
+    if not any(material.relaxation for material in scene.materials):
+        reason = "the material has no Prony series"
+        return PlannedEffect(effect=effect, on=False, reason=reason, estimated_error=0.0)
+    error = estimates.relaxation_error(scene)
+    reason = f"force above the slow modulus's at the end of {scene.duration_s:g} s"
+    return PlannedEffect(effect=effect, on=True, reason=reason, estimated_error=error)
+
+
+def _self_contact(scene: Scene) -> PlannedEffect:
+    share = estimates.expected_depth(scene) / scene.pad.height_m
+    convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
+    if convex and share <= _SELF_CONTACT_DEPTH_SHARE:
+        reason = "a convex pad under one convex indenter cannot touch itself"
+    else:
+        reason = (
+            "gel against gel is not simulated; min det F and the gap tell where it would matter"
+        )
+    return PlannedEffect(
+        effect=Effect.SELF_CONTACT,
+        on=False,
+        reason=reason,
+        estimated_error=0.0 if convex and share <= _SELF_CONTACT_DEPTH_SHARE else None,
+    )
+
+
+def _symmetry(scene: Scene) -> PlannedEffect:
+    why_not = _asymmetry(scene)
+    reason = why_not or "pad, indenter and motion are mirrored: a quarter or half is solved"
+    return PlannedEffect(effect=Effect.SYMMETRY, on=not why_not, reason=reason, estimated_error=0.0)
+
+
+def _asymmetry(scene: Scene) -> str:
+    choice = mesh_choice(scene)
+    if choice.kind is not MeshKind.REVOLVED:
+        return f"the whole pad is meshed: {choice.reason}"
+    if not scene.motion.is_straight:
+        return "the indenter shifts, turns or is tilted"
+    if 0.0 not in scene.centre_m:
+        return "the indenter is off both middle planes"
+    if isinstance(scene.pad, DiscPad) and any(scene.centre_m):
+        return "the indenter is off the disc's middle"
+    return ""

@@ -1,0 +1,299 @@
+"""Presets: which element and mesh a scene gets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.contact.state import ContactOptions
+from sim.effects.footprint_presets import diagonal, footprint_mesh
+from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice
+from sim.effects.plan import EffectPlan, plan_effects
+from sim.material.laws.catalogue import law
+from sim.material.per_element import element_constants, prony_of
+from sim.mesh.elements import ElementOrder
+from sim.mesh.graded_plane import Grading, Triangulation
+from sim.mesh.revolved import revolved_mesh, revolved_section
+from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, refuse_flat
+from sim.mesh.tetwild import WildSizing, wild_mesh
+from sim.scene.indenter import Cylinder
+from sim.scene.layers import interface_shares, law_name, sector_factor
+from sim.scene.material import LawName
+from sim.scene.scene import ContactMode, Effect, Preset, Scene
+from sim.scene.triangle_pad import SurfacePad
+from sim.solve.model import Model
+from tacauchy_rig.errors import ConfigError
+
+PAPER_SIZING = WildSizing()
+_SLOPE_MAX = 0.75
+# What a sharp edge happens to cut decides F_z there. With the rim's nodes on a polygon in it and 12
+# contact points on a face, a flat punch on an elastic layer comes out 3.5 % too soft to 2.5 % too
+# stiff by chance as the mesh is refined. With the polygon around it, as near to it as
+# ``_resolution`` has it, and 48 points, edges of 0.03, 0.02 and 0.015 radii (24 sectors, growth
+# 2.2) come out 7.2, 2.3 and 0.7 % too stiff.
+_SAGITTA_SHARE = 0.48
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resolution:
+    """A revolved mesh's numbers.
+
+    Attributes:
+        edge_share: Edge length at a punch's sharp rim over its radius.
+        smooth_share: Edge length under a rounded indenter over the expected contact radius.
+        growth: Ratio of neighbouring edge lengths away from there.
+        sector_count: Sectors of a full turn.
+        fillet_share: Largest edge length at a rounded rim over its fillet.
+        rounded_share: Largest edge length at a rounded rim over the punch's radius.
+        size_max_m: Largest edge length [m].
+        under_share: Largest edge length under the indenter and near it, over the pad's height.
+    """
+
+    edge_share: float
+    smooth_share: float
+    growth: float
+    sector_count: int
+    fillet_share: float = 0.5
+    rounded_share: float = 0.04
+    size_max_m: float = 2.5e-3
+    under_share: float = math.inf
+
+
+# F_z of a punch with a fillet of 0.1 mm, 0.5 mm deep in a GelSight Mini, edges of 0.05 mm at its
+# rim: preset fast 2.942 N; with 24 or 32 sectors 2.943 and 2.944 N; with growth 1.5 instead of 2
+# 2.920 N; with every edge halved 2.896 N. What lies away from the rim decides, not the rim.
+RESOLUTIONS = {
+    Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
+    Preset.BALANCED: Resolution(
+        edge_share=0.02, smooth_share=0.17, growth=1.5, sector_count=20, size_max_m=1.5e-3
+    ),
+    Preset.ACCURATE: Resolution(
+        edge_share=0.01, smooth_share=0.10, growth=1.4, sector_count=28, size_max_m=1.25e-3
+    ),
+    Preset.REFERENCE: Resolution(
+        edge_share=0.01,
+        smooth_share=0.07,
+        growth=1.3,
+        sector_count=36,
+        fillet_share=0.25,
+        size_max_m=1e-3,
+    ),
+}
+
+# Preset fast of a light scene: at a rim an edge as long as the fillet. A 5 mm cylinder 1 mm deep in
+# a GelSight Mini, d_hat 20 um, against preset accurate: fillet 0.3 mm +2.0 % (preset fast's other
+# edges +3.1 %, twice these +10 %), fillet 0.1 mm +5.9 % (+3.5 %).
+LIGHT = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
+
+
+# The mesh of a batch: a GPU's block of threads takes 512 elements at once. A gel that keeps its
+# volume flows sideways under the punch, in all of its height, and edges that grow as LIGHT's do not
+# follow that. The same cylinder, 1 mm deep, d_hat 42 um: 5.681 N with LIGHT's 500 tetrahedra,
+# 5.644 N with the 496 of these; preset reference 5.515 N, and 5.486 N is what it tends to.
+BATCH = replace(LIGHT, under_share=0.25, size_max_m=9e-3)
+# Of the pad's height beyond an indenter's end: so far the gel flows.
+_NEAR_SHARE = 0.7
+
+
+# A light scene's F_z is decided in the section through its axis. A punch of 4 mm on edges 1, 1.4
+# and 2 times shorter than these: 2.4, 1.3 and 0.68 % off with 16 sectors, 2.2, 1.3 and 0.54 % with
+# 24, for 1.5 to 2 times the time; 3.3, 2.0 and 1.3 % with 12.
+_SECTOR_GROWTH, _SECTOR_BASE = 0.5, 1.6
+
+
+def light_resolution(refinement: float) -> Resolution:
+    """Return a light scene's resolution with every edge of its section so many times shorter."""
+    found = refined(LIGHT, refinement)
+    count = LIGHT.sector_count * (refinement / _SECTOR_BASE) ** _SECTOR_GROWTH
+    least = LIGHT.sector_count if refinement >= 1.0 else 8
+    return replace(found, sector_count=max(least, 4 * round(0.25 * count)))
+
+
+def refined(resolution: Resolution, factor: float) -> Resolution:
+    """Return a resolution with every edge ``factor`` times shorter, near the indenter and away."""
+    if factor == 1.0:
+        return resolution
+    slope = min((resolution.growth - 1.0) / resolution.growth / factor, _SLOPE_MAX)
+    return Resolution(
+        edge_share=resolution.edge_share / factor,
+        smooth_share=resolution.smooth_share / factor,
+        fillet_share=resolution.fillet_share / factor,
+        rounded_share=resolution.rounded_share / factor,
+        growth=1.0 / (1.0 - slope),
+        size_max_m=resolution.size_max_m / factor,
+        under_share=resolution.under_share / factor,
+        sector_count=max(8, 4 * round(0.25 * resolution.sector_count * factor)),
+    )
+
+
+def build_model(
+    scene: Scene,
+    *,
+    plan: EffectPlan | None = None,
+    refinement: float = 1.0,
+    mesh: TetMesh | None = None,
+    device: str = "cpu",
+) -> Model:
+    """Mesh a scene's pad and set up its model.
+
+    Args:
+        plan: Effects to include; None plans them.
+        refinement: Make every edge this many times shorter than the scene does.
+        mesh: Take this mesh instead of the preset's.
+
+    Raises:
+        ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
+    """
+    plan = plan or plan_effects(scene)
+    name = law_name(scene.material, scene.layers)
+    if not plan.is_on(Effect.FINITE_STRAIN):
+        name = LawName.LINEAR
+    if mesh is None:
+        mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
+    young, poisson = element_constants(mesh, scene.materials)
+    options = ContactOptions(
+        distance_m=scene.contact_distance_m,
+        bonded=scene.contact is ContactMode.BONDED,
+        friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
+        extension=1.0 if scene.is_light else ContactOptions().extension,
+        face_splits=1 if scene.has_sharp_rim and scene.preset is not Preset.PAPER else 0,
+    )
+    return Model(
+        mesh,
+        order=ElementOrder.P2 if plan.is_on(Effect.LOCKING_FREE_ELEMENT) else ElementOrder.P1,
+        law=law(name),
+        young_pa=young,
+        poisson=poisson,
+        contact_options=options,
+        prony=prony_of(mesh, scene.materials) if plan.is_on(Effect.VISCOELASTICITY) else None,
+        device=device,
+    )
+
+
+def mesh_for(
+    scene: Scene,
+    *,
+    folded: bool = True,
+    refinement: float = 1.0,
+    resolution: Resolution | None = None,
+) -> TetMesh:
+    """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
+
+    Args:
+        folded: Mesh a part where symmetry allows.
+        refinement: Make every edge this many times shorter; preset paper has but one mesh.
+        resolution: Take these numbers for a revolved mesh instead of the preset's.
+    """
+    shares = interface_shares(scene.layers)
+    if scene.preset is Preset.PAPER:
+        return _paper_mesh(scene, shares)
+    if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
+        return footprint_mesh(scene, shares=shares, refinement=refinement * scene.refinement)
+    resolution = refined(_scene_resolution(scene, resolution), refinement)
+    return revolved_mesh(
+        scene.pad,
+        _grading(scene, resolution),
+        centre_m=scene.centre_m,
+        sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
+        name=f"revolved, {scene.preset.value}",
+        interface_shares=shares,
+        folded=folded,
+        circumscribed=scene.has_sharp_rim,
+    )
+
+
+def section_for(scene: Scene) -> Triangulation:
+    """Return the half section of a scene's revolved mesh, of a gel of one material.
+
+    Raises:
+        ConfigError: The pad comes from a file.
+    """
+    pad = scene.pad
+    if isinstance(pad, SurfacePad):
+        raise ConfigError("a pad from a file has no section", remedy="give a box or a disc")
+    resolution = _scene_resolution(scene, None)
+    return revolved_section(
+        pad,
+        _grading(scene, resolution),
+        centre_m=scene.centre_m,
+        sector_count=resolution.sector_count,
+    )
+
+
+def sectors_of(scene: Scene) -> int:
+    """Return the sectors of a full turn of a scene's revolved mesh."""
+    return _scene_resolution(scene, None).sector_count
+
+
+def finest_edge_m(scene: Scene) -> float:
+    """Return the edge length that a scene's preset gives to the indenter's rim or contact [m]."""
+    return _grading(scene, _resolution(scene)).size_m
+
+
+def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
+    """Return a preset's resolution or the one that is given, refined as the scene has it."""
+    if given is None and scene.is_light:
+        return light_resolution(scene.refinement)
+    return refined(given or _resolution(scene), scene.refinement)
+
+
+def _resolution(scene: Scene) -> Resolution:
+    """Return a scene's resolution, with sectors enough for a sharp rim.
+
+    A circle leaves its polygon by half the square of half a sector's angle: that is kept below the
+    rim's edges.
+    """
+    if scene.is_light:
+        return LIGHT
+    resolution = RESOLUTIONS[scene.preset]
+    if not scene.has_sharp_rim:
+        return resolution
+    sectors = np.pi / np.sqrt(2.0 * _SAGITTA_SHARE * resolution.edge_share)
+    return replace(resolution, sector_count=max(resolution.sector_count, 4 * round(0.25 * sectors)))
+
+
+def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
+    pad, sizing = scene.pad, _paper_sizing(scene)
+    key = mesh_key(pad, sizing, *([shares] if shares else []))
+    mesh = stored_mesh(
+        "paper",
+        key,
+        lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
+    )
+    refuse_flat(mesh, scene.filling.dihedral_min_rad or 0.0)
+    return mesh
+
+
+def _paper_sizing(scene: Scene) -> WildSizing:
+    asked = scene.filling
+    return replace(
+        PAPER_SIZING,
+        coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(scene.pad),
+        envelope_share=asked.epsilon_r or PAPER_SIZING.envelope_share,
+        stop_energy=asked.stop_energy or PAPER_SIZING.stop_energy,
+    )
+
+
+def _grading(scene: Scene, resolution: Resolution) -> Grading:
+    indenter = scene.indenter
+    if isinstance(indenter, Cylinder):
+        size = resolution.edge_share * indenter.radius_m
+        if indenter.fillet_m > 0.0:
+            coarsest = resolution.rounded_share * indenter.radius_m
+            size = min(coarsest, resolution.fillet_share * indenter.fillet_m)
+        start, end = indenter.radius_m - indenter.fillet_m, indenter.radius_m
+    else:
+        start, end = 0.0, contact_reach(scene)
+        size = resolution.smooth_share * end
+    return Grading(
+        start_m=start,
+        end_m=end,
+        size_m=size,
+        growth=resolution.growth,
+        size_max_m=resolution.size_max_m,
+        near_max_m=resolution.under_share * scene.pad.height_m,
+        near_m=end + _NEAR_SHARE * scene.pad.height_m,
+    )

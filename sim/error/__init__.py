@@ -1,0 +1,1 @@
+"""What a simulated force is worth."""

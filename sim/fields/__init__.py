@@ -1,0 +1,1 @@
+"""What a press leaves behind: stress, traction, contact force, surface."""

@@ -1,0 +1,224 @@
+"""Stress where two layers meet: from below, from above, and the force that goes through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+from sim.fields.layer_stress import layer_stress
+from sim.mesh.elements import boundary_faces, shape_gradients
+from sim.solve.model import Model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InterfaceTraction:
+    """One interface of a deformed gel, shape [face_count, point_count, ...] for the modelled part.
+
+    Forces are those of the gel below on the gel above for the whole pad, +z in compression, as the
+    force on the indenter is.
+
+    The elements' own stress is discontinuous. That of a stiff skin is worth little across it: the
+    error scales with the skin's modulus, the traction with the soft gel's. The recovered traction
+    has the nodal forces of either side as its virtual work, so it is one and balances the press.
+
+    Attributes:
+        nodes: Nodes of the interface, shape [node_count].
+        recovered_pa: Recovered traction on the upper side of the lower layer, shape [node_count,
+            3].
+        recovered_above_pa: The same from the nodal forces of the layers above; equilibrium of the
+            nodes makes the two equal, but for weight.
+        normals: Deformed unit normals, out of the lower layer.
+        areas_m2: Deformed area of each point.
+        below_pa: t = sigma n, sigma of the element below.
+        above_pa: t = sigma n, sigma of the element above; the same in the exact solution.
+        smooth_below_pa: As ``below_pa``, of the lower layer's stress made continuous within it.
+        smooth_above_pa: As ``above_pa``, of the upper layer's.
+        force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, but for
+            the weight in between, shape [3].
+        force_below_n: Integral of ``below_pa``, shape [3].
+        force_above_n: Integral of ``above_pa``, shape [3].
+        force_smooth_below_n: Integral of ``smooth_below_pa``, shape [3].
+        force_smooth_above_n: Integral of ``smooth_above_pa``, shape [3].
+    """
+
+    nodes: IntArray
+    recovered_pa: FloatArray
+    recovered_above_pa: FloatArray
+    normals: FloatArray
+    areas_m2: FloatArray
+    below_pa: FloatArray
+    above_pa: FloatArray
+    smooth_below_pa: FloatArray
+    smooth_above_pa: FloatArray
+    force_n: FloatArray
+    force_below_n: FloatArray
+    force_above_n: FloatArray
+    force_smooth_below_n: FloatArray
+    force_smooth_above_n: FloatArray
+
+    @property
+    def recovered_jump_relative(self) -> float:
+        """Norm over the nodes of the recovered tractions' difference over that of the lower one."""
+        size = float(np.linalg.norm(self.recovered_pa))
+        jump = float(np.linalg.norm(self.recovered_above_pa - self.recovered_pa))
+        return jump / size if size > 0.0 else 0.0
+
+    @property
+    def jump_relative(self) -> float:
+        """Norm of the traction's jump over the norm of its mean, both over the interface."""
+        return self._jump(self.below_pa, self.above_pa)
+
+    @property
+    def smooth_jump_relative(self) -> float:
+        """The same of the layers' continuous stresses."""
+        return self._jump(self.smooth_below_pa, self.smooth_above_pa)
+
+    def _jump(self, below_pa: FloatArray, above_pa: FloatArray) -> float:
+        jump = ((above_pa - below_pa) ** 2).sum(axis=2)
+        mean = ((0.5 * (above_pa + below_pa)) ** 2).sum(axis=2)
+        size = float((mean * self.areas_m2).sum())
+        return float(np.sqrt((jump * self.areas_m2).sum() / size)) if size > 0.0 else 0.0
+
+
+def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
+    """Return the traction on every interface from the base upwards; none in a gel of one layer.
+
+    Args:
+        positions: Deformed nodes [m], shape [node_count, 3].
+    """
+    labels = model.mesh.layers
+    if labels is None:
+        return ()
+    return tuple(_traction(model, positions, labels, layer) for layer in range(int(labels.max())))
+
+
+def _traction(
+    model: Model, positions: FloatArray, labels: IntArray, layer: int
+) -> InterfaceTraction:
+    below = labels <= layer
+    faces, under, over = _shared_faces(model.elements, below)
+    reference = model.reference
+    along = np.einsum("pka,fkx->afpx", reference.face_gradients, positions[faces])
+    vectors = 0.5 * np.cross(along[0], along[1]) * reference.face_weights[:, None]
+    areas = np.linalg.norm(vectors, axis=2)
+    normals = vectors / areas[..., None]
+    lower, upper = (
+        np.einsum("fpij,fpj->fpi", _stress_on_faces(model, positions, faces, parents), normals)
+        for parents in (under, over)
+    )
+    smooth_lower, smooth_upper = (
+        _smooth_traction(model, layer_stress(model, positions, side), faces, normals)
+        for side in (labels == layer, labels == layer + 1)
+    )
+    fold = model.mesh.fold
+    nodes = np.unique(faces)
+    forces, forces_above = (
+        _nodal_forces(model, positions, side)[nodes] for side in (below, ~below)
+    )
+    return InterfaceTraction(
+        nodes=nodes,
+        recovered_pa=_recovered(model, faces, areas, nodes, forces),
+        recovered_above_pa=_recovered(model, faces, areas, nodes, -forces_above),
+        normals=normals,
+        areas_m2=areas,
+        below_pa=lower,
+        above_pa=upper,
+        smooth_below_pa=smooth_lower,
+        smooth_above_pa=smooth_upper,
+        force_n=-fold.whole_force(forces.sum(axis=0)),
+        force_below_n=-fold.whole_force(np.einsum("fpi,fp->i", lower, areas)),
+        force_above_n=-fold.whole_force(np.einsum("fpi,fp->i", upper, areas)),
+        force_smooth_below_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_lower, areas)),
+        force_smooth_above_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_upper, areas)),
+    )
+
+
+def _smooth_traction(
+    model: Model, stress_pa: FloatArray, faces: IntArray, normals: FloatArray
+) -> FloatArray:
+    """Return sigma n at the faces' points, sigma between the vertices' [Pa], shape [f, p, 3]."""
+    at_points = np.einsum("pc,fcij->fpij", model.reference.face_points, stress_pa[faces[:, :3]])
+    return np.asarray(np.einsum("fpij,fpj->fpi", at_points, normals))
+
+
+def _shared_faces(
+    elements: IntArray, below: NDArray[np.bool_]
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the faces between two sets of elements and the element on either side of each."""
+    sides = []
+    for side in (below, ~below):
+        chosen = np.flatnonzero(side).astype(np.int32)
+        faces, parents = boundary_faces(elements[chosen])
+        corners = np.sort(faces[:, :3], axis=1)
+        order = np.lexsort(corners.T)
+        sides.append((faces[order], chosen[parents[order]], corners[order]))
+    (faces, under, low), (_, over, high) = sides
+    stride = int(elements.max()) + 1
+    keys = [(c[:, 0].astype(np.int64) * stride + c[:, 1]) * stride + c[:, 2] for c in (low, high)]
+    _, here, there = np.intersect1d(keys[0], keys[1], assume_unique=True, return_indices=True)
+    return faces[here], under[here], over[there]
+
+
+def _stress_on_faces(
+    model: Model, positions: FloatArray, faces: IntArray, parents: IntArray
+) -> FloatArray:
+    """Return the stress of one side's elements at the faces' points, shape [f, p, 3, 3]."""
+    nodes = model.elements[parents]
+    points = model.reference.face_points
+    barycentric = np.zeros((len(faces), len(points), 4))
+    for corner in range(3):
+        place = np.argmax(nodes[:, :4] == faces[:, corner, None], axis=1)
+        barycentric[np.arange(len(faces)), :, place] = points[:, corner]
+    gradients = shape_gradients(model.reference.order, barycentric)
+    corners = model.nodes[nodes[:, :4]]
+    jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    deformed = np.einsum("fnx,fpny->fpxy", positions[nodes], gradients)
+    deformations = deformed @ np.linalg.inv(jacobians)[:, None]
+    stress = model.stress_at(deformations.reshape(-1, 3, 3), np.repeat(parents, len(points)))
+    return stress.reshape(deformations.shape)
+
+
+def _nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+    """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
+
+    An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.
+    """
+    nodes = model.elements[chosen]
+    deformed = np.einsum("enx,qny->eqxy", positions[nodes], model.reference.gradients)
+    inverse = np.swapaxes(np.linalg.inv(deformed), 2, 3)
+    cofactors = np.linalg.det(deformed)[..., None, None] * inverse
+    weighted = model.cauchy_stress(positions)[chosen] * model.reference.weights[:, None, None] / 6.0
+    forces = np.einsum("eqik,qnk->eni", weighted @ cofactors, model.reference.gradients)
+    total = np.zeros_like(positions)
+    np.add.at(total, nodes, forces)
+    return total
+
+
+def _recovered(
+    model: Model, faces: IntArray, areas: FloatArray, nodes: IntArray, forces: FloatArray
+) -> FloatArray:
+    """Return the traction whose virtual work on the faces is that of nodal forces [Pa].
+
+    On a mirror plane its components across the plane are zero.
+    """
+    values = model.reference.face_values
+    local = np.searchsorted(nodes, faces)
+    blocks = np.einsum("fp,pi,pj->fij", areas, values, values)
+    rows, columns = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    shape = (len(nodes), len(nodes))
+    mass = scipy.sparse.csc_matrix(
+        (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape
+    )
+    size = float(np.abs(model.mesh.vertices).max())
+    held = model.mesh.fold.on_plane(model.nodes[nodes], size)
+    traction = np.zeros_like(forces)
+    for axis in range(3):
+        free = np.flatnonzero(~held[:, axis])
+        part = mass[free][:, free]
+        traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
+    return traction

@@ -1,0 +1,114 @@
+"""What a press leaves behind: arrays for a npz file, a VTU file, and the surface for the optics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+from sim.fields.stress import nodal_contact, surface_stress
+from sim.fields.surface import SurfaceState
+from sim.fields.vtu import QUADRATIC_TRIANGLE, TRIANGLE, vtu_bytes
+from sim.mesh.elements import linear_facets
+from sim.mesh.symmetry import Unfolding
+from sim.scene.indenter import grown
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialFields:
+    """Fields of one equilibrium.
+
+    Attributes:
+        arrays: For ``fields.npz``, units in the names.
+        surface: The deformed contact surface, for the optics.
+        surface_vtu: The whole deformed surface with stress and contact, for ParaView.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    surface: SurfaceState
+    surface_vtu: bytes
+
+
+def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
+    """Extract stress, contact and surface from an equilibrium."""
+    model = path.model
+    stress = surface_stress(model, point.state.positions)
+    contact = nodal_contact(model, point)
+    nodes, faces = _renumbered(model.faces, len(model.nodes))
+    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    positions = whole.vectors(point.state.positions[nodes])
+    faces = whole.faces(faces)
+    at_nodes = {
+        "displacement_m": whole.vectors((point.state.positions - model.nodes)[nodes]),
+        "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
+        "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
+        "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
+        "contact_pressure_pa": whole.scalars(contact.pressure_pa[nodes]),
+    }
+    at_faces = {
+        "traction_pa": whole.face_vectors(stress.traction_pa),
+        "normal_traction_pa": whole.face_scalars(stress.normal_pa),
+        "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),
+    }
+    kind = QUADRATIC_TRIANGLE if faces.shape[1] == 6 else TRIANGLE
+    return TrialFields(
+        arrays={
+            "node_rest_m": whole.vectors(model.nodes[nodes]),
+            "node_m": positions,
+            "faces": faces,
+            "face_area_m2": whole.face_scalars(stress.areas_m2),
+            "face_normal": whole.face_vectors(stress.normals),
+            "indenter_tip_m": point.state.tip,
+            **at_nodes,
+            **at_faces,
+        },
+        surface=surface_state(path, point),
+        surface_vtu=vtu_bytes(positions, faces, kind, point_data=at_nodes, cell_data=at_faces),
+    )
+
+
+def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
+    """Hand over the contact surface: the faces that look up at rest.
+
+    With a wide barrier the indenter comes with all that lies within d_hat of it: that is what the
+    gel takes its shape from, and what depths count from.
+    """
+    model = path.model
+    options = model.contact_options
+    reach = options.distance_m if options.is_wide else 0.0
+    nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
+    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    faces = whole.faces(faces)
+    return SurfaceState(
+        positions_rest=whole.vectors(model.nodes[nodes]),
+        positions=whole.vectors(point.state.positions[nodes]),
+        triangles=linear_facets(faces),
+        triangles6=faces if faces.shape[1] == 6 else None,
+        indenter=grown(path.indenter, reach) if reach else path.indenter,
+        indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
+        indenter_rotation=point.state.rotation.copy(),
+        rest_apex_m=float(model.nodes[:, 2].max()),
+        standoff_m=options.distance_m - reach,
+        mesh_axis_m=model.mesh.axis_m,
+    )
+
+
+def top_faces(model: Model) -> NDArray[np.bool_]:
+    """Return which unclamped faces belong to the contact surface, shape [face_count]."""
+    a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
+    normals: FloatArray = np.cross(b - a, c - a)
+    return np.asarray(normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1))
+
+
+def _renumbered(faces: IntArray, node_count: int) -> tuple[IntArray, IntArray]:
+    """Return the nodes that faces use, and the faces in their numbering."""
+    nodes = np.unique(faces)
+    local = np.zeros(node_count, dtype=np.int32)
+    local[nodes] = np.arange(len(nodes), dtype=np.int32)
+    return nodes, local[faces]

@@ -1,0 +1,48 @@
+"""The deformed gel surface as the mechanics hands it to the optics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim.arrays import FloatArray, IntArray
+from sim.scene.indenter import Indenter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceState:
+    """The gel's contact surface at rest and deformed, and the indenter in it.
+
+    The frame is the pad's: x, y centred on the pad, z = 0 at the clamped base, +z towards the
+    indenter. Only the top surface is held, not the side walls or the base. Of a quadratic
+    element (P2) the mid-edge nodes are nodes like any other.
+
+    Attributes:
+        positions_rest: Nodes at rest [m], shape [node_count, 3].
+        positions: The same nodes deformed [m], shape [node_count, 3].
+        triangles: Linear facets, counter-clockwise seen from +z, shape [facet_count, 3]; a
+            quadratic face gives four.
+        triangles6: Quadratic faces, shape [face_count, 6]: corners 0, 1, 2, then the nodes on the
+            edges 01, 12, 20 (straight-sided at rest, parabolic when deformed); None for linear
+            elements.
+        indenter: The rigid body, or with a wide barrier what lies within d_hat of it; its
+            ``lower_surface(x, y)`` is the height above its own tip.
+        indenter_position: Its tip [m], shape [3]: no point of the gel lies above
+            ``indenter_position[2] + lower_surface(x - indenter_position[0], ...)``, unless by a
+            part of a wide barrier's d_hat where it is pressed hard.
+        indenter_rotation: Indenter frame to pad frame, shape [3, 3]; identity for a plain press.
+        rest_apex_m: Height of the highest point of the pad at rest [m].
+        standoff_m: How far off the indenter the gel lies where it touches [m]: the contact
+            distance d_hat, while the indenter is the body itself.
+        mesh_axis_m: Axis about which the mesh was revolved, x and y [m]; None where it was not.
+    """
+
+    positions_rest: FloatArray
+    positions: FloatArray
+    triangles: IntArray
+    triangles6: IntArray | None
+    indenter: Indenter
+    indenter_position: FloatArray
+    indenter_rotation: FloatArray
+    rest_apex_m: float
+    standoff_m: float = 0.0
+    mesh_axis_m: tuple[float, float] | None = None

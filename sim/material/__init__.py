@@ -1,0 +1,1 @@
+"""The gel's elasticity: laws, element kernels, relaxation."""

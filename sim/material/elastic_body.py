@@ -1,0 +1,173 @@
+"""The gel on a device: its elastic energy with gradient, Hessian and stress, by one law."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import FloatArray, IntArray
+from sim.device import KERNEL_EPSILON, Device, on_host
+from sim.material import elasticity
+from sim.material.element_gradient import element_gradient_kernel
+from sim.material.laws.tangent import Law, Tangent
+from sim.material.prony import PronySeries
+from sim.material.relaxation import Relaxation
+from sim.mesh.discretisation import Discretisation
+
+
+class ElasticBody:
+    """A pad's tetrahedra with their materials.
+
+    Args:
+        young_pa: E of every tetrahedron [Pa].
+        poisson: nu of every tetrahedron.
+        prony: How the gel relaxes, if it does; E is then that of slow loading.
+
+    Attributes:
+        rounding_n: About how much the nodal forces change, in norm, when every coordinate is
+            rounded [N].
+        relaxation: What the gel remembers; None for an elastic one.
+    """
+
+    def __init__(
+        self,
+        pad: Discretisation,
+        *,
+        law: Law,
+        young_pa: FloatArray,
+        poisson: FloatArray,
+        prony: PronySeries | None,
+        device: Device,
+    ) -> None:
+        self._device = device
+        self._law, self._kernels = law, elasticity.elastic_kernels(law)
+        self._reference = pad.reference
+        self._node_count = len(pad.nodes)
+        self._shape = (len(pad.elements), len(pad.reference.weights))
+        materials = np.column_stack([young_pa, poisson])
+        distinct, material = np.unique(materials, axis=0, return_inverse=True)
+        parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
+        self._arrays = [
+            device.array(pad.elements, wp.int32),
+            device.array(pad.reference.gradients, wp.vec3d),
+            device.array(pad.inverse_jacobians, wp.mat33d),
+            device.array(pad.volumes[:, None] * pad.reference.weights, wp.float64),
+            device.array(parameters[material.reshape(-1)], wp.vec4d),
+        ]
+        self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
+        self.rounding_n = _rounding_force(pad, young_pa, poisson)
+        self.relaxation = None if prony is None else Relaxation(law, self._arrays, prony, pad.nodes)
+
+    def energy(self, positions: FloatArray) -> tuple[float, float]:
+        """Return the elastic energy [J] and the smallest volume ratio J."""
+        energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
+        at = self._device.vectors(positions)
+        inputs = [*self._loaded, at]
+        self._device.launch(self._kernels.energy, self._shape, inputs, [energies, ratios])
+        if self.relaxation is not None:
+            self.relaxation.add_energy(at, energies)
+        return float(on_host(energies).sum()), float(on_host(ratios).min())
+
+    def gradient(self, positions: FloatArray) -> FloatArray:
+        """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
+        out = self._device.zeros(self._node_count, wp.vec3d)
+        at = self._device.vectors(positions)
+        self._device.launch(self._kernels.gradient, self._shape, [*self._loaded, at], [out])
+        if self.relaxation is not None:
+            self.relaxation.add_gradient(at, out)
+        return on_host(out)
+
+    def recorded_gradient(self, positions: Any, out: Any) -> Any:
+        """Return a launch that adds the gradient [N] at positions [m], both on the device.
+
+        What the gel remembers is left out.
+        """
+        nodes, _, *model = self._arrays
+        kernel = element_gradient_kernel(self._law, self._reference.order)
+        return self._device.record(kernel, self._shape[:1], [nodes, *model, positions], [out])
+
+    def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
+        """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
+        energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
+        launch = self._device.record(
+            self._kernels.energy, self._shape, [*self._arrays, positions], [energies, ratios]
+        )
+        return on_host(ratios), launch
+
+    def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
+        """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
+        tangents, *vectors = self._tangent_room
+        inputs = [*self._loaded, self._device.vectors(positions), projected]
+        self._device.launch(self._kernels.tangent, self._shape, inputs, [tangents, *vectors])
+        self._device.launch(
+            self._kernels.hessian,
+            (self._shape[0], self._reference.node_count),
+            [self._slots, tangents, *vectors],
+            [values],
+        )
+        if self.relaxation is not None:
+            self.relaxation.add_hessian(self._slots, values, projected=projected)
+
+    def cauchy_stress(self, positions: FloatArray) -> FloatArray:
+        """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
+        out = self._device.empty(self._shape, wp.mat33d)
+        nodes, gradients, inverse, _, parameters = self._arrays
+        at = self._device.vectors(positions)
+        inputs = [nodes, gradients, inverse, parameters, at]
+        self._device.launch(self._kernels.stress, self._shape, inputs, [out])
+        if self.relaxation is not None:
+            self.relaxation.add_stress(at, out)
+        return on_host(out)
+
+    def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
+        """Return the elastic Cauchy stress of given deformation gradients [Pa].
+
+        What the gel remembers is known at quadrature points only, and is left out.
+
+        Args:
+            deformations: F, shape [count, 3, 3].
+            elements: Whose material, shape [count].
+
+        Returns:
+            Shape [count, 3, 3].
+        """
+        # A made-up element of three nodes, at F's columns, whose gradients are the unit vectors.
+        count = len(deformations)
+        corners = np.arange(3 * count, dtype=np.int32).reshape(count, 3)
+        columns = np.swapaxes(deformations, 1, 2).reshape(-1, 3)
+        out = self._device.empty((count, 1), wp.mat33d)
+        inputs = [
+            self._device.array(corners, wp.int32),
+            self._device.array(np.eye(3)[None], wp.vec3d),
+            self._device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
+            self._device.array(on_host(self._arrays[4])[elements], wp.vec4d),
+            self._device.vectors(columns),
+        ]
+        self._device.launch(self._kernels.stress, (count, 1), inputs, [out])
+        return on_host(out)[:, 0]
+
+    @cached_property
+    def _tangent_room(self) -> list[Any]:
+        """Tangents and shape gradients at the points: arrays that are kept, to be filled anew."""
+        shape = (*self._shape, self._reference.node_count)
+        vectors = [self._device.empty(shape, wp.vec3d) for _ in range(3)]
+        return [self._device.empty(self._shape, Tangent), *vectors]
+
+    @property
+    def _loaded(self) -> list[Any]:
+        """The element arrays, their weights stiffened by what relaxation adds in a step."""
+        if self.relaxation is None:
+            return self._arrays
+        nodes, gradients, inverse, _, parameters = self._arrays
+        return [nodes, gradients, inverse, self.relaxation.weights, parameters]
+
+
+def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:
+    mu, lam = young_pa / (2.0 * (1.0 + poisson)), poisson * young_pa
+    lam = lam / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    stiffness = (lam + 2.0 * mu) * pad.volumes * (pad.inverse_jacobians**2).sum(axis=(1, 2))
+    reach = np.abs(pad.corners).max(axis=(1, 2))
+    return float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))

@@ -1,0 +1,205 @@
+"""Warp kernels of the elastic energy, its gradient and its assembled Hessian.
+
+One set of kernels a law; every element order runs through them.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.material.laws.tangent import Law, Tangent, tangent_block
+from sim.warp_start import start_warp
+
+start_warp()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElasticKernels:
+    """The kernels of one law; each launches over [element_count, point_count] but ``hessian``.
+
+    Attributes:
+        energy: Energy [J], volume ratio and no more.
+        gradient: Adds the energy's gradient [N] to the nodes.
+        tangent: Tangent structs for ``hessian``.
+        hessian: Launches over [element_count, element_node_count]; adds 3 x 3 blocks [N/m].
+        stress: Cauchy stress [Pa] at every point.
+    """
+
+    energy: Any
+    gradient: Any
+    tangent: Any
+    hessian: Any
+    stress: Any
+
+
+@wp.func
+def deformation_gradient(
+    nodes: wp.array2d(dtype=wp.int32),
+    reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    positions: wp.array(dtype=wp.vec3d),
+    element: wp.int32,
+    point: wp.int32,
+) -> wp.mat33d:
+    """Return F = dx/dX of an element at one of its points."""
+    D = wp.mat33d()
+    for node in range(nodes.shape[1]):
+        D += wp.outer(positions[nodes[element, node]], reference_gradients[point, node])
+    return D * inverse_jacobians[element]
+
+
+@cache
+def elastic_kernels(law: Law) -> ElasticKernels:
+    """Build the kernels of a law; Warp compiles them at their first launch and keeps the result."""
+    law_energy, law_stress, law_tangent = law.energy, law.stress, law.tangent
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def energy(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        reference_gradients: wp.array2d(dtype=wp.vec3d),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        weights: wp.array2d(dtype=wp.float64),
+        parameters: wp.array(dtype=wp.vec4d),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        energy_out: wp.array2d(dtype=wp.float64),
+        volume_ratio_out: wp.array2d(dtype=wp.float64),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        energy_out[e, q] = weights[e, q] * law_energy(F, parameters[e])
+        volume_ratio_out[e, q] = wp.determinant(F)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def gradient(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        reference_gradients: wp.array2d(dtype=wp.vec3d),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        weights: wp.array2d(dtype=wp.float64),
+        parameters: wp.array(dtype=wp.vec4d),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        gradient_out: wp.array(dtype=wp.vec3d),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        inverse = inverse_jacobians[e]
+        P = law_stress(F, parameters[e])
+        K = (P * wp.transpose(inverse)) * weights[e, q]
+        for node in range(nodes.shape[1]):
+            wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def tangent(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        reference_gradients: wp.array2d(dtype=wp.vec3d),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        weights: wp.array2d(dtype=wp.float64),
+        parameters: wp.array(dtype=wp.vec4d),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        projected: wp.bool,
+        # Data out:
+        tangent_out: wp.array2d(dtype=Tangent),
+        gradients_out: wp.array3d(dtype=wp.vec3d),
+        deformed_out: wp.array3d(dtype=wp.vec3d),
+        cofactor_out: wp.array3d(dtype=wp.vec3d),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        inverse = inverse_jacobians[e]
+        t = law_tangent(F, parameters[e])
+        if projected:
+            t = semidefinite(t)
+        w = weights[e, q]
+        t.a = t.a * w
+        t.b = t.b * w
+        t.c = t.c * w
+        t.d = t.d * w
+        t.e = t.e * w
+        tangent_out[e, q] = t
+        for node in range(nodes.shape[1]):
+            g = wp.transpose(inverse) * reference_gradients[q, node]
+            gradients_out[e, q, node] = g
+            deformed_out[e, q, node] = t.deformation * g
+            cofactor_out[e, q, node] = t.cofactor * g
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def stress(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        reference_gradients: wp.array2d(dtype=wp.vec3d),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        parameters: wp.array(dtype=wp.vec4d),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        stress_out: wp.array2d(dtype=wp.mat33d),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        P = law_stress(F, parameters[e])
+        stress_out[e, q] = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
+
+    return ElasticKernels(
+        energy=energy, gradient=gradient, tangent=tangent, hessian=hessian, stress=stress
+    )
+
+
+@wp.func
+def semidefinite(t: Tangent) -> Tangent:
+    """Shrink the geometric term until the tangent cannot be indefinite.
+
+    The spectrum of d2J/dF2 lies within twice the largest singular value of F, which its Frobenius
+    norm bounds; no singular value decomposition is needed, at the price of a stiffer step.
+    """
+    bound = wp.float64(2.0) * wp.sqrt(wp.ddot(t.deformation, t.deformation))
+    limit = t.a / wp.max(bound, wp.float64(1.0e-30))
+    t.e = wp.clamp(t.e, -limit, limit)
+    t.c = wp.float64(0.0)
+    return t
+
+
+@wp.kernel(enable_backward=False)
+def hessian(
+    # Model:
+    blocks: wp.array3d(dtype=wp.int32),
+    # Data in:
+    tangents: wp.array2d(dtype=Tangent),
+    gradients: wp.array3d(dtype=wp.vec3d),
+    deformed: wp.array3d(dtype=wp.vec3d),
+    cofactors: wp.array3d(dtype=wp.vec3d),
+    # Data out:
+    values_out: wp.array(dtype=wp.mat33d),
+):
+    """Add an element's blocks to the matrix; ``blocks`` holds 2 * index + transposed, or -1."""
+    e, i = wp.tid()
+    for j in range(i, blocks.shape[2]):
+        slot = blocks[e, i, j]
+        if slot >= 0:
+            total = wp.mat33d()
+            for q in range(tangents.shape[1]):
+                total += tangent_block(
+                    tangents[e, q],
+                    gradients[e, q, i],
+                    gradients[e, q, j],
+                    deformed[e, q, i],
+                    deformed[e, q, j],
+                    cofactors[e, q, i],
+                    cofactors[e, q, j],
+                )
+            if slot % 2 == 1:
+                total = wp.transpose(total)
+            wp.atomic_add(values_out, slot // 2, total)

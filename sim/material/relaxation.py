@@ -1,0 +1,126 @@
+"""Viscoelasticity: a Prony series on the second Piola-Kirchhoff stress.
+
+With S(F) the law's stress at its slow modulus E and r_i = g_i / (1 - sum g) the branches' stiffness
+in units of E,
+
+    S_total = S + sum r_i h_i,  dh_i/dt = dS/dt - h_i / tau_i
+
+Over a step dt the stress is taken to change evenly (Taylor, Pister, Goudreau 1970; Simo 1987):
+
+    h_i <- exp(-dt/tau_i) h_i + gamma_i (S_new - S_old),  gamma_i = (1 - exp(-dt/tau_i)) tau_i/dt
+
+which makes S_total = c S_new + H with c = 1 + sum r_i gamma_i and H known before the step. A step
+is then an equilibrium under the energy c psi(F) + 1/2 H : (F^T F - 1). For dt far above tau c is
+one, the slow modulus; for dt far below, 1/(1 - sum g), the instantaneous one. Shear and volume
+relax alike: Poisson's ratio stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.material import relaxation_kernels as kernels
+from sim.material.laws.tangent import Law
+from sim.material.prony import PronySeries
+
+
+class Relaxation:
+    """What the points of a model remember; its arrays live where the model's do.
+
+    Until ``begin_step`` the gel answers with its slow modulus and remembers nothing.
+
+    Args:
+        law: The model's law.
+        element_arrays: The model's nodes, reference gradients, inverse Jacobians, quadrature
+            weights and law parameters on the device.
+        series: The terms.
+        positions: The nodes when nothing was remembered [m], shape [node_count, 3].
+    """
+
+    def __init__(
+        self, law: Law, element_arrays: Sequence[Any], series: PronySeries, positions: FloatArray
+    ) -> None:
+        self.series = series
+        self._objective = law.is_objective
+        self._advance = kernels.advance_kernel(law)
+        *self._shape_arrays, self._rest_weights, self._parameters = element_arrays
+        self._device = self._rest_weights.device
+        self._points = tuple(self._rest_weights.shape)
+        self._stress = self._tensors(*self._points)
+        self._branches = self._tensors(len(series.times_s), *self._points)
+        self._ratios = self._array(series.ratios)
+        self.forget(positions)
+
+    @property
+    def weights(self) -> Any:
+        """Quadrature weights times c, shape [element_count, point_count]."""
+        return self._weights
+
+    def forget(self, positions: FloatArray) -> None:
+        """Take the gel to have been held at ``positions`` [m] for ever."""
+        self._set_step(np.zeros(len(self.series.times_s)), np.zeros(len(self.series.times_s)))
+        self._history = self._tensors(*self._points)
+        self.commit(positions)
+
+    def begin_step(self, step_s: float) -> None:
+        """Prepare a step from the last commit; it may be begun again.
+
+        Args:
+            step_s: From 0 s, at once, to inf, for ever.
+        """
+        spent = step_s / self.series.times_s
+        gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
+        self._set_step(np.exp(-spent), gains)
+        inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
+        self._launch(kernels.recall, self._points, inputs, [self._history])
+
+    def commit(self, positions: FloatArray) -> None:
+        """Accept ``positions`` [m] as the end of the step that was begun."""
+        inputs = [*self._shape_arrays, self._parameters, self._keeps, self._gains]
+        inputs.append(wp.array(positions, dtype=wp.vec3d, device=self._device))
+        self._launch(self._advance, self._points, inputs, [self._stress, self._branches])
+
+    def add_energy(self, positions: Any, energies: Any) -> None:
+        """Add the history's energy [J] to that of every point."""
+        inputs = [*self._shape_arrays, self._rest_weights, self._objective, positions]
+        self._launch(kernels.add_energy, self._points, [*inputs, self._history], [energies])
+
+    def add_gradient(self, positions: Any, gradient: Any) -> None:
+        """Add the history's nodal forces [N]."""
+        inputs = [*self._shape_arrays, self._rest_weights, self._objective, positions]
+        self._launch(kernels.add_gradient, self._points, [*inputs, self._history], [gradient])
+
+    def add_hessian(self, slots: Any, values: Any, *, projected: bool) -> None:
+        """Add the history's stiffness [N/m] to the matrix's blocks."""
+        if not self._objective:
+            return
+        _, gradients, inverse = self._shape_arrays
+        inputs = [slots, gradients, inverse, self._rest_weights, self._history, projected]
+        self._launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
+
+    def add_stress(self, positions: Any, stress: Any) -> None:
+        """Turn the slow Cauchy stress [Pa] into that of the step."""
+        inputs = [*self._shape_arrays, self._stiffening, self._objective, positions]
+        self._launch(kernels.add_stress, self._points, [*inputs, self._history], [stress])
+
+    def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
+        stiffening = 1.0 + gains @ self.series.ratios
+        self._keeps, self._gains = self._array(keeps), self._array(gains)
+        self._stiffening = self._array(stiffening)
+        self._weights = self._array(self._rest_weights.numpy() * stiffening[:, None])
+
+    def _array(self, values: FloatArray) -> Any:
+        return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._device)
+
+    def _tensors(self, *shape: int) -> Any:
+        return wp.zeros(shape, dtype=wp.mat33d, device=self._device)
+
+    def _launch(
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
+    ) -> None:
+        wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self._device)

@@ -1,0 +1,185 @@
+"""Warp kernels of what a relaxing gel remembers.
+
+The history is one tensor H a quadrature point, constant over a time step. It adds the energy
+1/2 H : (F^T F - 1) a unit of rest volume, whose derivative is F H. A law that is not objective is
+linear in F - 1, and so is its history: energy H : (F - 1), derivative H. Kernels take ``objective``
+for which of the two. All launch over [element_count, point_count] but ``add_hessian``.
+"""
+
+# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
+# mypy: ignore-errors
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.material.elasticity import deformation_gradient
+from sim.material.laws.tangent import Law
+
+
+@cache
+def advance_kernel(law: Law) -> Any:
+    """Build the kernel that carries a law's branches over a step."""
+    law_stress, objective = law.stress, law.is_objective
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def advance(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        reference_gradients: wp.array2d(dtype=wp.vec3d),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        parameters: wp.array(dtype=wp.vec4d),
+        keeps: wp.array(dtype=wp.float64),
+        gains: wp.array(dtype=wp.float64),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        stress_out: wp.array2d(dtype=wp.mat33d),
+        branches_out: wp.array3d(dtype=wp.mat33d),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        S = law_stress(F, parameters[e])
+        if wp.static(objective):
+            S = wp.inverse(F) * S
+        for k in range(keeps.shape[0]):
+            rise = (S - stress_out[e, q]) * gains[k]
+            branches_out[k, e, q] = branches_out[k, e, q] * keeps[k] + rise
+        stress_out[e, q] = S
+
+    return advance
+
+
+@wp.kernel(enable_backward=False)
+def recall(
+    # Model:
+    keeps: wp.array(dtype=wp.float64),
+    gains: wp.array(dtype=wp.float64),
+    ratios: wp.array2d(dtype=wp.float64),
+    # Data in:
+    stress: wp.array2d(dtype=wp.mat33d),
+    branches: wp.array3d(dtype=wp.mat33d),
+    # Data out:
+    history_out: wp.array2d(dtype=wp.mat33d),
+):
+    """Sum what the branches bring into a step: H [Pa]."""
+    e, q = wp.tid()
+    total = wp.mat33d()
+    for k in range(keeps.shape[0]):
+        total += (branches[k, e, q] * keeps[k] - stress[e, q] * gains[k]) * ratios[k, e]
+    history_out[e, q] = total
+
+
+@wp.kernel(enable_backward=False)
+def add_energy(
+    # Model:
+    nodes: wp.array2d(dtype=wp.int32),
+    reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    weights: wp.array2d(dtype=wp.float64),
+    objective: wp.bool,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    history: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    energy_out: wp.array2d(dtype=wp.float64),
+):
+    """Add the history's energy [J]."""
+    e, q = wp.tid()
+    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+    strain = F - wp.identity(n=3, dtype=wp.float64)
+    if objective:
+        # Green's strain from F - 1, so that small strains keep their digits.
+        half = wp.float64(0.5)
+        strain = (strain + wp.transpose(strain) + wp.transpose(strain) * strain) * half
+    energy_out[e, q] += weights[e, q] * wp.ddot(history[e, q], strain)
+
+
+@wp.kernel(enable_backward=False)
+def add_gradient(
+    # Model:
+    nodes: wp.array2d(dtype=wp.int32),
+    reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    weights: wp.array2d(dtype=wp.float64),
+    objective: wp.bool,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    history: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    gradient_out: wp.array(dtype=wp.vec3d),
+):
+    """Add the history's nodal forces [N]."""
+    e, q = wp.tid()
+    inverse = inverse_jacobians[e]
+    P = history[e, q]
+    if objective:
+        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        P = F * P
+    K = (P * wp.transpose(inverse)) * weights[e, q]
+    for node in range(nodes.shape[1]):
+        wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
+
+
+@wp.kernel(enable_backward=False)
+def add_hessian(
+    # Model:
+    blocks: wp.array3d(dtype=wp.int32),
+    reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    weights: wp.array2d(dtype=wp.float64),
+    # Data in:
+    history: wp.array2d(dtype=wp.mat33d),
+    projected: wp.bool,
+    # Data out:
+    values_out: wp.array(dtype=wp.mat33d),
+):
+    """Add (g . H h) 1 for each pair of nodes; launches over [element_count, element_node_count]."""
+    e, i = wp.tid()
+    inverse = wp.transpose(inverse_jacobians[e])
+    for q in range(reference_gradients.shape[0]):
+        H = history[e, q]
+        if projected:
+            H = _semidefinite(H)
+        pulled = (H * (inverse * reference_gradients[q, i])) * weights[e, q]
+        for j in range(i, blocks.shape[2]):
+            slot = blocks[e, i, j]
+            if slot >= 0:
+                s = wp.dot(pulled, inverse * reference_gradients[q, j])
+                wp.atomic_add(values_out, slot // 2, wp.identity(n=3, dtype=wp.float64) * s)
+
+
+@wp.kernel(enable_backward=False)
+def add_stress(
+    # Model:
+    nodes: wp.array2d(dtype=wp.int32),
+    reference_gradients: wp.array2d(dtype=wp.vec3d),
+    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    stiffening: wp.array(dtype=wp.float64),
+    objective: wp.bool,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    history: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    stress_out: wp.array2d(dtype=wp.mat33d),
+):
+    """Turn the slow Cauchy stress into that of the step [Pa]."""
+    e, q = wp.tid()
+    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+    P = history[e, q]
+    if objective:
+        P = F * P
+    carried = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
+    stress_out[e, q] = stress_out[e, q] * stiffening[e] + carried
+
+
+@wp.func
+def _semidefinite(H: wp.mat33d) -> wp.mat33d:
+    """Return the nearest symmetric matrix without negative eigenvalues."""
+    vectors, values = wp.eig3((H + wp.transpose(H)) * wp.float64(0.5))
+    zero = wp.float64(0.0)
+    kept = wp.vec3d(wp.max(values[0], zero), wp.max(values[1], zero), wp.max(values[2], zero))
+    return vectors * wp.diag(kept) * wp.transpose(vectors)

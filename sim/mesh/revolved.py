@@ -1,0 +1,157 @@
+"""Deterministic meshes: a graded half section revolved about the indenter and morphed to the pad.
+
+fTetWild gives another mesh every time it runs. These are the same on every machine, have nodes on
+the indenter's rim, are coarse where nothing happens in all three directions, and need no tool.
+Neighbouring sectors are mirror images, so a centred press meets a mirror-symmetric mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+from sim.mesh.graded_plane import Grading, Triangulation, triangulate_half_section
+from sim.mesh.symmetry import Fold
+from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.scene.pad import ParametricPad
+from tacauchy_rig.errors import ConfigError
+
+
+def revolved_mesh(
+    pad: ParametricPad,
+    grading: Grading,
+    *,
+    centre_m: tuple[float, float],
+    sector_count: int,
+    name: str,
+    folded: bool = True,
+    interface_shares: tuple[float, ...] = (),
+    circumscribed: bool = False,
+) -> TetMesh:
+    """Mesh a pad.
+
+    Args:
+        centre_m: Axis of revolution, x and y [m], inside the pad.
+        sector_count: Sectors of a full turn.
+        folded: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
+        interface_shares: Rising shares of the local height at which layers meet, with nodes there.
+        circumscribed: Let the ring of nodes on the rim be a polygon around the rim instead of in
+            it, so that no face outside it is touched.
+
+    Raises:
+        ConfigError: The axis stands outside the pad.
+    """
+    centre = np.array(centre_m)
+    round_m = _round_radius(pad, grading, centre)
+    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
+    start, end = _turn(fold)
+    angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
+    if circumscribed:
+        outwards = 1.0 / np.cos(0.5 * float(np.diff(angles).max()))
+        grading = replace(
+            grading, start_m=outwards * grading.start_m, end_m=outwards * grading.end_m
+        )
+    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
+    if fold.copies == 1:
+        angles, reaches = angles[:-1], reaches[:-1]
+    levels = tuple(share * pad.height_m for share in interface_shares)
+    section = triangulate_half_section(mean_reach, pad.height_m, grading, levels_m=levels)
+    rings = [
+        _plan(section.points[:, 0], angle, reach, round_m, mean_reach)
+        for angle, reach in zip(angles, reaches, strict=True)
+    ]
+    vertices = _raised(pad, np.stack(rings) + centre, section.points[:, 1])
+    on_axis = section.points[:, 0] <= 1e-12
+    sectors = len(angles) if fold.copies == 1 else len(angles) - 1
+    tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
+    layers = section.layers[source] if interface_shares else None
+    vertices[fold.on_plane(vertices, mean_reach)] = 0.0
+    return oriented(vertices, tets, name=name, fold=fold, layers=layers, axis_m=centre_m)
+
+
+def revolved_section(
+    pad: ParametricPad, grading: Grading, *, centre_m: tuple[float, float], sector_count: int
+) -> Triangulation:
+    """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
+    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
+    start, end = _turn(fold)
+    _, reaches = pad.sectors(np.array(centre_m), sector_count, start_rad=start, end_rad=end)
+    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
+    return triangulate_half_section(mean_reach, pad.height_m, grading)
+
+
+def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:
+    """Return up to where circles about the axis stay circles [m].
+
+    Raises:
+        ConfigError: The axis stands outside the pad, or the indenter's edge does.
+    """
+    margin = float(pad.distance_to_outline(centre[None, :])[0])
+    if margin <= grading.end_m:
+        raise ConfigError(
+            f"the indenter's edge ({grading.end_m * 1e3:.3g} mm from its axis) does not lie on the "
+            f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
+            remedy="move the indenter inwards",
+        )
+    return min(grading.end_m * 1.6, 0.5 * (margin + grading.end_m))
+
+
+def _raised(pad: ParametricPad, plan: FloatArray, heights: FloatArray) -> FloatArray:
+    """Return the vertices above a plan, their heights scaled to the pad's top [m].
+
+    Args:
+        plan: x and y of every ring [m], shape [ring_count, point_count, 2].
+        heights: In a pad that is ``pad.height_m`` high all over [m], shape [point_count].
+    """
+    z = pad.height_at(plan[..., 0], plan[..., 1]) * heights / pad.height_m
+    return np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
+
+
+def _turn(fold: Fold) -> tuple[float, float]:
+    """Return the first and last direction of the modelled part [rad]."""
+    if fold.mirror_x and fold.mirror_y:
+        return 0.0, 0.5 * np.pi
+    if fold.mirror_x:
+        return -0.5 * np.pi, 0.5 * np.pi
+    return (0.0, np.pi) if fold.mirror_y else (0.0, 2.0 * np.pi)
+
+
+def _plan(
+    radius: FloatArray, angle: float, reach_m: float, round_m: float, mean_reach_m: float
+) -> FloatArray:
+    """Stretch radii beyond the round part so that the outermost meets the outline."""
+    share = np.clip((radius - round_m) / (mean_reach_m - round_m), 0.0, 1.0)
+    stretched = radius + share * (reach_m - mean_reach_m)
+    return np.asarray(stretched[:, None] * np.array([np.cos(angle), np.sin(angle)]))
+
+
+def _revolve(
+    triangles: IntArray, on_axis: NDArray[np.bool_], sectors: int, angle_count: int
+) -> tuple[IntArray, IntArray]:
+    """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out.
+
+    Returns:
+        Tetrahedra [tet_count, 4] and the triangle that each comes from [tet_count].
+    """
+    count = len(on_axis)
+    a, b, c = np.sort(triangles, axis=1).T
+    tets = []
+    for sector in range(sectors):
+        near, far = sector, (sector + 1) % angle_count
+        if sector % 2:
+            near, far = far, near
+        low = [np.where(on_axis[p], p, p + near * count) for p in (a, b, c)]
+        high = [np.where(on_axis[p], p, p + far * count) for p in (a, b, c)]
+        tets += [
+            np.column_stack([low[0], low[1], low[2], high[2]]),
+            np.column_stack([low[0], low[1], high[1], high[2]]),
+            np.column_stack([low[0], high[0], high[1], high[2]]),
+        ]
+    every = np.concatenate(tets)
+    ordered = np.sort(every, axis=1)
+    kept = np.all(ordered[:, 1:] != ordered[:, :-1], axis=1)
+    source = np.tile(np.arange(len(triangles), dtype=np.int32), 3 * sectors)
+    return every[kept].astype(np.int32), source[kept]

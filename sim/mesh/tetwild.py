@@ -1,0 +1,181 @@
+"""Fills pads by fTetWild, also with the paper's contact-surface sizing field of section III-A."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import tempfile
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.mesh.background_grid import Background, tetrahedral_grid
+from sim.mesh.pad_surface import pad_surface
+from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.scene.pad import Pad
+from tacauchy_rig.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WildSizing:
+    """Settings of fTetWild and of the paper's sizing field.
+
+    The paper does not say what its planar half-extent is where a pad is not square; here the radius
+    is taken relative to the half-extent of each direction, an ellipse.
+
+    Attributes:
+        contact_share: The contact surface is this share of the thickness.
+        fine_share: r_c: radius of the fine region over the half-extent.
+        band_share: r_t: width of the cosine band over the half-extent.
+        fine_m: l_c, edge length in the fine region [m].
+        coarse_m: l_g, edge length elsewhere [m].
+        envelope_share: epsilon over the bounding box's diagonal.
+        stop_energy: AMIPS energy at which optimisation stops.
+    """
+
+    contact_share: float = 0.15
+    fine_share: float = 0.40
+    band_share: float = 0.20
+    fine_m: float = 0.8e-3
+    coarse_m: float = 3.2e-3
+    envelope_share: float = 1e-3
+    stop_energy: float = 10.0
+
+
+def wild_mesh(
+    pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
+) -> TetMesh:
+    """Mesh a pad with fTetWild as the paper does; another run gives another mesh.
+
+    Args:
+        interface_shares: Rising shares of the local height at which layers meet.
+
+    Raises:
+        ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
+            interface.
+    """
+    half = np.array([*pad.half_extents(), 0.5 * pad.height_m])
+    axes = [np.linspace(-1.1, 1.1, count) * h for h, count in zip(half, (33, 33, 41), strict=True)]
+    points, tets = tetrahedral_grid([axes[0], axes[1], axes[2] + half[2]])
+    return filled_pad(
+        pad,
+        WildSettings(
+            spacing_m=sizing.fine_m,
+            coarse_m=sizing.coarse_m,
+            envelope_share=sizing.envelope_share,
+            stop_energy=sizing.stop_energy,
+        ),
+        name=name,
+        interface_shares=interface_shares,
+        field=Background(points=points, tets=tets, edge_m=edge_length_at(points, pad, sizing)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WildSettings:
+    """What fTetWild is told besides the surface and the sizing field.
+
+    Attributes:
+        spacing_m: How far apart the points of a parametric surface lie [m].
+        coarse_m: Largest edge length [m].
+        envelope_share: epsilon over the bounding box's diagonal.
+        stop_energy: AMIPS energy at which optimisation stops.
+    """
+
+    spacing_m: float
+    coarse_m: float
+    envelope_share: float
+    stop_energy: float
+
+
+def filled_pad(
+    pad: Pad,
+    settings: WildSettings,
+    *,
+    name: str,
+    interface_shares: tuple[float, ...] = (),
+    field: Background | None = None,
+) -> TetMesh:
+    """Fill a pad with tetrahedra; another run gives another mesh.
+
+    fTetWild looks up a sizing field only where its uniform mesh has vertices, and in between goes
+    by those: what is much finer than the coarse edge length, as a rim is, comes out too coarse.
+
+    Args:
+        interface_shares: Rising shares of the local height at which layers meet.
+        field: Sizing field; None makes all edges about as long as the largest.
+
+    Raises:
+        ConfigError: As ``wild_mesh``.
+    """
+    surface = pad_surface(pad, spacing_m=settings.spacing_m, interface_shares=interface_shares)
+    diagonal = float(np.linalg.norm(np.ptp(surface[0], axis=0)))
+    snap = 2.0 * settings.envelope_share * diagonal
+    _refuse_thin(pad, interface_shares, snap)
+    found, tets = _run(surface, settings, field)
+    found[found[:, 2] < snap, 2] = 0.0
+    if not interface_shares:
+        return oriented(found, tets, name=name)
+    layers = _snapped_layers(found, tets, pad, interface_shares, snap)
+    return oriented(found, tets, name=name, layers=layers)
+
+
+def _run(
+    surface: tuple[FloatArray, IntArray], settings: WildSettings, field: Background | None
+) -> tuple[FloatArray, IntArray]:
+    pytetwild = importlib.import_module("pytetwild")
+    # The mesher drops a file of its own where it runs.
+    with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
+        found, tets = pytetwild.tetrahedralize(
+            *surface,
+            edge_length_abs=settings.coarse_m,
+            epsilon=settings.envelope_share,
+            stop_energy=settings.stop_energy,
+            optimize=True,
+            num_threads=1,
+            bg_vertices=None if field is None else field.points,
+            bg_tets=None if field is None else field.tets,
+            bg_values=None if field is None else field.edge_m,
+        )
+    return np.array(found, dtype=np.float64), np.asarray(tets)
+
+
+def _refuse_thin(pad: Pad, shares: tuple[float, ...], snap_m: float) -> None:
+    thin = min(np.diff([0.0, *shares, 1.0])) * pad.height_m
+    if shares and thin < 2.0 * snap_m:
+        raise ConfigError(
+            f"a layer of {thin * 1e6:.3g} um is too thin for fTetWild, which moves surfaces "
+            f"by up to {0.5 * snap_m * 1e6:.3g} um",
+            remedy="use another preset, or a thicker layer",
+        )
+
+
+def _snapped_layers(
+    vertices: FloatArray, tets: IntArray, pad: Pad, shares: tuple[float, ...], snap_m: float
+) -> IntArray:
+    """Move the vertices near an interface onto it; return each tetrahedron's layer."""
+    heights = pad.height_at(vertices[:, 0], vertices[:, 1])
+    layers = np.zeros(len(tets), dtype=np.int32)
+    for share in shares:
+        near = np.abs(vertices[:, 2] - share * heights) < snap_m
+        vertices[near, 2] = share * heights[near]
+        side = np.sign(np.where(near, 0.0, vertices[:, 2] - share * heights))[tets]
+        if np.any((side.min(axis=1) < 0.0) == (side.max(axis=1) > 0.0)):
+            raise ConfigError(
+                f"fTetWild's mesh runs across the interface at {share:.4g} of the height",
+                remedy="run again, which gives another mesh, or use another preset",
+            )
+        layers += side.max(axis=1) > 0.0
+    return layers
+
+
+def edge_length_at(points: FloatArray, pad: Pad, sizing: WildSizing) -> FloatArray:
+    """Return the sizing field at points [count, 3] of a pad [m]."""
+    half = pad.half_extents()
+    radius = np.hypot(points[:, 0] / half[0], points[:, 1] / half[1])
+    share = np.clip((radius - sizing.fine_share) / sizing.band_share, 0.0, 1.0)
+    weight = 0.5 * (1.0 - np.cos(np.pi * share))
+    edge = sizing.fine_m + weight * (sizing.coarse_m - sizing.fine_m)
+    near = points[:, 2] >= (1.0 - sizing.contact_share) * pad.height_m
+    return np.where(near, edge, sizing.coarse_m)

@@ -1,0 +1,1 @@
+"""Calibration of a sensor's optics from ball presses."""

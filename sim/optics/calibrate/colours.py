@@ -1,0 +1,176 @@
+"""Calibration of the photometric model from ball presses."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.calibrate.lamp_fit import fit_terms
+from sim.optics.calibrate.no_contact import averaged_no_contact
+from sim.optics.calibrate.photometric_fit import (
+    BALL_EXPONENTS,
+    REFERENCE,
+    RIDGE,
+    PhotometricSamples,
+    fit_photometric,
+    joined,
+)
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.response_fit import fit_response
+from sim.optics.calibrate.ridge_fit import fit_ridge
+from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.render.photometric.shading_terms import ShadingTerms
+from sim.optics.render.response import LINEAR, Response
+from sim.optics.render.shadows.shadow import ShadowCaster
+from tacauchy_rig.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What a set of presses gave.
+
+    Attributes:
+        model: Photometric model.
+        scene: The scene with the no-contact frame averaged over all frames, which has less noise.
+        circles: Nudged circles, in the order of the presses.
+        lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
+        shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
+        blur_px: Standard deviation of the camera's blur [px].
+    """
+
+    model: PhotometricModel
+    scene: PressScene
+    circles: tuple[Circle, ...]
+    lights: FloatArray
+    shadows: ShadowCaster | None = None
+    blur_px: float = 0.0
+
+
+def calibrate_optics(
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+    rounds: int = 3,
+) -> Calibration:
+    """Fit model, circles, light and no-contact frame by turns.
+
+    Args:
+        presses: Images with labelled circles.
+        scene: Camera, no-contact frame and gel profile.
+        exponents: Terms of the model.
+        rounds: How often circles are nudged and the model is fitted again.
+
+    Raises:
+        ConfigError: There is no press, or one has another size than the no-contact frame.
+    """
+    if not presses:
+        raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
+    check_presses_fit(presses, scene.background.astype(np.uint8))
+    circles = [press.circle for press in presses]
+    lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
+    model = fit_model(presses, circles, lights, scene, exponents, None)
+    averaged = scene
+    for turn in range(rounds):
+        for i, press in enumerate(presses):
+            lights[i] = averaged.light(press, circles[i], model)
+            circles[i] = averaged.nudged(press, model, lights[i])
+        frame = averaged_no_contact(presses, circles, lights, model, scene)
+        averaged = replace(scene, background=frame)
+        model = fit_model(presses, circles, lights, averaged, exponents, model)
+        log.debug("calibration round %d of %d done", turn + 1, rounds)
+    return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
+
+
+def fit_model(
+    presses: Sequence[BallPress],
+    circles: Sequence[Circle],
+    lights: Sequence[FloatArray] | FloatArray,
+    scene: PressScene,
+    exponents: IntArray,
+    known: PhotometricModel | None,
+    *,
+    blur_px: float = 0.0,
+) -> PhotometricModel:
+    """Fit response, lamps, ridge and coefficients where circles and lights are known.
+
+    Args:
+        presses: The images.
+        circles: Their contacts.
+        lights: Their light, each of shape [3, 3].
+        scene: Camera, no-contact frame and gel.
+        exponents: Terms of the model.
+        known: An earlier model, where the search starts; without one the camera is taken to be
+            linear and the ridge is the usual one.
+        blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
+    """
+
+    def parts_of(response: Response, model: PhotometricModel | None) -> list[PhotometricSamples]:
+        return [
+            scene.samples(press, circle, light, model, response=response, blur_px=blur_px)
+            for press, circle, light in zip(presses, circles, lights, strict=True)
+        ]
+
+    response = LINEAR
+    if known is not None:
+        known = _seen_through(known, lambda seen: joined(parts_of(seen, None)), exponents)
+        response = known.response
+    parts = parts_of(response, known)
+    samples = joined(parts)
+    terms = _terms(samples, scene, known)
+    ridge = RIDGE if known is None else fit_ridge(parts, exponents=exponents, terms=terms)
+    return fit_photometric(
+        samples,
+        exponents=exponents,
+        ridge=ridge,
+        terms=terms,
+        response=response,
+        reference=REFERENCE,
+        provenance={
+            "press_count": len(presses),
+            "pixel_count": len(samples.change),
+            "ridge": ridge,
+        },
+    )
+
+
+def _seen_through(
+    known: PhotometricModel,
+    samples_of: Callable[[Response], PhotometricSamples],
+    exponents: IntArray,
+) -> PhotometricModel:
+    """Return a model as the camera's response is now: begun anew where that has moved.
+
+    Its light is not comparable with that of another response.
+    """
+    response = fit_response(samples_of, exponents=exponents, terms=known.terms)
+    if response == known.response:
+        return known
+    return fit_photometric(
+        samples_of(response),
+        exponents=exponents,
+        terms=known.terms,
+        response=response,
+        reference=REFERENCE,
+    )
+
+
+def _terms(
+    samples: PhotometricSamples, scene: PressScene, known: PhotometricModel | None
+) -> ShadingTerms | None:
+    if not scene.lamp_count:
+        return None
+    return fit_terms(
+        samples,
+        lamp_count=scene.lamp_count,
+        aspect=scene.aspect,
+        pixel_m=scene.geometry.mean_scale_m,
+        start=None if known is None else known.terms,
+    )

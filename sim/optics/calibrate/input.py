@@ -1,0 +1,187 @@
+"""What a calibration is made of, read and looked at before anything is simulated or fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim.optics.calibrate.presses.ball_press import (
+    BallPress,
+    check_presses_fit,
+    check_size,
+    images_in,
+    read_ball_presses,
+    read_rgb,
+)
+from sim.optics.calibrate.presses.checks import FEWEST, check_before, too_few
+from sim.optics.calibrate.presses.find_circle import find_circle
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.scene.scene import Preset
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.errors import ConfigError
+
+_CIRCLES = "circles.csv"
+_FEWEST_FOLDS = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticsRequest:
+    """What a calibration is made of.
+
+    Attributes:
+        folder: Images of a ball pressed into the sensor.
+        background: The no-contact frame, in the folder or a path of its own.
+        circles: Table of contacts, in the folder or a path of its own; None takes ``circles.csv``
+            of the folder where there is one, and finds the contacts in the images where not.
+        ball_diameter_m: Diameter of the ball [m].
+        scale_px_m: Pixels per metre along columns and rows.
+        out: Calibration file.
+        check: Folder of other labelled presses.
+        sensor: Its pad is pressed in the simulator to know the gel around the ball.
+        preset: Of those presses.
+        folds: Of the cross-validation.
+    """
+
+    folder: Path
+    background: Path
+    circles: Path | None
+    ball_diameter_m: float
+    scale_px_m: tuple[float, float]
+    out: Path
+    check: Path | None
+    sensor: Sensor
+    preset: Preset
+    folds: int = 7
+
+    @property
+    def slopes(self) -> Path:
+        """Where the map of the slopes that were seen is drawn."""
+        return self.out.with_name(f"{self.out.stem}_slopes.png")
+
+    @property
+    def held_out(self) -> Path:
+        """Where the presses held out are drawn."""
+        return self.out.with_name(f"{self.out.stem}_held_out.png")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticsInput:
+    """What was read.
+
+    Attributes:
+        background: No-contact frame, RGB, shape [height, width, 3].
+        geometry: Scale of the pixels.
+        labelled: The presses where there is a table of their circles.
+        images: The images of the presses where there is none, by name.
+        check: Other labelled presses.
+        warnings: One a line.
+    """
+
+    background: ImageArray
+    geometry: CameraGeometry
+    labelled: list[BallPress]
+    images: dict[str, ImageArray]
+    check: list[BallPress]
+    warnings: list[str]
+
+
+def read_input(request: OpticsRequest) -> OpticsInput:
+    """Read everything that a calibration needs, and refuse what cannot be calibrated from.
+
+    Raises:
+        ConfigError: A file is missing or damaged, images differ in size, circles are impossible,
+            or there are too few presses.
+    """
+    if request.out.suffix != ".npz":
+        raise ConfigError(f"{request.out} is no .npz file", remedy="give --out calibration.npz")
+    if request.folds < _FEWEST_FOLDS:
+        raise ConfigError(
+            f"--folds {request.folds} leaves nothing to check by",
+            remedy=f"give at least {_FEWEST_FOLDS}",
+        )
+    for folder in (request.folder, request.check):
+        if folder is not None and not folder.is_dir():
+            raise ConfigError(f"{folder} is no folder", remedy="give a folder of images")
+    background = read_rgb(_found(request.background, request.folder))
+    geometry = _geometry(request.scale_px_m, background)
+    table = _table(request)
+    labelled = [] if table is None else read_ball_presses(request.folder, table)
+    images = _images(request, background) if table is None else {}
+    warnings = []
+    if table is not None:
+        check_presses_fit(labelled, background)
+        warnings = check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
+    elif len(images) < FEWEST:
+        raise too_few(len(images))
+    check = []
+    if request.check is not None:
+        check = read_ball_presses(request.check, _check_table(request, request.check))
+        check_presses_fit(check, background)
+    return OpticsInput(
+        background=background,
+        geometry=geometry,
+        labelled=labelled,
+        images=images,
+        check=check,
+        warnings=warnings,
+    )
+
+
+def find_presses(
+    read: OpticsInput, scene: PressScene, *, ball_radius_m: float
+) -> tuple[list[BallPress], list[str]]:
+    """Return the labelled presses, or find the contacts of those without labels; and warnings.
+
+    Raises:
+        ConfigError: An image shows no contact.
+    """
+    if read.labelled:
+        return read.labelled, read.warnings
+    presses = [
+        BallPress(
+            name=name,
+            image=image,
+            circle=find_circle(name, image, scene, ball_radius_m=ball_radius_m),
+        )
+        for name, image in read.images.items()
+    ]
+    return presses, check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
+
+
+def _geometry(scale_px_m: tuple[float, float], background: ImageArray) -> CameraGeometry:
+    height, width = background.shape[:2]
+    return CameraGeometry(
+        width=width,
+        height=height,
+        scale_x_m=1.0 / scale_px_m[0],
+        scale_y_m=1.0 / scale_px_m[1],
+        centre_x_px=0.5 * (width - 1),
+        centre_y_px=0.5 * (height - 1),
+    )
+
+
+def _found(path: Path, folder: Path) -> Path:
+    """Return the path in the folder if it is there, else as it stands."""
+    return folder / path if (folder / path).exists() else path
+
+
+def _table(request: OpticsRequest) -> Path | None:
+    """Return the table of circles; None where the contacts have to be found."""
+    if request.circles is not None:
+        return _found(request.circles, request.folder)
+    table = request.folder / _CIRCLES
+    return table if table.exists() else None
+
+
+def _check_table(request: OpticsRequest, folder: Path) -> Path:
+    name = Path(request.circles.name) if request.circles is not None else Path(_CIRCLES)
+    return folder / name if (folder / name).exists() else folder / _CIRCLES
+
+
+def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageArray]:
+    own = (_found(request.background, request.folder), request.slopes, request.held_out)
+    images = {path.name: read_rgb(path) for path in images_in(request.folder, but=own)}
+    for name, image in images.items():
+        check_size(name, image, background)
+    return images

@@ -1,0 +1,205 @@
+"""Least-squares fit of the photometric model to samples of tilt and colour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.render.photometric.polynomial import monomials, polynomial_exponents
+from sim.optics.render.photometric.shading_terms import ShadingTerms
+from sim.optics.render.response import LINEAR, Response
+from tacauchy_rig.errors import ConfigError
+
+_STEEP = polynomial_exponents(
+    tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
+)
+# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
+_GENTLE = polynomial_exponents(
+    tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
+)
+REFERENCE = 128.0
+RIDGE = 1e-5
+BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfacePoints:
+    """The gel's surface at n points.
+
+    Attributes:
+        tilt: Along +column and +row, shape [2, n].
+        indentation_m: Unloaded minus loaded height [m], shape [n].
+        curvature: Divergence of the tilt [1/m], shape [n].
+    """
+
+    tilt: FloatArray
+    indentation_m: FloatArray
+    curvature: FloatArray
+
+    def thinned(self, step: int) -> SurfacePoints:
+        """Return every ``step``-th point."""
+        return SurfacePoints(
+            tilt=self.tilt[:, ::step],
+            indentation_m=self.indentation_m[::step],
+            curvature=self.curvature[::step],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotometricSamples:
+    """Pixels with known surface and observed colour.
+
+    Attributes:
+        tilt: Along +column and +row, shape [2, sample_count].
+        position: Normalised pixel position, shape [2, sample_count].
+        indentation_m: Unloaded minus loaded height [m], shape [sample_count].
+        change: Colour minus no-contact colour, red, green, blue [grey levels],
+            shape [sample_count, 3].
+        counts: False where a colour is not known, same shape.
+        curvature: Divergence of the tilt [1/m], shape [sample_count]; None is not known.
+        rest_tilt: Of the unloaded gel, whose colour is in the no-contact frame, shape
+            [2, sample_count]; None is level gel.
+        weights: Of each colour in a fit, like ``change``; None is one.
+        around: Points beside each sample whose light the camera's blur mixes in its place, all
+            alike; none is a sharp camera.
+    """
+
+    tilt: FloatArray
+    position: FloatArray
+    indentation_m: FloatArray
+    change: FloatArray
+    counts: NDArray[np.bool_]
+    curvature: FloatArray | None = None
+    rest_tilt: FloatArray | None = None
+    weights: FloatArray | None = None
+    around: tuple[SurfacePoints, ...] = ()
+
+    def weighed(self, channel: int) -> FloatArray:
+        """Return each sample's weight in the fit of one colour, zero where it does not count."""
+        counts = self.counts[:, channel].astype(np.float64)
+        return counts if self.weights is None else counts * self.weights[:, channel]
+
+    def thinned(self, step: int) -> PhotometricSamples:
+        """Return every ``step``-th sample."""
+        curvature, rest, weights = self.curvature, self.rest_tilt, self.weights
+        return PhotometricSamples(
+            tilt=self.tilt[:, ::step],
+            position=self.position[:, ::step],
+            indentation_m=self.indentation_m[::step],
+            change=self.change[::step],
+            counts=self.counts[::step],
+            curvature=None if curvature is None else curvature[::step],
+            rest_tilt=None if rest is None else rest[:, ::step],
+            weights=None if weights is None else weights[::step],
+            around=tuple(points.thinned(step) for points in self.around),
+        )
+
+    def features(self, exponents: IntArray, terms: ShadingTerms | None) -> FloatArray:
+        """Return what the model is linear in, shape [exponent_count + term_count, sample_count]."""
+        level = np.zeros_like(self.indentation_m)
+        own = SurfacePoints(
+            tilt=self.tilt,
+            indentation_m=self.indentation_m,
+            curvature=level if self.curvature is None else self.curvature,
+        )
+        found = np.zeros((len(exponents) + (0 if terms is None else terms.count), len(level)))
+        seen = self.around or (own,)
+        for points in seen:
+            found += self._values(points, exponents, terms)
+        found /= len(seen)
+        if self.rest_tilt is not None:
+            rest = SurfacePoints(tilt=self.rest_tilt, indentation_m=level, curvature=level)
+            found -= self._values(rest, exponents, terms)
+        return found
+
+    def _values(
+        self, points: SurfacePoints, exponents: IntArray, terms: ShadingTerms | None
+    ) -> FloatArray:
+        found = monomials(points.tilt, self.position, points.indentation_m, exponents)
+        if terms is not None:
+            shaded = terms.values(points.tilt, self.position, points.curvature)
+            found = np.concatenate([found, shaded])
+        return np.asarray(found, dtype=np.float64)
+
+
+def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
+    """Return the samples of several presses as one; what one of them lacks, all lack."""
+
+    def along(axis: int, values: list[FloatArray | None]) -> FloatArray | None:
+        known = [value for value in values if value is not None]
+        return np.concatenate(known, axis=axis) if len(known) == len(parts) else None
+
+    return PhotometricSamples(
+        tilt=np.concatenate([part.tilt for part in parts], axis=1),
+        position=np.concatenate([part.position for part in parts], axis=1),
+        indentation_m=np.concatenate([part.indentation_m for part in parts]),
+        change=np.concatenate([part.change for part in parts]),
+        counts=np.concatenate([part.counts for part in parts]),
+        curvature=along(0, [part.curvature for part in parts]),
+        rest_tilt=along(1, [part.rest_tilt for part in parts]),
+        weights=along(0, [part.weights for part in parts]),
+        around=tuple(
+            SurfacePoints(
+                tilt=np.concatenate([points.tilt for points in beside], axis=1),
+                indentation_m=np.concatenate([points.indentation_m for points in beside]),
+                curvature=np.concatenate([points.curvature for points in beside]),
+            )
+            for beside in zip(*(part.around for part in parts), strict=True)
+        ),
+    )
+
+
+def fit_photometric(
+    samples: PhotometricSamples,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+    ridge: float = RIDGE,
+    terms: ShadingTerms | None = None,
+    response: Response = LINEAR,
+    reference: float | None = None,
+    provenance: Mapping[str, object] | None = None,
+) -> PhotometricModel:
+    """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
+
+    Args:
+        samples: Pixels of all presses.
+        exponents: Terms of the model, shape [term_count, 5].
+        ridge: Weight on the coefficients' squares, per sample.
+        terms: Lamps and creases beside the polynomial.
+        response: Of the camera, through which the samples' colours were taken back to light.
+        reference: Level of the no-contact frame that their changes were brought to, if they were.
+        provenance: Where the samples come from; kept with the model.
+
+    Raises:
+        ConfigError: There are fewer samples than terms.
+    """
+    features = samples.features(exponents, terms)
+    unknowns, count = features.shape
+    if count < unknowns:
+        raise ConfigError(
+            f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
+            remedy="give more presses, or a model of lower degree",
+        )
+    coefficients = np.empty((unknowns, 3))
+    for channel in range(3):
+        counts, weights = samples.counts[:, channel], samples.weighed(channel)
+        known = features[:, counts] * weights[counts]
+        wanted = samples.change[counts, channel] * weights[counts]
+        normal = known @ known.T + ridge * count * np.eye(unknowns)
+        coefficients[:, channel] = np.linalg.solve(normal, known @ wanted)
+    return PhotometricModel(
+        exponents=exponents,
+        coefficients=coefficients[: len(exponents)],
+        terms=terms,
+        term_coefficients=coefficients[len(exponents) :],
+        tilt_limit=float(np.hypot(*samples.tilt).max()),
+        indentation_limit_m=float(samples.indentation_m.max()),
+        response=response,
+        reference=reference,
+        provenance=dict(provenance or {}),
+    )

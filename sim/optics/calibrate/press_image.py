@@ -1,0 +1,62 @@
+"""A ball press as a calibration renders it: colours, shadows and blur, as in a replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.height.tilt import Float32Array
+from sim.optics.render.shadows.shadow import ShadowCaster
+
+
+def press_image(found: Calibration, circle: Circle) -> FloatArray:
+    """Return a press over the no-contact frame [grey levels], shape [height, width, 3].
+
+    Shadows and colours change the light, the lens blurs it, and the camera's response shows it.
+
+    Args:
+        found: The calibration.
+        circle: Of the contact.
+    """
+    scene, model = found.scene, found.model
+    light = model.response.light(scene.background)
+    gain = model.gain(light)
+    change = scene.whole_image(model).light_change(circle).reshape(light.shape)
+    if gain is not None:
+        change = change * np.asarray(gain, dtype=np.float64)
+    if found.shadows is not None:
+        bulge, tilt = pressed_surface(scene, circle)
+        change = change + found.shadows.darkening(bulge, tilt, scene.geometry).transpose(1, 2, 0)
+    if found.blur_px > 0.0:
+        change = np.asarray(cv2.GaussianBlur(change, (0, 0), found.blur_px), dtype=np.float64)
+    return np.asarray(model.response.levels(light + change), dtype=np.float64)
+
+
+def without_shadows(
+    press: BallPress, circle: Circle, scene: PressScene, shadows: ShadowCaster | None
+) -> BallPress:
+    """Return the press with the light that its dent took away."""
+    if shadows is None:
+        return press
+    bulge, tilt = pressed_surface(scene, circle)
+    taken = shadows.darkening(bulge, tilt, scene.geometry)
+    image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
+    return replace(press, image=image.astype(np.uint8))
+
+
+def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
+    """Return indentation [m], shape [height, width], and tilt, shape [2, height, width]."""
+    height, width = scene.geometry.height, scene.geometry.width
+    rows, columns = np.mgrid[:height, :width].astype(np.float64)
+    tilt, indentation, _ = scene.surface(circle, columns.ravel(), rows.ravel())
+    shape = (height, width)
+    return (
+        indentation.reshape(shape).astype(np.float32),
+        tilt.reshape(2, *shape).astype(np.float32),
+    )

@@ -1,0 +1,1 @@
+"""Ball presses: their images, their gel profiles, and what is wrong with them."""

@@ -1,0 +1,177 @@
+"""Images of a ball of known size pressed into a sensor, with the circle of each contact."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sim.optics.camera_geometry import ImageArray
+from tacauchy_rig.errors import ConfigError
+
+_COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circle:
+    """Edge of a contact in the image [px]; pixel (0, 0) is the centre of the first pixel."""
+
+    x_px: float
+    y_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BallPress:
+    """One image of a pressed ball.
+
+    Attributes:
+        name: File name.
+        image: RGB, uint8, shape [height, width, 3].
+        circle: The contact's edge.
+    """
+
+    name: str
+    image: ImageArray
+    circle: Circle
+
+
+def read_rgb(path: Path) -> ImageArray:
+    """Read an image file as RGB, uint8, shape [height, width, 3].
+
+    Raises:
+        ConfigError: The file is missing or no image.
+    """
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise ConfigError(
+            f"image {path} cannot be read: {error.strerror}", remedy="check the path"
+        ) from error
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise ConfigError(f"{path} is not an image", remedy="give PNG or JPEG files")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def grey_levels(image: ImageArray) -> ImageArray:
+    """Return an RGB image as grey levels, uint8, shape [height, width]."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
+    """Read the images that a circle table names.
+
+    Args:
+        folder: Where the images lie.
+        circles: CSV with the columns image, center_x_px, center_y_px, radius_px.
+
+    Raises:
+        ConfigError: The table or an image is missing or damaged; the message names the line.
+    """
+    columns, lines = _read_table(circles)
+    missing = [name for name in _COLUMNS if name not in columns]
+    if missing:
+        raise ConfigError(
+            f"{circles} lacks the column {', '.join(missing)}",
+            remedy=f"its first line must be: {','.join(_COLUMNS)}",
+        )
+    if not lines:
+        raise ConfigError(f"{circles} names no image", remedy="give one line per press")
+    return [_read_press(folder, row, place=f"{circles}, line {line}") for line, row in lines]
+
+
+def _read_press(folder: Path, row: dict[str, str], *, place: str) -> BallPress:
+    name = row["image"]
+    if not name:
+        raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(_COLUMNS)}")
+    circle = _parse_circle(row, place=place)
+    return BallPress(name=name, image=read_rgb(folder / name), circle=circle)
+
+
+def images_in(folder: Path, *, but: Collection[Path]) -> list[Path]:
+    """Return the images of a folder by name, but some.
+
+    Raises:
+        ConfigError: The folder is missing or holds no image.
+    """
+    others = {path.resolve() for path in but}
+    found = sorted(
+        path
+        for path in (folder.iterdir() if folder.is_dir() else ())
+        if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() not in others
+    )
+    if not found:
+        raise ConfigError(f"{folder} holds no image", remedy="give a folder of PNG or JPEG files")
+    return found
+
+
+def check_presses_fit(presses: Sequence[BallPress], background: ImageArray) -> None:
+    """Refuse presses that have not the size of the no-contact frame, or no contact inside it.
+
+    Raises:
+        ConfigError: An image has another size, or its circle lies outside the image.
+    """
+    for press in presses:
+        check_size(press.name, press.image, background)
+        height, width = background.shape[:2]
+        circle = press.circle
+        if not (0.0 <= circle.x_px <= width - 1.0 and 0.0 <= circle.y_px <= height - 1.0):
+            raise ConfigError(
+                f"{press.name}: its circle is around column {circle.x_px:g}, row {circle.y_px:g}, "
+                f"outside the image of {width} x {height} px",
+                remedy="correct center_x_px and center_y_px",
+            )
+
+
+def check_size(name: str, image: ImageArray, background: ImageArray) -> None:
+    """Refuse an image that has not the size of the no-contact frame.
+
+    Raises:
+        ConfigError: It has not.
+    """
+    if image.shape != background.shape:
+        raise ConfigError(
+            f"{name} is {image.shape[1]} x {image.shape[0]} px, the no-contact frame "
+            f"{background.shape[1]} x {background.shape[0]} px",
+            remedy="take both with the same camera mode, crop and size",
+        )
+
+
+def _read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """Return the columns, and each line with its number."""
+    remedy = f"give a CSV in UTF-8 with the columns {', '.join(_COLUMNS)}"
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as table:
+            reader = csv.DictReader(table)
+            lines = [(reader.line_num, row) for row in reader]
+            return list(reader.fieldnames or ()), lines
+    except OSError as error:
+        raise ConfigError(
+            f"circle table {path} cannot be read: {error.strerror}", remedy=remedy
+        ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"circle table {path} is no CSV: {error}", remedy=remedy) from error
+
+
+def _parse_circle(row: dict[str, str], *, place: str) -> Circle:
+    try:
+        x, y, radius = (float(row[name]) for name in _COLUMNS[1:])
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{place}: {error}", remedy="give three numbers in pixels") from error
+    if not all(map(math.isfinite, (x, y, radius))):
+        raise ConfigError(
+            f"{place}: a circle at column {x:g}, row {y:g} of radius {radius:g} px",
+            remedy="give three finite numbers in pixels",
+        )
+    if not radius > 0.0:
+        raise ConfigError(
+            f"{place}: radius {radius:g} px is not positive", remedy="give the contact's radius"
+        )
+    return Circle(x_px=x, y_px=y, radius_px=radius)

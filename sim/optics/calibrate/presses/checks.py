@@ -1,0 +1,145 @@
+"""What is wrong with a set of ball presses: too few, saturated, impossible or contradictory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.optics.calibrate.cross_validation import CheckScores
+from sim.optics.calibrate.presses.ball_press import BallPress
+from sim.optics.calibrate.presses.exposure import exposed
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scores import RenderedPress, contact_mask, held_out_errors
+from sim.optics.calibrate.presses.slope_coverage import SlopeCoverage
+from sim.optics.camera_geometry import CameraGeometry
+from tacauchy_rig.errors import ConfigError
+
+FEWEST = 5
+FEW = 14
+_SATURATED_WARN = 0.01
+_SATURATED_REFUSE = 0.6
+_ODD_ONE_OUT = 2.5
+_FAR_NUDGE = 0.25
+_CONTRADICTORY_R2 = 0.5
+_FEW_SLOPES = 0.9
+_LITTLE_OF_THE_IMAGE = 0.5
+
+
+def check_before(
+    presses: Sequence[BallPress], geometry: CameraGeometry, *, ball_radius_m: float
+) -> list[str]:
+    """Look at presses before anything is fitted to them.
+
+    Returns:
+        Warnings, one a line.
+
+    Raises:
+        ConfigError: There are too few, most are saturated, or a circle is larger than the ball.
+    """
+    if len(presses) < FEWEST:
+        raise too_few(len(presses))
+    for press in presses:
+        radius_m = press.circle.radius_px * geometry.mean_scale_m
+        if radius_m >= ball_radius_m:
+            raise ConfigError(
+                f"{press.name}: a contact of radius {radius_m * 1e3:.2f} mm cannot be of a ball of "
+                f"diameter {ball_radius_m * 2e3:.2f} mm",
+                remedy="correct the circle's radius_px, --scale or --ball-diameter",
+            )
+    warnings = []
+    if len(presses) < FEW:
+        warnings.append(
+            f"only {len(presses)} presses: {FEW} or more, all over the image, are wanted"
+        )
+    shares = {press.name: _saturated_share(press) for press in presses}
+    bad = [name for name, share in shares.items() if share > _SATURATED_WARN]
+    worst = float(np.median(list(shares.values())))
+    if worst > _SATURATED_REFUSE:
+        raise ConfigError(
+            f"half of the presses have at least {worst:.0%} of their contact at the end of the "
+            "camera's range: its colour is lost",
+            remedy="lower exposure or gain, switch automatic exposure off, and press again",
+        )
+    if bad:
+        warnings.append(
+            f"saturated contacts (up to {max(shares.values()):.0%} of the pixels at the end of the "
+            f"camera's range): {_listed(bad)}; lower exposure or gain"
+        )
+    return warnings
+
+
+def too_few(count: int) -> ConfigError:
+    """Return what is said of too few presses."""
+    return ConfigError(
+        f"{count} ball presses are too few to calibrate and to check by",
+        remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
+    )
+
+
+def check_coverage(coverage: SlopeCoverage) -> list[str]:
+    """Warn where a model is used on slopes or in places that it was not fitted to."""
+    warnings = []
+    if coverage.share < _FEW_SLOPES:
+        warnings.append(
+            f"the presses show {coverage.share:.0%} of the slopes up to a sine of "
+            f"{coverage.tilt_limit:.2f}; press the ball deeper and in more places"
+        )
+    if coverage.image_share < _LITTLE_OF_THE_IMAGE:
+        warnings.append(
+            f"the presses lie on {coverage.image_share:.0%} of the image; colours elsewhere are "
+            "extrapolated"
+        )
+    return warnings
+
+
+def check_after(
+    scores: CheckScores, held_out: Sequence[RenderedPress], scene: PressScene
+) -> list[str]:
+    """Look at what cross-validation says of the presses.
+
+    Returns:
+        Warnings, one a line.
+
+    Raises:
+        ConfigError: The presses contradict each other, so that none can be predicted by the rest.
+    """
+    if scores.nudged.r2 < _CONTRADICTORY_R2:
+        raise ConfigError(
+            f"the presses contradict each other: held out, R2 is {scores.nudged.r2:.2f} inside the "
+            f"contact (the no-contact frame's is {scores.nudged.r2_no_contact:.2f})",
+            remedy="check that --background is of the same sensor, lights and camera mode as the "
+            "presses, and that --circles, --scale and --ball-diameter are theirs",
+        )
+    warnings = []
+    errors = held_out_errors(held_out, scene)
+    limit = _ODD_ONE_OUT * float(np.median(errors))
+    for item, error in zip(held_out, errors, strict=True):
+        if error > limit:
+            warnings.append(
+                f"{item.press.name} contradicts the other presses: held out, its mean error is "
+                f"{error:.1f} grey levels, theirs {np.median(errors):.1f}"
+            )
+    for item in held_out:
+        label, found = item.press.circle, item.circle
+        move = max(
+            abs(found.x_px - label.x_px),
+            abs(found.y_px - label.y_px),
+            abs(found.radius_px - label.radius_px),
+        )
+        if move > _FAR_NUDGE * label.radius_px:
+            warnings.append(
+                f"{item.press.name}: the image wants its circle {move:.0f} px off the label "
+                f"({found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px)"
+            )
+    return warnings
+
+
+def _saturated_share(press: BallPress) -> float:
+    inside = press.image[contact_mask(press.circle, *press.image.shape[:2])]
+    return float(np.mean(~exposed(inside).all(axis=-1))) if inside.size else 0.0
+
+
+def _listed(names: Sequence[str], *, most: int = 6) -> str:
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest

@@ -1,0 +1,81 @@
+"""Where a ball's contact lies in an image, for presses that nobody has labelled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+from scipy.optimize import minimize
+
+from sim.arrays import FloatArray
+from sim.optics.calibrate.presses.ball_press import Circle
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.camera_geometry import ImageArray
+from tacauchy_rig.errors import ConfigError
+
+_SMOOTHING_PX = 2.0
+_RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball
+_STRIDE = 4
+_FAINTEST_LEVELS = 4.0
+
+
+def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_m: float) -> Circle:
+    """Find the contact by how strongly the colour changes, whatever the lights' colours are.
+
+    Coloured lights from several sides change the colour about in proportion to the surface's tilt;
+    the tilt that the gel would have around each candidate circle is fitted to the change.
+
+    Args:
+        name: Of the image, for messages.
+        image: RGB, shape [height, width, 3].
+        scene: Camera, no-contact frame and gel profile.
+        ball_radius_m: Radius of the ball [m].
+
+    Raises:
+        ConfigError: The image shows no contact.
+    """
+    strength = _strength(image, scene.background)
+    rows, columns = np.mgrid[: strength.shape[0] : _STRIDE, : strength.shape[1] : _STRIDE]
+    sparse = strength[::_STRIDE, ::_STRIDE]
+    x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
+    seen = sparse.ravel()
+    strong = seen >= np.quantile(seen, 0.97)
+    start = float(np.median(x[strong])), float(np.median(y[strong]))
+    scale = scene.geometry.mean_scale_m
+    level_gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
+
+    def misfit(parameters: FloatArray) -> float:
+        px, py, radius = parameters
+        circle = Circle(x_px=px, y_px=py, radius_px=max(float(radius), 1.0))
+        tilt = np.hypot(*level_gel.surface(circle, x, y)[0])
+        tilt = tilt - tilt.mean()
+        level = seen - seen.mean()
+        gain = max(float(tilt @ level) / max(float(tilt @ tilt), 1e-12), 0.0)
+        return float(np.mean((level - gain * tilt) ** 2))
+
+    found = min(
+        (
+            minimize(misfit, [*start, share * ball_radius_m / scale], method="Nelder-Mead")
+            for share in _RADII
+        ),
+        key=lambda result: float(result.fun),
+    )
+    px, py, radius = (float(value) for value in found.x)
+    explained = 1.0 - float(found.fun) / max(float(np.var(seen)), 1e-12)
+    height, width = strength.shape
+    inside = 0.0 <= px < width and 0.0 <= py < height and 1.0 < radius < ball_radius_m / scale
+    if not inside or seen.max() < _FAINTEST_LEVELS or explained < 0.3:
+        raise ConfigError(
+            f"{name} shows no contact of a ball that can be found",
+            remedy="remove the image, or give its circle in a table: --circles circles.csv",
+        )
+    return Circle(x_px=px, y_px=py, radius_px=radius)
+
+
+def _strength(image: ImageArray, background: FloatArray) -> FloatArray:
+    """Return how much the colour changes, without the frame's light, shape [height, width]."""
+    change = image - background
+    change = change - np.median(change, axis=(0, 1))
+    smooth = ndimage.gaussian_filter(change, (_SMOOTHING_PX, _SMOOTHING_PX, 0.0))
+    return np.asarray(np.linalg.norm(smooth, axis=2))

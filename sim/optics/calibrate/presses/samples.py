@@ -1,0 +1,305 @@
+"""What a ball press looks like through a photometric model, and the two things labels get wrong.
+
+Hand-clicked circles are off by a few pixels, and the light of a frame is not the light of the
+no-contact frame: both are estimated here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from sim.arrays import FloatArray
+from sim.optics.calibrate.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.exposure import SeenChange, light_weights, seen_change, seen_light
+from sim.optics.calibrate.presses.gel_profile import GelProfile
+from sim.optics.calibrate.presses.light import fit_light, light_at, no_light
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.render.response import LINEAR, Response
+
+BEYOND_RIM = 1.15
+_FAR_FRACTION = 0.7
+_SKIRT_RADII = 2.3
+_OUTLIER_LEVELS = 15.0
+_CLICK_WEIGHT = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressScene:
+    """Camera, no-contact frame and gel that all presses of a set share.
+
+    Attributes:
+        geometry: Scale of the pixels.
+        background: No-contact frame, RGB levels as float, shape [height, width, 3].
+        profile: The gel around the ball.
+        masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
+        rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
+            None is level gel.
+        lamp_count: Near lamps that the model may have; with none it is a polynomial alone.
+        stride: Every how many pixels along rows and columns are used for fitting.
+    """
+
+    geometry: CameraGeometry
+    background: FloatArray
+    profile: GelProfile
+    masked: NDArray[np.bool_] | None = None
+    rest_slope: FloatArray | None = None
+    lamp_count: int = 0
+    stride: int = 3
+
+    @property
+    def aspect(self) -> float:
+        """Height of the image over its width."""
+        height, width = self.background.shape[:2]
+        scale = self.geometry.scale_y_m / self.geometry.scale_x_m
+        return float((height - 1) * scale / (width - 1))
+
+    def surface(
+        self, circle: Circle, columns: FloatArray, rows: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return tilt, shape [2, n], indentation [m] and curvature [1/m], shape [n], at pixels.
+
+        On a slope of the gel the ball touches beside its axis, so that the contact is the one on
+        level gel leaned with the slope: the profile adds to the slope at rest.
+        """
+        dx = (columns - circle.x_px) * self.geometry.scale_x_m
+        dy = (rows - circle.y_px) * self.geometry.scale_y_m
+        r = np.hypot(dx, dy)
+        profile = self.profile(circle.radius_px * self.geometry.mean_scale_m)
+        outward = np.interp(r, profile.radius_m, profile.tilt, right=0.0) / np.maximum(r, 1e-12)
+        indentation = np.interp(r, profile.radius_m, profile.indentation_m, right=0.0)
+        curvature = profile.curvature(r, width_m=self.geometry.mean_scale_m)
+        tilt = np.stack([dx * outward, dy * outward])
+        if self.rest_slope is not None:
+            upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
+            slope = tilt / upright + self._at_rest(self.rest_slope, columns, rows)
+            tilt = slope / np.sqrt(1.0 + np.sum(slope**2, axis=0))
+        return tilt, indentation, curvature
+
+    def rest_tilt(self, columns: FloatArray, rows: FloatArray) -> FloatArray | None:
+        """Return the unloaded gel's tilt at pixels, shape [2, n]; None on level gel."""
+        if self.rest_slope is None:
+            return None
+        slope = self._at_rest(self.rest_slope, columns, rows)
+        return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
+
+    @staticmethod
+    def _at_rest(slope: FloatArray, columns: FloatArray, rows: FloatArray) -> FloatArray:
+        return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+
+    def pixels(
+        self, model: PhotometricModel, columns: FloatArray, rows: FloatArray
+    ) -> PredictedPixels:
+        """Return pixels, shape [n], made ready to be predicted under any contact."""
+        position = self.normalised(columns, rows)
+        rest, change = self.rest_tilt(columns, rows), None
+        if rest is not None:
+            level = np.zeros(len(columns))
+            change = np.asarray(model.evaluate(rest, position, level), dtype=np.float64)
+        there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+        return PredictedPixels(
+            scene=self,
+            model=model,
+            columns=columns,
+            rows=rows,
+            position=position,
+            rest_change=change,
+            background=there,
+        )
+
+    def whole_image(self, model: PhotometricModel) -> PredictedPixels:
+        """Return all pixels, row after row, made ready to be predicted."""
+        rows, columns = self._lattice(1)
+        return self.pixels(model, columns.astype(np.float64), rows.astype(np.float64))
+
+    def light_image(self, light: FloatArray) -> FloatArray:
+        """Return a frame's light everywhere, shape [height, width, 3]."""
+        rows, columns = self._lattice(1)
+        position = self.normalised(columns.astype(float), rows.astype(float))
+        return light_at(light, position).reshape(self.background.shape)
+
+    def normalised(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
+        """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
+        height, width = self.background.shape[:2]
+        return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
+
+    def pixels_around(self, circle: Circle) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return rows and columns of the fitting lattice in contact and skirt."""
+        rows, columns = self._lattice(self.stride)
+        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _SKIRT_RADII * circle.radius_px
+        near &= self._bare(rows, columns)
+        return rows[near], columns[near]
+
+    def _bare(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.bool_]:
+        if self.masked is None:
+            return np.ones(rows.shape, dtype=np.bool_)
+        return ~self.masked[rows, columns]
+
+    def _lattice(self, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        height, width = self.background.shape[:2]
+        rows, columns = np.mgrid[:height:stride, :width:stride]
+        return rows.ravel(), columns.ravel()
+
+    def samples(
+        self,
+        press: BallPress,
+        circle: Circle,
+        light: FloatArray,
+        model: PhotometricModel | None,
+        *,
+        response: Response = LINEAR,
+        blur_px: float = 0.0,
+    ) -> PhotometricSamples:
+        """Return the press's pixels for a fit.
+
+        Args:
+            press: The image.
+            circle: Its contact.
+            light: Its light, shape [3, 3].
+            model: Stands in for pixels that are too bright or too dark for the camera; without
+                one they do not count.
+            response: Of the camera.
+            blur_px: Standard deviation of the camera's blur [px].
+        """
+        rows, columns = self.pixels_around(press.circle)
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
+        tilt, indentation, curvature = self.surface(circle, x, y)
+        levels = press.image[rows, columns]
+        seen = seen_light(levels, self._expected(rows, columns, light), response)
+        gain = np.maximum(response.light(self.background[rows, columns]), 1.0) / REFERENCE
+        change, counts = seen.change, seen.exposed
+        if model is not None:
+            change = seen.completed(gain * self.pixels(model, x, y).light_change(circle))
+            counts = np.ones_like(counts)
+        return PhotometricSamples(
+            tilt=tilt,
+            position=self.normalised(x, y),
+            indentation_m=indentation,
+            change=change / gain,
+            counts=counts,
+            curvature=curvature,
+            rest_tilt=self.rest_tilt(x, y),
+            weights=gain * light_weights(levels, response),
+            around=self._blurred_over(circle, x, y, blur_px),
+        )
+
+    def _blurred_over(
+        self, circle: Circle, columns: FloatArray, rows: FloatArray, blur_px: float
+    ) -> tuple[SurfacePoints, ...]:
+        """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
+        if blur_px == 0.0:
+            return ()
+        height, width = self.background.shape[:2]
+        found = []
+        for right, down in product((-blur_px, blur_px), repeat=2):
+            x = np.clip(columns + right, 0.0, width - 1.0)
+            y = np.clip(rows + down, 0.0, height - 1.0)
+            tilt, indentation, curvature = self.surface(circle, x, y)
+            found.append(SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature))
+        return tuple(found)
+
+    def _expected(
+        self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray
+    ) -> FloatArray:
+        position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
+        return np.asarray(self.background[rows, columns] + light_at(light, position))
+
+    def _seen(
+        self,
+        press: BallPress,
+        rows: NDArray[np.intp],
+        columns: NDArray[np.intp],
+        light: FloatArray,
+    ) -> SeenChange:
+        return seen_change(press.image[rows, columns], self._expected(rows, columns, light))
+
+    def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
+        """Estimate the frame's light against the no-contact frame's, outside the contact.
+
+        Args:
+            press: The image.
+            circle: Its contact.
+            model: Explains the skirt; without one, the farthest pixels are taken to be level.
+
+        Returns:
+            Coefficients of ``light_at`` [grey levels], shape [3, 3].
+        """
+        rows, columns = self._lattice(self.stride)
+        distance = np.hypot(columns - circle.x_px, rows - circle.y_px)
+        edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
+        outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
+        outside &= self._bare(rows, columns)
+        rows, columns = rows[outside], columns[outside]
+        seen = self._seen(press, rows, columns, no_light())
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
+        change = (
+            seen.change if model is None else seen.change - self.pixels(model, x, y).predict(circle)
+        )
+        return fit_light(change, seen.exposed, self.normalised(x, y), level_only=model is None)
+
+    def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
+        """Move the labelled circle to where the model explains the image best.
+
+        Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
+        """
+        rows, columns = self.pixels_around(press.circle)
+        x, y = columns.astype(np.float64), rows.astype(np.float64)
+        seen = self._seen(press, rows, columns, light)
+        label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
+        pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
+        pixels = self.pixels(model, x, y)
+
+        def residual(move: FloatArray) -> FloatArray:
+            px, py, radius = label + move
+            circle = Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
+            misfit = seen.misfit(pixels.predict(circle)).ravel()
+            bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
+            return np.concatenate([bounded, pull * move])
+
+        move = least_squares(residual, np.zeros(3), diff_step=1e-2, x_scale=1.0, max_nfev=10).x
+        px, py, radius = (float(value) for value in label + move)
+        return Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredictedPixels:
+    """Pixels of a scene through a model, whatever is pressed.
+
+    Attributes:
+        scene: Camera, no-contact frame and gel.
+        model: Colours.
+        columns, rows: Of the pixels, shape [n].
+        position: The same as the model wants it, shape [2, n].
+        rest_change: The model's change of light of the unloaded gel, shape [3, n]; None is level.
+        background: Of the no-contact frame [grey levels], shape [n, 3].
+    """
+
+    scene: PressScene
+    model: PhotometricModel
+    columns: FloatArray
+    rows: FloatArray
+    position: FloatArray
+    rest_change: FloatArray | None
+    background: FloatArray
+
+    def light_change(self, circle: Circle) -> FloatArray:
+        """Return the model's change of light over its reference, shape [n, 3]."""
+        tilt, indentation, curvature = self.scene.surface(circle, self.columns, self.rows)
+        change = self.model.evaluate(tilt, self.position, indentation, curvature)
+        if self.rest_change is not None:
+            change = change - self.rest_change
+        return np.asarray(change.T, dtype=np.float64)
+
+    def predict(self, circle: Circle) -> FloatArray:
+        """Return the model's colour change [grey levels], shape [n, 3]."""
+        change, model = self.light_change(circle), self.model
+        if not model.response.bends and model.reference is None:
+            return change
+        unloaded = model.shown(np.zeros_like(change), self.background)
+        return np.asarray(model.shown(change, self.background) - unloaded)

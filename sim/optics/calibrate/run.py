@@ -1,0 +1,182 @@
+"""From a folder of ball presses to a calibration file, its scores and its figures."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from sim.optics.calibrate.blur import BLUR_PX
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.cross_validation import CheckScores, check_presses, cross_validate
+from sim.optics.calibrate.figures import draw_coverage, draw_presses
+from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.checks import check_after, check_coverage
+from sim.optics.calibrate.presses.pressed_scene import pressed_scene
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scores import RenderedPress, held_out_errors
+from sim.optics.calibrate.presses.slope_coverage import SlopeCoverage, slope_coverage
+from sim.optics.calibrate.sensor_fit import calibrate_presses
+from sim.optics.render.shadows.shadow import SHADOWS
+from tacauchy_rig import __version__
+from tacauchy_rig.errors import RecordError
+
+log = logging.getLogger(__name__)
+
+WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
+SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticsResult:
+    """What came out: scores, coverage, warnings and the files written.
+
+    Attributes:
+        presses: Of each press: name, circle as labelled and as nudged [px], and its mean absolute
+            error when held out [grey levels].
+    """
+
+    cross_validation: CheckScores
+    check: CheckScores | None
+    coverage: SlopeCoverage
+    warnings: list[str]
+    presses: list[dict[str, Any]]
+    provenance: dict[str, Any]
+    written: list[Path]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        return {
+            "cross_validation": self.cross_validation.as_json(),
+            "check": None if self.check is None else self.check.as_json(),
+            "coverage": {
+                "tilt_limit": self.coverage.tilt_limit,
+                "slopes_seen_share": self.coverage.share,
+                "image_share": self.coverage.image_share,
+                "tilt_edges": self.coverage.edges.tolist(),
+                "presses_seen": self.coverage.presses_seen.tolist(),
+            },
+            "warnings": self.warnings,
+            "presses": self.presses,
+            "provenance": self.provenance,
+            "files": [str(path) for path in self.written],
+        }
+
+
+def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
+    """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
+
+    Raises:
+        ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
+        ConvergenceError: The simulated ball press finds no equilibrium.
+        RecordError: A result cannot be written.
+    """
+    read = read_input(request)
+    scene = pressed_scene(
+        request.sensor,
+        read.background,
+        read.geometry,
+        ball_diameter_m=request.ball_diameter_m,
+        preset=request.preset,
+    )
+    presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
+    log.info("cross-validating %d presses", len(presses))
+    fit = partial(calibrate_presses, scene=scene, sensor=request.sensor)
+    scores, held_out = cross_validate(
+        presses, scene, fit=fit, folds=min(request.folds, len(presses))
+    )
+    warnings = warnings + check_after(scores, held_out, scene)
+    calibration = fit(presses)
+    coverage = slope_coverage(calibration.circles, calibration.scene)
+    warnings += check_coverage(coverage)
+    checked = check_presses(read.check, calibration, scene)[0] if read.check else None
+    provenance = _provenance(request, presses, scores, calibration)
+    written = _write(request, calibration, coverage, held_out, scene, provenance)
+    return OpticsResult(
+        cross_validation=scores,
+        check=checked,
+        coverage=coverage,
+        warnings=warnings,
+        presses=_rows(presses, calibration.circles, held_out, scene),
+        provenance=provenance,
+        written=written,
+    )
+
+
+def _provenance(
+    request: OpticsRequest,
+    presses: Sequence[BallPress],
+    scores: CheckScores,
+    found: Calibration,
+) -> dict[str, Any]:
+    geometry = found.scene.geometry
+    digest = hashlib.sha256()
+    for press in presses:
+        digest.update(press.name.encode())
+        digest.update(press.image.tobytes())
+        digest.update(repr(asdict(press.circle)).encode())
+    return {
+        "source": f"{len(presses)} ball presses in {request.folder.resolve().name}",
+        "presses_sha256": digest.hexdigest(),
+        "ball_diameter_m": request.ball_diameter_m,
+        WIDTH: geometry.width,
+        HEIGHT: geometry.height,
+        SCALE_X: geometry.scale_x_m,
+        SCALE_Y: geometry.scale_y_m,
+        "sensor": request.sensor.title,
+        "preset": request.preset.value,
+        "version": __version__,
+        "held_out_r2": scores.nudged.r2,
+        "held_out_mae_levels": scores.nudged.mae,
+        "held_out_ssim_crop": scores.nudged.ssim_crop,
+        BLUR_PX: found.blur_px,
+        SHADOWS: None if found.shadows is None else found.shadows.as_json(),
+    }
+
+
+def _write(
+    request: OpticsRequest,
+    calibration: Calibration,
+    coverage: SlopeCoverage,
+    held_out: Sequence[RenderedPress],
+    scene: PressScene,
+    provenance: dict[str, Any],
+) -> list[Path]:
+    model, out = calibration.model, request.out
+    ordered = sorted(held_out, key=lambda item: item.press.name)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        replace(model, provenance={**model.provenance, **provenance}).save(out)
+        draw_coverage(coverage, calibration.circles, calibration.scene, request.slopes)
+        draw_presses(ordered, scene, request.held_out)
+    except OSError as error:
+        raise RecordError(
+            f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
+        ) from error
+    return [out, request.slopes, request.held_out]
+
+
+def _rows(
+    presses: Sequence[BallPress],
+    nudged: Sequence[Circle],
+    held_out: Sequence[RenderedPress],
+    scene: PressScene,
+) -> list[dict[str, Any]]:
+    errors = {
+        item.press.name: error
+        for item, error in zip(held_out, held_out_errors(held_out, scene), strict=True)
+    }
+    return [
+        {
+            "image": press.name,
+            "labelled": asdict(press.circle),
+            "nudged": asdict(circle),
+            "held_out_mae_levels": errors[press.name],
+        }
+        for press, circle in zip(presses, nudged, strict=True)
+    ]

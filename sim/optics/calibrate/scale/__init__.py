@@ -1,0 +1,1 @@
+"""Where pixels look: the scale of a sensor's images."""

@@ -1,0 +1,171 @@
+"""Lamps that cast shadows, fitted to ball presses together with the colours.
+
+Colours and shadows are told apart by turns: what the smooth model of slopes leaves over is searched
+for shadows of the lamps that the sensor's file names, and the model is fitted again to the presses
+without those.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.calibrate.colours import Calibration, calibrate_optics
+from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.press_image import pressed_surface, without_shadows
+from sim.optics.calibrate.presses.ball_press import BallPress
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.height.tilt import Float32Array
+from sim.optics.render.nominal import Lamp
+from sim.optics.render.shadows.shadow import ShadowCaster, lost_share
+
+_ROUNDS = 2
+_LOOKED_AT = 10  # deepest presses; their shadows are the longest
+_COARSE = 2  # pixels along rows and columns that are taken together
+_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
+_LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
+
+
+_Move = Callable[[ShadowCaster, float], ShadowCaster]
+
+
+@dataclass(frozen=True, slots=True)
+class _Dent:
+    """One press at coarse pixels: bulge [m], tilt, and what the colours leave over, [n, 3]."""
+
+    bulge: Float32Array
+    tilt: Float32Array
+    left_over: Float32Array
+
+
+def calibrate_with_shadows(
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    nominal: ShadowCaster,
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+) -> Calibration:
+    """Fit colours, and direction, elevation and colour of the lamps' shadows.
+
+    Their softness stays that of the sensor's file: the short shadows of a ball do not tell a soft
+    strong one from a sharp weak one.
+
+    Args:
+        presses: Images with labelled circles.
+        scene: Camera, no-contact frame and gel.
+        nominal: The lamps of the sensor's file, where the search starts.
+        exponents: Terms of the model.
+
+    Raises:
+        ConfigError: As ``calibrate_optics``.
+    """
+    found, shadows = calibrate_optics(presses, scene, exponents=exponents), nominal
+    for _ in range(_ROUNDS):
+        shadows = _fitted(presses, found, shadows)
+        lit = [
+            without_shadows(press, circle, found.scene, shadows)
+            for press, circle in zip(presses, found.circles, strict=True)
+        ]
+        found = calibrate_optics(lit, scene, exponents=exponents)
+    return replace(found, shadows=shadows)
+
+
+def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
+    """Search direction and elevation one lamp after the other; colours follow linearly."""
+    chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
+    dents = [_dent(presses[i], found, i) for i in chosen.tolist()]
+    geometry = _coarse(found.scene.geometry)
+    best, misfit = _coloured(start, dents, geometry)
+    for step in _STEPS:
+        for trial_of in _moves(len(start.lamps)):
+            for sign in (-1.0, 1.0):
+                trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
+                while error < misfit:
+                    best, misfit = trial, error
+                    trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
+    return best
+
+
+def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
+    scene, circle = found.scene, found.circles[index]
+    bulge, tilt = pressed_surface(scene, circle)
+    left = (
+        press.image
+        - scene.background
+        - scene.light_image(found.lights[index])
+        - scene.whole_image(found.model).predict(circle).reshape(press.image.shape)
+    )
+    size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
+
+    def coarse(values: FloatArray | Float32Array) -> Float32Array:
+        small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(small, dtype=np.float32)
+
+    return _Dent(coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3))
+
+
+def _coarse(geometry: CameraGeometry) -> CameraGeometry:
+    return replace(
+        geometry,
+        width=geometry.width // _COARSE,
+        height=geometry.height // _COARSE,
+        scale_x_m=geometry.scale_x_m * _COARSE,
+        scale_y_m=geometry.scale_y_m * _COARSE,
+        centre_x_px=(geometry.centre_x_px + 0.5) / _COARSE - 0.5,
+        centre_y_px=(geometry.centre_y_px + 0.5) / _COARSE - 0.5,
+    )
+
+
+def _coloured(
+    shadows: ShadowCaster, dents: Sequence[_Dent], geometry: CameraGeometry
+) -> tuple[ShadowCaster, float]:
+    """Give the lamps the colours that explain best what is left over; return the misfit too."""
+    count = len(shadows.lamps)
+    normal, load, total = np.zeros((count, count)), np.zeros((count, 3)), 0.0
+    for dent in dents:
+        lost = [
+            lost_share(dent.bulge, dent.tilt, lamp, geometry, softness_m=shadows.softness_m)
+            for lamp in shadows.lamps
+        ]
+        terms = np.stack(lost).reshape(count, -1).astype(np.float64)
+        normal += terms @ terms.T
+        load -= terms @ dent.left_over
+        total += float(np.sum(dent.left_over**2))
+    colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
+    misfit = total - 2.0 * float(np.sum(colours * load))
+    misfit += float(np.einsum("ic,ij,jc->", colours, normal, colours))
+    lamps = [
+        replace(lamp, colour=(float(c[0]), float(c[1]), float(c[2])))
+        for lamp, c in zip(shadows.lamps, colours, strict=True)
+    ]
+    return replace(shadows, lamps=lamps), misfit
+
+
+def _moves(count: int) -> list[_Move]:
+    """Return every way to change one number of the lamps by a step."""
+    moves: list[_Move] = []
+    for i in range(count):
+        moves += [partial(_turned, i), partial(_raised, i)]
+    return moves
+
+
+def _turned(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
+    lamp = shadows.lamps[index]
+    return _with_lamp(shadows, index, replace(lamp, azimuth_rad=lamp.azimuth_rad + step))
+
+
+def _raised(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
+    lamp = shadows.lamps[index]
+    bounded = min(max(lamp.elevation_rad * math.exp(step), _LOWEST_RAD), _HIGHEST_RAD)
+    return _with_lamp(shadows, index, replace(lamp, elevation_rad=bounded))
+
+
+def _with_lamp(shadows: ShadowCaster, index: int, lamp: Lamp) -> ShadowCaster:
+    return replace(shadows, lamps=[*shadows.lamps[:index], lamp, *shadows.lamps[index + 1 :]])

@@ -1,0 +1,1 @@
+"""Height of the gel's surface per pixel, from the deformed mesh."""

@@ -1,0 +1,1 @@
+"""Printed markers: where they are, where the gel carries them, how they are tracked."""

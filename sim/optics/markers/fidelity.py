@@ -1,0 +1,123 @@
+"""The two fidelities of marker motion side by side: the simulated surface and the exponentials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
+from sim.fields.press_fields import surface_state
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.markers.exponentials import FotsMarkers, MarkerLoad, fit_fots
+from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.printed_grid import draw_markers, marker_places
+from sim.optics.markers.tracking import track_markers
+from sim.press import follow, path_for
+from sim.scene.scene import Motion, Scene
+from sim.sensor.sensor import MarkerGrid
+
+_LEVEL = 150
+_NOISE_LEVELS = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerComparison:
+    """Markers of one press by both fidelities.
+
+    Attributes:
+        largest_m: Largest displacement of a marker by the simulated surface [m].
+        difference_rms_m: Root mean square distance of the exponentials from it [m].
+        difference_largest_m: Largest distance [m].
+        tracking_rms_px: Root mean square error of displacements tracked in rendered images with
+            noise [px].
+        tracking_largest_px: Largest error [px].
+        tracked: Markers that were tracked.
+        lost: Markers seen at rest that were not found again.
+    """
+
+    largest_m: float
+    difference_rms_m: float
+    difference_largest_m: float
+    tracking_rms_px: float
+    tracking_largest_px: float
+    tracked: int
+    lost: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerFidelity:
+    """Exponentials fitted to the simulator, and what is left between the two."""
+
+    fitted: FotsMarkers
+    motions: Mapping[str, MarkerComparison]
+
+
+def compare_marker_fidelities(
+    scene: Scene, motions: Mapping[str, Motion], grid: MarkerGrid, geometry: CameraGeometry
+) -> MarkerFidelity:
+    """Press as the scene says, move on as each motion says, and compare the markers' ways.
+
+    Args:
+        scene: A press to a depth, with friction where a motion needs it.
+        motions: By name; all of them are fitted together.
+        grid: The markers.
+        geometry: Camera, for the tracking.
+
+    Raises:
+        ConvergenceError: A motion finds no equilibrium.
+    """
+    places = marker_places(grid)
+    loads, moved = [], []
+    for motion in motions.values():
+        moving = replace(scene, motion=motion)
+        path = path_for(moving, plan_effects(moving))
+        surface = surface_state(path, follow(moving, path))
+        moved.append(surface_displacement(surface, places)[:, :2])
+        loads.append(
+            MarkerLoad(
+                centre_m=scene.centre_m,
+                depth_m=scene.target.depth_m or 0.0,
+                shift_m=motion.shift_m,
+                twist_rad=motion.twist_rad,
+            )
+        )
+    fitted = fit_fots(places, loads, moved)
+    found = {
+        name: _compare(places, shift, fitted.displacement(places, load), grid, geometry)
+        for name, load, shift in zip(motions, loads, moved, strict=True)
+    }
+    return MarkerFidelity(fitted=fitted, motions=found)
+
+
+def _compare(
+    places: FloatArray,
+    moved: FloatArray,
+    cheap: FloatArray,
+    grid: MarkerGrid,
+    geometry: CameraGeometry,
+) -> MarkerComparison:
+    difference = np.linalg.norm(cheap - moved, axis=1)
+    rng = np.random.default_rng(0)
+    plain = np.full((geometry.height, geometry.width, 3), _LEVEL, dtype=np.uint8)
+    frames = []
+    for at in (places, places + moved):
+        image = draw_markers(plain, at, grid.radius_m, geometry)
+        noisy = image + _NOISE_LEVELS * rng.standard_normal(image.shape)
+        frames.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    tracks = track_markers(frames[0], frames[1], geometry, radius_m=grid.radius_m)
+    which = cKDTree(places).query(tracks.places_m)[1]
+    scale = (geometry.scale_x_m, geometry.scale_y_m)
+    error = np.linalg.norm((tracks.displacement_m - moved[which]) / scale, axis=1)
+    return MarkerComparison(
+        largest_m=float(np.linalg.norm(moved, axis=1).max()),
+        difference_rms_m=float(np.sqrt(np.mean(difference**2))),
+        difference_largest_m=float(difference.max()),
+        tracking_rms_px=float(np.sqrt(np.mean(error**2))) if len(error) else float("nan"),
+        tracking_largest_px=float(error.max()) if len(error) else float("nan"),
+        tracked=len(error),
+        lost=tracks.lost,
+    )

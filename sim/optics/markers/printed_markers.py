@@ -1,0 +1,163 @@
+"""Markers printed on the gel, taken from the no-contact frame and moved with the gel.
+
+Ink takes a share of the light, whatever the light. What each marker takes is read off the
+no-contact frame, so that a rendered image has the markers of this very unit, blurred as its camera
+blurs them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sim.arrays import FloatArray
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.markers.detection import dark_markers
+from sim.optics.markers.printed_grid import marker_places
+from sim.sensor.sensor import MarkerGrid
+from tacauchy_rig.errors import ConfigError
+
+_REACH = 1.6  # radii around a marker that its blurred edge reaches
+_FOUND_SHARE = 0.6  # of the markers that the sensor's file puts into the image
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintedMarkers:
+    """The markers of one no-contact frame.
+
+    Attributes:
+        bare: The frame without its markers, RGB, uint8, shape [height, width, 3].
+        ink: Share of the light that the markers leave, same shape.
+        mask: True on the markers and a little beyond, shape [height, width].
+        centres_px: Column and row of each marker at rest [px], shape [n, 2].
+        places_m: The same on the pad [m], shape [n, 2].
+        reach_px: Distance from a centre within which a marker dims the image [px].
+    """
+
+    bare: ImageArray
+    ink: NDArray[np.float32]
+    mask: NDArray[np.bool_]
+    centres_px: FloatArray
+    places_m: FloatArray
+    reach_px: float
+
+    def over(
+        self, image: ImageArray, displacement_m: FloatArray, geometry: CameraGeometry
+    ) -> ImageArray:
+        """Print the markers over an image of the bare gel.
+
+        Args:
+            image: RGB, uint8, shape [height, width, 3].
+            displacement_m: Of each marker along the pad's x and y [m], shape [n, 2].
+            geometry: Pixels.
+        """
+        moved = geometry.to_pixels(self.places_m + displacement_m)
+        cover = np.ones_like(self.ink)
+        size = 2 * int(np.ceil(self.reach_px)) + 3
+        for start, end in zip(self.centres_px, moved, strict=True):
+            left, top = (int(value) - size // 2 for value in np.rint(end))
+            columns, rows = _inside(left, size, geometry.width), _inside(top, size, geometry.height)
+            if columns.stop <= columns.start or rows.stop <= rows.start:
+                continue
+            patch = _shifted(self.ink, start - end + (left, top), size)
+            part = patch[
+                rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+            ]
+            cover[rows, columns] *= part
+        return np.asarray(np.clip(np.rint(image * cover), 0.0, 255.0), dtype=np.uint8)
+
+
+def printed_markers(
+    frame: ImageArray, grid: MarkerGrid, geometry: CameraGeometry
+) -> PrintedMarkers | None:
+    """Read the markers off a no-contact frame; None where it shows none.
+
+    A make of sensor is sold with and without them, so the frame decides.
+
+    Args:
+        frame: RGB, uint8, shape [height, width, 3].
+        grid: Where the sensor's file says that they are.
+        geometry: Pixels.
+
+    Raises:
+        ConfigError: Markers are there, but not where the file says.
+    """
+    radius_px = grid.radius_m / geometry.mean_scale_m
+    expected = geometry.to_pixels(marker_places(grid))
+    border = _REACH * radius_px + 1.0
+    size = np.array([geometry.width, geometry.height]) - 1.0
+    whole = expected[np.all((expected > border) & (expected < size - border), axis=1)]
+    grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    found = dark_markers(grey, radius_px=radius_px)
+    if len(whole) == 0 or len(found) < _FOUND_SHARE * len(whole):
+        return None
+    pitch_px = min(grid.pitch_m) / geometry.mean_scale_m
+    off = cKDTree(expected).query(found)[0]
+    kept = found[off < 0.5 * pitch_px]
+    if len(kept) < _FOUND_SHARE * len(whole):
+        raise ConfigError(
+            f"{len(found)} markers are in the no-contact frame, {len(kept)} of them near one of "
+            f"the {len(whole)} places of the sensor's file",
+            remedy="correct columns, rows and pitch in the sensor's [markers], or its pixel size",
+        )
+    reach_px = _REACH * radius_px
+    kept = np.concatenate([kept, _cut_off(expected, kept, reach_px, size)])
+    mask = _discs(kept, reach_px, frame.shape[:2])
+    bare = cv2.inpaint(frame, mask.astype(np.uint8), 3.0, cv2.INPAINT_TELEA)
+    share = frame.astype(np.float32) / np.maximum(bare.astype(np.float32), 1.0)
+    return PrintedMarkers(
+        bare=np.asarray(bare, dtype=np.uint8),
+        ink=np.asarray(share, dtype=np.float32),
+        mask=mask,
+        centres_px=kept,
+        places_m=geometry.to_pad(kept),
+        reach_px=reach_px,
+    )
+
+
+def _cut_off(
+    expected: FloatArray, found: FloatArray, reach_px: float, size: FloatArray
+) -> FloatArray:
+    """Return where the markers lie that the image's border cuts, from all the others [px]."""
+    grid = expected[cKDTree(expected).query(found)[1]]
+    terms = np.column_stack([grid, np.ones(len(grid))])
+    map_to_image = np.linalg.lstsq(terms, found, rcond=None)[0]
+    predicted = np.column_stack([expected, np.ones(len(expected))]) @ map_to_image
+    missing = cKDTree(found).query(predicted)[0] > reach_px
+    shown = np.all((predicted > -reach_px) & (predicted < size + reach_px), axis=1)
+    return np.asarray(predicted[missing & shown])
+
+
+def marker_mask(
+    frame: ImageArray, grid: MarkerGrid | None, geometry: CameraGeometry
+) -> NDArray[np.bool_] | None:
+    """Return where the markers of a no-contact frame hide the gel; None where it has none.
+
+    Raises:
+        ConfigError: Markers are there, but not where the file says.
+    """
+    printed = None if grid is None else printed_markers(frame, grid, geometry)
+    return None if printed is None else printed.mask
+
+
+def _discs(centres: FloatArray, radius_px: float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    near = np.zeros(shape, dtype=np.bool_)
+    for column, row in centres:
+        near |= np.hypot(columns - column, rows - row) <= radius_px
+    return near
+
+
+def _inside(start: int, size: int, limit: int) -> slice:
+    return slice(max(start, 0), min(start + size, limit))
+
+
+def _shifted(ink: NDArray[np.float32], corner: FloatArray, size: int) -> NDArray[np.float32]:
+    """Cut out a window whose first pixel lies between pixels, at ``corner``."""
+    middle = corner + 0.5 * (size - 1)
+    patch = cv2.getRectSubPix(ink, (size, size), (float(middle[0]), float(middle[1])))
+    return np.asarray(patch, dtype=np.float32)

@@ -1,0 +1,1 @@
+"""From height maps to tactile images."""

@@ -1,0 +1,1 @@
+"""Photometric model: tilt and place of the surface to a change of colour."""

@@ -1,0 +1,185 @@
+"""Photometric model: tilt, place and indentation of the surface to a change of colour.
+
+After Taxim (Si and Yuan 2022), who map slope to colour with a low-order polynomial in pixel
+position; here the whole map is one polynomial with coefficients as data. It also knows how deep
+the surface is pressed: under a ball's centre the gel is level as at rest, and yet darker. A
+calibration may add near lamps and creases (``shading_terms``), which no polynomial follows.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.optics.height.tilt import Float32Array, bounded_tilt
+from sim.optics.render.photometric.pixels import PhotometricPixels
+from sim.optics.render.photometric.polynomial import RealArray, evaluate_polynomial
+from sim.optics.render.photometric.shading_terms import ShadingTerms, read_terms
+from sim.optics.render.pixel_planes import PixelLayout
+from sim.optics.render.response import BRIGHTEST, LINEAR, Response
+from tacauchy_rig.errors import ConfigError
+
+FORMAT = "tacauchy photometric model 1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotometricModel:
+    """Polynomial in tilt (p, q), normalised pixel position (u, v) and indentation w [mm].
+
+    colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k w^e_k, with a + b + e >= 1.
+    It is a change of light, in grey levels below the camera's knee; see ``response``.
+
+    Attributes:
+        exponents: a, b, c, d, e of each term, shape [term_count, 5].
+        coefficients: Grey levels of red, green, blue for each term, shape [term_count, 3].
+        tilt_limit: Largest tilt the coefficients were fitted to; steeper surfaces are rendered
+            as this steep in their own direction, not extrapolated.
+        indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
+        terms: Lamps and creases, not bounded by the limit of tilt; None has none.
+        term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
+        response: How the camera shows light.
+        reference: Grey level of a no-contact frame to which the change holds; where the frame is
+            brighter or darker, the change of light is so too, as paint and lamps shade both alike.
+            None adds the same everywhere.
+        provenance: Where the coefficients come from, as JSON values with units in the keys.
+    """
+
+    exponents: IntArray
+    coefficients: FloatArray
+    tilt_limit: float = 1.0
+    indentation_limit_m: float = math.inf
+    terms: ShadingTerms | None = None
+    term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    response: Response = LINEAR
+    reference: float | None = None
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        terms = len(self.coefficients)
+        if self.exponents.shape != (terms, 5) or self.coefficients.shape != (terms, 3):
+            raise ConfigError(
+                f"photometric model has exponents of shape {self.exponents.shape} and "
+                f"coefficients of shape {self.coefficients.shape}",
+                remedy="they must be [terms, 5] and [terms, 3]",
+            )
+
+    def evaluate(
+        self,
+        tilt: RealArray,
+        position: RealArray,
+        indentation_m: RealArray,
+        curvature: RealArray | None = None,
+    ) -> RealArray:
+        """Return the colour change [grey levels] in the precision of the arguments.
+
+        Args:
+            tilt: Shape [2, point_count].
+            position: Normalised pixel position, shape [2, point_count].
+            indentation_m: Unloaded minus loaded height [m], shape [point_count].
+            curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
+
+        Returns:
+            Red, green, blue, shape [3, point_count].
+        """
+        bounded = bounded_tilt(tilt, self.tilt_limit)
+        depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
+        change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
+        if self.terms is not None:
+            creases = np.zeros_like(indentation_m) if curvature is None else curvature
+            values = self.terms.values(tilt, position, creases)
+            change += self.term_coefficients.T.astype(tilt.dtype) @ values
+        return change
+
+    def gain(self, light: RealArray) -> RealArray | None:
+        """Return what the change is multiplied by over a no-contact frame; None is 1.
+
+        Args:
+            light: Of the no-contact frame [grey levels], any shape.
+        """
+        if self.reference is None:
+            return None
+        kind = light.dtype.type
+        return np.asarray(np.maximum(light, kind(1.0)) * kind(1.0 / self.reference))
+
+    def shown(self, change: RealArray, background: RealArray) -> RealArray:
+        """Return the grey levels of a change over a no-contact frame, both of one shape."""
+        light = self.response.light(background)
+        gain = self.gain(light)
+        return self.response.levels(light + (change if gain is None else gain * change))
+
+    def of_pixels(self, position: RealArray, layout: PixelLayout) -> PhotometricPixels:
+        """Return it made ready for the pixels of an image; arguments as there."""
+        return PhotometricPixels(self, position, layout)
+
+    def save(self, path: Path) -> None:
+        """Write the model and its provenance as one ``.npz``."""
+        np.savez(
+            path,
+            format=np.array(FORMAT),
+            exponents=self.exponents,
+            coefficients=self.coefficients,
+            tilt_limit=np.array(self.tilt_limit),
+            indentation_limit_m=np.array(self.indentation_limit_m),
+            terms=np.array(json.dumps(None if self.terms is None else self.terms.as_json())),
+            term_coefficients=self.term_coefficients,
+            knee=np.array(self.response.knee),
+            reference=np.array(math.nan if self.reference is None else self.reference),
+            provenance=np.array(json.dumps(dict(self.provenance), sort_keys=True)),
+        )
+
+
+def load_photometric(path: Path) -> PhotometricModel:
+    """Read a model written by ``PhotometricModel.save``.
+
+    Raises:
+        ConfigError: The file is missing or is not such a model.
+    """
+    remedy = "write one with: tacauchy-rig calibrate optics FOLDER ... --out calibration.npz"
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if str(data["format"]) != FORMAT:
+                raise ConfigError(f"{path} has the format {str(data['format'])!r}", remedy=remedy)
+            terms = json.loads(str(data["terms"])) if "terms" in data else None
+            return PhotometricModel(
+                exponents=data["exponents"],
+                coefficients=data["coefficients"],
+                tilt_limit=float(data["tilt_limit"]),
+                indentation_limit_m=float(data["indentation_limit_m"]),
+                terms=None if terms is None else read_terms(terms),
+                term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
+                response=Response(knee=float(data["knee"]) if "knee" in data else BRIGHTEST),
+                reference=_number(data["reference"]) if "reference" in data else None,
+                provenance=json.loads(str(data["provenance"])),
+            )
+    except FileNotFoundError as error:
+        raise ConfigError(f"optics calibration {path} does not exist", remedy=remedy) from error
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        raise ConfigError(
+            f"{path} is not an optics calibration ({error})", remedy=remedy
+        ) from error
+
+
+def _number(stored: FloatArray) -> float | None:
+    value = float(stored)
+    return None if math.isnan(value) else value
+
+
+def normalised_positions(height: int, width: int) -> Float32Array:
+    """Return u, v over columns and rows, -1 and 1 in the middle of the first and last pixel.
+
+    Args:
+        height: Rows of the image.
+        width: Columns of the image.
+
+    Returns:
+        Shape [2, height * width].
+    """
+    v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    return np.stack([u.ravel(), v.ravel()]).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Shadows that the pressed gel casts on itself."""

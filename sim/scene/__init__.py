@@ -1,0 +1,1 @@
+"""A press as plain data: pad, indenter, material, target."""

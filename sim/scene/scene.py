@@ -1,0 +1,213 @@
+"""A scene as plain data: what is pressed into what, how far, and how well it must be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.material import Layer, Material
+from sim.scene.pad import Pad
+from sim.scene.tetwild_options import Filling
+from tacauchy_rig.errors import ConfigError
+
+BARRIER_M = 5e-6
+SHARP_BARRIER_M = 1e-6
+# Preset fast's widest; it is no wider than these shares of the roundness and of the depth.
+_WIDE_BARRIER_M = 40e-6
+_ROUND_SHARE, _DEPTH_SHARE = 0.4, 0.1
+
+
+class ContactMode(StrEnum):
+    """What touching points may do along the indenter."""
+
+    FRICTIONLESS = "frictionless"
+    BONDED = "bonded"
+    FRICTION = "friction"
+
+
+class Drive(StrEnum):
+    """How a force target is reached.
+
+    ``load`` makes the indenter's travel an unknown of the solve; ``search`` is the paper's
+    displacement search (section IV-C).
+    """
+
+    LOAD = "load"
+    SEARCH = "search"
+
+
+class Output(StrEnum):
+    """What a scene is simulated for, besides the force."""
+
+    FIELDS = "fields"
+    IMAGE = "image"
+    SHADOW = "shadow"
+    MARKERS = "markers"
+
+
+class Effect(StrEnum):
+    """What a simulation may include or leave out."""
+
+    INERTIA = "inertia"
+    GRAVITY = "gravity"
+    FRICTION = "friction"
+    FINITE_STRAIN = "finite-strain"
+    LOCKING_FREE_ELEMENT = "locking-free-element"
+    SECOND_LAYER = "second-layer"
+    VISCOELASTICITY = "viscoelasticity"
+    SELF_CONTACT = "self-contact"
+    SYMMETRY = "symmetry"
+    MARKERS = "markers"
+    IMAGE = "image"
+    SHADOW = "shadow"
+
+
+class Preset(StrEnum):
+    """Mesh and element together: what accuracy to pay for."""
+
+    FAST = "fast"
+    BALANCED = "balanced"
+    ACCURATE = "accurate"
+    PAPER = "paper"
+    REFERENCE = "reference"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """What the indenter does once it is pressed in, with its depth or force held.
+
+    Attributes:
+        shift_m: Translation along x and y [m].
+        twist_rad: Rotation about the pad's z axis through the tip, counter-clockwise [rad].
+        tilt_rad: Rotations about x and y that the indenter has from the start [rad].
+    """
+
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    twist_rad: float = 0.0
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_straight(self) -> bool:
+        """The indenter goes straight down and no further."""
+        return not any((*self.shift_m, self.twist_rad, *self.tilt_rad))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """Where the press ends: at a depth or at a force, exactly one of them.
+
+    Attributes:
+        depth_m: Travel of the tip below first touch of the undeformed pad [m].
+        force_n: Pressing force F_z [N].
+    """
+
+    depth_m: float | None = None
+    force_n: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.depth_m is None) == (self.force_n is None):
+            raise ConfigError(
+                "a press needs either a depth or a force", remedy="give exactly one of the two"
+            )
+        value = self.depth_m if self.depth_m is not None else self.force_n
+        if value is not None and not value >= 0.0:
+            raise ConfigError(f"press target {value:g} is negative", remedy="give 0 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """One press.
+
+    Attributes:
+        centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
+        material: Of the whole gel, or of what ``layers`` do not give.
+        layers: From the clamped base upwards; empty for a gel of one material.
+        contact: What touching points may do along the indenter.
+        friction: Coulomb coefficient mu, for contact ``friction``.
+        motion: What the indenter does besides going straight down.
+        duration_s: Time in which the indenter reaches its target [s].
+        outputs: What is asked for besides the force.
+        tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
+        effects: Effects switched on or off by the user, against the plan.
+        refinement: Every edge this many times shorter than the preset's; in a light scene in the
+            section through the axis, while the sectors become more with its root.
+        drive: How a force target is reached.
+        force_tolerance_n: How closely a force target is met [N].
+        barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
+        filling: Settings of fTetWild, for meshes that it makes.
+        sensor: Name of the sensor, for reports; empty for a bare pad.
+    """
+
+    pad: Pad
+    material: Material
+    indenter: Indenter
+    target: Target
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    layers: tuple[Layer, ...] = ()
+    contact: ContactMode = ContactMode.FRICTIONLESS
+    friction: float = 0.5
+    motion: Motion = Motion()
+    duration_s: float = 1.0
+    outputs: frozenset[Output] = frozenset()
+    tolerance: float | None = None
+    effects: tuple[tuple[Effect, bool], ...] = ()
+    drive: Drive = Drive.LOAD
+    preset: Preset = Preset.BALANCED
+    refinement: float = 1.0
+    force_tolerance_n: float = 1e-3
+    barrier_m: float | None = None
+    filling: Filling = field(default_factory=Filling)
+    sensor: str = ""
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Every material of the gel, from the base upwards."""
+        return tuple(layer.material for layer in self.layers) or (self.material,)
+
+    @property
+    def has_sharp_rim(self) -> bool:
+        """A sharp edge presses on the gel: stress is singular there."""
+        return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
+
+    @property
+    def is_smooth(self) -> bool:
+        """A rounded body goes straight down into one gel, without friction."""
+        straight = self.motion.is_straight and self.contact is ContactMode.FRICTIONLESS
+        return straight and self._edge_radius_m > 0.0 and not self.layers
+
+    @property
+    def is_light(self) -> bool:
+        """Preset fast can do with a coarser rim, a wide barrier and fewer sectors."""
+        return self.preset is Preset.FAST and self.is_smooth
+
+    @property
+    def contact_distance_m(self) -> float:
+        """Contact distance d_hat [m], a numerical setting.
+
+        The gel stays about this far from the indenter, and depth counts from there. Under a sharp
+        rim F_z depends on it ten times more than under a round one: there it is smaller.
+        """
+        if self.barrier_m is not None:
+            return self.barrier_m
+        if self.is_light:
+            return max(BARRIER_M, self._wide_barrier_m())
+        return SHARP_BARRIER_M if self.has_sharp_rim else BARRIER_M
+
+    def _wide_barrier_m(self) -> float:
+        """Return a contact distance that halves Newton's iterations [m].
+
+        Under a 5 mm cylinder with a fillet of 0.3 mm, 1 mm deep in a GelSight Mini, F_z is 1.0 %
+        larger with 40 um than with 10 um. On shorter edges it falls as the mesh's own error does.
+        """
+        depth = self.target.depth_m
+        widest = _DEPTH_SHARE * depth if depth is not None else _WIDE_BARRIER_M
+        widest = min(_ROUND_SHARE * self._edge_radius_m, widest, _WIDE_BARRIER_M)
+        return widest / max(1.0, self.refinement) ** 2
+
+    @property
+    def _edge_radius_m(self) -> float:
+        """Radius at which a rigid body is rounded where the contact ends [m]; zero if it is not."""
+        if isinstance(self.indenter, Cylinder):
+            return self.indenter.fillet_m
+        return self.indenter.radius_m if isinstance(self.indenter, Sphere) else 0.0

@@ -1,0 +1,1 @@
+"""Sensors as data: one TOML file each, read and checked."""

@@ -1,0 +1,212 @@
+"""Sensors: one TOML file each."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sim.scene.layers import interface_shares
+from sim.scene.material import Layer, Material
+from sim.scene.pad import BoxPad, Pad
+from sim.scene.tetwild_options import Filling
+from sim.sensor.numbers import (
+    DIMENSIONS,
+    MATERIAL,
+    Measured,
+    read_counts,
+    read_number,
+    read_numbers,
+    refuse_unknown,
+)
+from sim.sensor.optics_tables import SensorOptics, parse_optics
+from sim.sensor.pad_tables import filling_of, surface_of
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraView:
+    """How the camera sees the pad after its crop.
+
+    Attributes:
+        width: Image columns [px]; they run along the pad's x.
+        height: Image rows [px]; they run along the pad's y.
+        pixel_m: Size of a pixel on the gel, x and y [m].
+        centre_m: Point of the pad in the middle of the image, x and y [m].
+        crop: Part of the raw frame's width and height that is cut off at each border.
+    """
+
+    width: int
+    height: int
+    pixel_m: tuple[float, float]
+    centre_m: tuple[float, float]
+    crop: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerGrid:
+    """Dots printed on the gel: a grid centred on the pad."""
+
+    columns: int
+    rows: int
+    pitch_m: tuple[float, float]
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A tactile sensor as its file says.
+
+    Attributes:
+        material: Of the whole gel, or of the layer that is touched.
+        layers: From the clamped base upwards; empty for a gel of one material.
+        filling: Settings of fTetWild.
+        numbers: Every number of the file by its dotted name, for reports; layers count from 1.
+    """
+
+    name: str
+    title: str
+    pad: Pad
+    material: Material
+    layers: tuple[Layer, ...]
+    camera: CameraView
+    markers: MarkerGrid | None
+    optics: SensorOptics
+    filling: Filling
+    numbers: dict[str, Measured]
+
+    def young_uncertainty(self) -> tuple[float, str]:
+        """Return the relative uncertainty of the stiffness and its source.
+
+        A force scales with all moduli together, so that of a layered gel is no less certain than
+        its least certain layer.
+        """
+        found = [number for name, number in self.numbers.items() if name.endswith(".young")]
+        worst = max(found, key=lambda number: number.uncertainty / number.value)
+        return worst.uncertainty / worst.value, worst.source
+
+
+def sensor_names() -> list[str]:
+    """Return the names of the built-in sensors."""
+    folder = resources.files("sim.sensor.files")
+    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+
+
+def load_sensor(name: str) -> Sensor:
+    """Load a built-in sensor by name, or one from a TOML file by path.
+
+    Raises:
+        ConfigError: No such sensor, or its file has an unknown key, a wrong unit or a gap.
+    """
+    if name in sensor_names():
+        text = resources.files("sim.sensor.files").joinpath(f"{name}.toml").read_text("utf-8")
+        return parse_sensor(text, origin=f"sensor {name}")
+    path = Path(name)
+    if path.suffix != ".toml" or not path.is_file():
+        raise ConfigError(
+            f"sensor {name!r} is neither built in nor a TOML file in {Path.cwd()}",
+            remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file from the "
+            "folder where the command is run",
+        )
+    return parse_sensor(path.read_text("utf-8"), origin=str(path), folder=path.parent)
+
+
+def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Sensor:
+    """Read a sensor file's text.
+
+    Args:
+        origin: Names it in messages.
+        folder: Where the path of a pad's surface starts; None is the current folder.
+
+    Raises:
+        ConfigError: The text is not TOML, or has an unknown key, a wrong unit or a gap.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
+    refuse_unknown(data, origin)
+    numbers = read_numbers(data, origin)
+    counts = read_counts(data, origin)
+
+    def value(key: str) -> float:
+        return numbers[key].value
+
+    layers = _layers(data, numbers, origin)
+    return Sensor(
+        name=str(data["name"]),
+        title=str(data["title"]),
+        pad=_pad(data["pad"], numbers, origin, folder or Path()),
+        material=layers[-1].material if layers else _material(numbers, "material"),
+        layers=layers,
+        camera=CameraView(
+            width=counts["camera.width"],
+            height=counts["camera.height"],
+            pixel_m=(value("camera.pixel_x"), value("camera.pixel_y")),
+            centre_m=(value("camera.centre_x"), value("camera.centre_y")),
+            crop=_crop(data["camera"], origin),
+        ),
+        markers=_markers(numbers, counts),
+        optics=parse_optics(data, origin),
+        filling=filling_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
+        numbers=numbers,
+    )
+
+
+def _pad(section: dict[str, Any], numbers: dict[str, Measured], origin: str, folder: Path) -> Pad:
+    if "surface" in section:
+        return surface_of(section, origin=origin, folder=folder)
+    sizes = [name for name in DIMENSIONS["pad"] if f"pad.{name}" in numbers]
+    given = {f"{name}_m": numbers[f"pad.{name}"].value for name in sizes}
+    return BoxPad(**given)
+
+
+def _material(numbers: dict[str, Measured], name: str) -> Material:
+    young, poisson = (numbers[f"{name}.{key}"].value for key in MATERIAL)
+    return Material(young_pa=young, poisson=poisson)
+
+
+def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> tuple[Layer, ...]:
+    """Read the layers from the base upwards and note their numbers."""
+    wanted = {"share": Dimension.RATIO, **MATERIAL}
+    layers = []
+    for index, entry in enumerate(data.get("layers", []), start=1):
+        name = f"layers.{index}"
+        if set(entry) != set(wanted):
+            raise ConfigError(
+                f"{origin}: {name} has {', '.join(entry) or 'nothing'}",
+                remedy=f"give {', '.join(wanted)}, no more and no less",
+            )
+        for key, dimension in wanted.items():
+            numbers[f"{name}.{key}"] = read_number(entry[key], f"{origin}: {name}.{key}", dimension)
+        share = numbers[f"{name}.share"].value
+        layers.append(Layer(share=share, material=_material(numbers, name)))
+    try:
+        interface_shares(layers)
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
+    return tuple(layers)
+
+
+def _crop(section: dict[str, Any], origin: str) -> float:
+    value = section.get("crop", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 0.5:
+        raise ConfigError(
+            f"{origin}: camera.crop is {value!r}",
+            remedy="give the part of the frame cut off at each border, such as 0.15; 0 is none",
+        )
+    return float(value)
+
+
+def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid | None:
+    if "markers.columns" not in counts:
+        return None
+    return MarkerGrid(
+        columns=counts["markers.columns"],
+        rows=counts["markers.rows"],
+        pitch_m=(numbers["markers.pitch_x"].value, numbers["markers.pitch_y"].value),
+        radius_m=numbers["markers.radius"].value,
+    )

@@ -1,0 +1,1 @@
+"""Equilibrium of a clamped pad under contact."""

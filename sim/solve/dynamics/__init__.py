@@ -1,0 +1,1 @@
+"""Presses in time: inertia and weight."""

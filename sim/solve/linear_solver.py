@@ -1,0 +1,158 @@
+"""Direct solvers for the symmetric Newton matrix, analysed once and refactored many times."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import weakref
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from sim.arrays import FloatArray
+from sim.mesh.sparsity import SparsePattern
+
+_NOT_POSITIVE_DEFINITE = -4
+_LIBRARY = "PYPARDISO_MKL_RT"
+# Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
+_UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
+
+
+class NotPositiveDefiniteError(ArithmeticError):
+    """The matrix has a negative or zero pivot: the caller projects or shifts it."""
+
+
+class LinearSolver(Protocol):
+    """What Newton needs of a solver."""
+
+    name: str
+
+    def factorise(self, data: FloatArray) -> None:
+        """Factor the matrix with the CSR values ``data`` of the upper triangle.
+
+        Raises:
+            NotPositiveDefiniteError: The matrix is not positive definite.
+        """
+        ...
+
+    def solve(self, right_side: FloatArray) -> FloatArray:
+        """Solve with the last factor, shape [dof_count]."""
+        ...
+
+
+def linear_solver(
+    pattern: SparsePattern, *, thread_count: int | None = None, refined: bool = True
+) -> LinearSolver:
+    """Return Pardiso where it is installed, else SuperLU; both take the same pattern.
+
+    Args:
+        refined: Let Pardiso refine its solutions, which a preconditioner does not need; each then
+            takes three times as long.
+        thread_count: Threads that Pardiso may use; by default MKL_NUM_THREADS, OMP_NUM_THREADS
+            or the usable cores up to four. Pinned, because a free choice slows shared machines.
+    """
+    try:
+        pypardiso = importlib.import_module("pypardiso")
+        threads = thread_count or _thread_count()
+        return PardisoSolver(pattern, pypardiso, thread_count=threads, refined=refined)
+    except ImportError:
+        return SuperLuSolver(pattern)
+
+
+class PardisoSolver:
+    """Cholesky by Intel MKL Pardiso (matrix type 2)."""
+
+    name = "pardiso"
+
+    def __init__(
+        self, pattern: SparsePattern, pypardiso: Any, *, thread_count: int, refined: bool
+    ) -> None:
+        self._error = pypardiso.pardiso_wrapper.PyPardisoError
+        self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
+        # Without it, the library is searched for anew each time, which takes 0.1 to 0.3 s.
+        os.environ.setdefault(_LIBRARY, str(self._pardiso.libmkl._name))  # noqa: SLF001
+        if not refined:
+            for place, value in _UNREFINED.items():
+                self._pardiso.set_iparm(place, value)
+        self._pardiso.libmkl.MKL_Set_Num_Threads(thread_count)
+        data = np.ones(len(pattern.indices))
+        self._matrix = scipy.sparse.csr_matrix(
+            (data, pattern.indices, pattern.indptr), shape=(pattern.dof_count, pattern.dof_count)
+        )
+        self._zero = np.zeros(pattern.dof_count)
+        weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
+        self._run(11, self._zero)
+
+    def factorise(self, data: FloatArray) -> None:
+        """Factor the matrix with the CSR values ``data`` of the upper triangle.
+
+        Raises:
+            NotPositiveDefiniteError: The matrix is not positive definite.
+        """
+        self._matrix.data[:] = data
+        self._run(22, self._zero)
+
+    def solve(self, right_side: FloatArray) -> FloatArray:
+        """Solve with the last factor, shape [dof_count]."""
+        return self._run(33, right_side)
+
+    def _run(self, phase: int, right_side: FloatArray) -> FloatArray:
+        self._pardiso.set_phase(phase)
+        try:
+            solution = self._pardiso._call_pardiso(self._matrix, right_side)  # noqa: SLF001
+        except self._error as error:
+            if error.value == _NOT_POSITIVE_DEFINITE:
+                raise NotPositiveDefiniteError("negative pivot") from error
+            raise
+        return np.asarray(solution)
+
+
+class SuperLuSolver:
+    """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode."""
+
+    name = "superlu"
+
+    def __init__(self, pattern: SparsePattern) -> None:
+        shape = (pattern.dof_count, pattern.dof_count)
+        data = np.ones(len(pattern.indices))
+        self._upper = scipy.sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=shape)
+        self._factor: Any = None
+
+    def factorise(self, data: FloatArray) -> None:
+        """Factor the matrix with the CSR values ``data`` of the upper triangle.
+
+        Raises:
+            NotPositiveDefiniteError: The matrix is not positive definite.
+        """
+        self._upper.data[:] = data
+        full = self._upper + scipy.sparse.triu(self._upper, 1).T
+        try:
+            self._factor = scipy.sparse.linalg.splu(
+                full.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise NotPositiveDefiniteError(str(error)) from error
+        if np.any(self._factor.U.diagonal() <= 0.0):
+            raise NotPositiveDefiniteError("negative pivot")
+
+    def solve(self, right_side: FloatArray) -> FloatArray:
+        """Solve with the last factor, shape [dof_count]."""
+        return np.asarray(self._factor.solve(right_side))
+
+
+def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
+    pardiso.set_phase(-1)
+    pardiso._call_pardiso(matrix, zero)  # noqa: SLF001
+
+
+def _thread_count() -> int:
+    for name in ("MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        text = os.environ.get(name, "")
+        if text.isdigit() and int(text) > 0:
+            return int(text)
+    return min(4, len(os.sched_getaffinity(0)))

@@ -1,0 +1,1 @@
+"""Loading paths: the indenter advanced, carried and turned in steps."""

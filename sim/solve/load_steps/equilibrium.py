@@ -1,0 +1,178 @@
+"""One pose of the indenter settled: equilibrium, friction's lagged pressure, and the tangent."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.contact.state import State
+from sim.scene.indenter import Indenter
+from sim.solve.linear_solver import LinearSolver
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+from sim.solve.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.solve.potentials import NodalPotential
+from sim.solve.preconditioned_lbfgs import QuickSettling
+from sim.solve.problem import Problem
+from tacauchy_rig.errors import ConvergenceError
+
+logger = logging.getLogger(__name__)
+
+DOWN = np.array([0.0, 0.0, -1.0])
+STILL = np.zeros(3)
+_PASSING = 1e-3
+# The next start is extrapolated from points in passing, and the better the closer they are.
+_PASSING_QUICKLY = 1e-4
+# A load that is asked for is met as closely as by Newton's method.
+_LOAD_MET = 1e-8
+_GRIP_ROUNDS = 30
+_GRIP_CHANGE = 1e-4
+_GRIP_CHANGE_PASSING = 1e-2
+
+
+@dataclass(slots=True, kw_only=True)
+class PathCounts:
+    """Work done along a path so far."""
+
+    newton_iterations: int = 0
+    increments: int = 0
+    wall_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settling:
+    """Settles one indenter against one pad.
+
+    Attributes:
+        solver: Holds the factor of the equilibrium that was settled or refreshed last.
+        touch_m: Tip height from which depth counts [m].
+        quick: Tried first where it is given.
+    """
+
+    model: Model
+    solver: LinearSolver
+    indenter: Indenter
+    potentials: Sequence[NodalPotential]
+    touch_m: float
+    counts: PathCounts
+    quick: QuickSettling | None = None
+
+    def settle(
+        self,
+        state: State,
+        *,
+        load_n: float | None,
+        passing: bool,
+        options: NewtonOptions,
+        before: PathPoint | None = None,
+    ) -> PathPoint:
+        """Find the equilibrium, friction's lagged pressure included.
+
+        Args:
+            state: Where to start from; it becomes the point's.
+            load_n: Force that the indenter is pushed with [N]; None holds it where it is.
+            passing: To 0.1 % will do.
+            before: The point that was gone on from.
+
+        Raises:
+            ConvergenceError: There is none, or friction does not come to rest.
+        """
+        quickly = self._settled_quickly(state, load_n, passing, options, before)
+        if quickly is not None:
+            return quickly
+        options = replace(options, residual_relative=_PASSING) if passing else options
+        problem = self._problem(load_n)
+        allowed = _GRIP_CHANGE_PASSING if passing else _GRIP_CHANGE
+        for _ in range(_GRIP_ROUNDS):
+            found = equilibrate(problem, state, options=options)
+            self.counts.newton_iterations += found.iterations
+            if self.model.refresh_grip(self.indenter, state) <= allowed:
+                break
+        else:
+            raise ConvergenceError(
+                f"friction did not settle in {_GRIP_ROUNDS} rounds",
+                remedy="move in smaller steps, or with less friction",
+            )
+        self.model.drag_anchors(self.indenter, state)
+        # The last step's factor is one step old, and the barrier's stiffness has changed since.
+        problem.factorise_safely(state, found.contact)
+        self.counts.increments += 1
+        _, stiffness = self.response(state, found, DOWN, STILL)
+        return self._point(state, found, stiffness)
+
+    def _settled_quickly(
+        self,
+        state: State,
+        load_n: float | None,
+        passing: bool,
+        options: NewtonOptions,
+        before: PathPoint | None,
+    ) -> PathPoint | None:
+        """Return the point that the quick way leads to, its stiffness that of the last step."""
+        if self.quick is None:
+            return None
+        trial, wanted = state.copy(), options.residual_relative
+        if load_n is not None:
+            load_n, wanted = load_n / self.model.mesh.fold.copies, min(wanted, _LOAD_MET)
+        relative = _PASSING_QUICKLY if passing else wanted
+        found = self.quick.settle(trial, load_n=load_n, residual_relative=relative)
+        if found is None:
+            logger.debug("no equilibrium with a kept factor at %.4g m", trial.tip[2])
+            return None
+        self.counts.newton_iterations += found.iterations
+        self.counts.increments += 1
+        point = self._point(trial, found, float("nan"))
+        force, depth = float(point.force_n[2]), point.depth_m
+        if before is not None and before.depth_m != depth:
+            force, depth = force - float(before.force_n[2]), depth - before.depth_m
+        return replace(point, stiffness_n_m=force / depth if depth else 0.0)
+
+    def _point(self, state: State, found: Equilibrium, stiffness_n_m: float) -> PathPoint:
+        pushed = found.contact.forces.reshape(-1, 3).sum(axis=0)
+        return PathPoint(
+            depth_m=self.touch_m - float(state.tip[2]),
+            force_n=self.model.mesh.fold.whole_force(pushed),
+            stiffness_n_m=stiffness_n_m,
+            state=state,
+            equilibrium=found,
+        )
+
+    def refresh(self, point: PathPoint) -> PathPoint:
+        """Bring the solver's factor back to a point that was left."""
+        self._problem(None).factorise_safely(point.state, point.equilibrium.contact)
+        return point
+
+    def response(
+        self, state: State, found: Equilibrium, velocity: FloatArray, spin: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return the tangent's answer to a motion of the indenter.
+
+        Args:
+            velocity: Of the tip [m/unit], shape [3].
+            spin: About the tip [rad/unit], shape [3].
+
+        Returns:
+            Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
+        """
+        contact, pattern = found.contact, self.model.pattern
+        carried = velocity + np.cross(spin, contact.points - state.tip)
+        change = np.cross(spin, contact.forces)
+        change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
+        motion = -pattern.nodal(self.solver.solve(pattern.unknowns(self.model.scatter(change))))
+        lifted = float(np.sum(self.model.scatter(contact.stiffness[..., 2]) * motion))
+        rate = self.model.mesh.fold.copies * (float(change[..., 2].sum()) + lifted)
+        return motion, rate
+
+    def _problem(self, load_n: float | None) -> Problem:
+        copies = self.model.mesh.fold.copies
+        return Problem(
+            self.model,
+            self.solver,
+            self.indenter,
+            load_n=None if load_n is None else load_n / copies,
+            potentials=self.potentials,
+        )

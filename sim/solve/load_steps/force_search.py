@@ -1,0 +1,101 @@
+"""Two ways to the depth at which the simulated F_z agrees with a given one.
+
+``push_to_force`` makes the depth an unknown of the solve. ``find_force`` is the paper's
+displacement search (section IV-C): move the indenter until the force agrees. Each guess is a
+Newton step in depth with the tangent's dF_z/d(depth), kept inside the bracket that the evaluations
+so far have given, and starts from the nearest equilibrium below it. One loading path serves all the
+forces of a run, in ascending order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from tacauchy_rig.errors import ConvergenceError
+
+_EVALUATIONS_MAX = 40
+_GUESS_MAX_STEPS = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceMatch:
+    """Result of a search.
+
+    Attributes:
+        point: The accepted equilibrium.
+        history: (depth [m], F_z [N]) of every evaluation, in order; of a push, on the way.
+        newton_iterations: Factorisations spent.
+    """
+
+    point: PathPoint
+    history: tuple[tuple[float, float], ...]
+    newton_iterations: int
+
+
+def push_to_force(path: LoadingPath, force_n: float) -> ForceMatch:
+    """Solve for the depth at which the indenter carries ``force_n`` [N].
+
+    Raises:
+        ConvergenceError: The force was not reached.
+    """
+    before, passed = path.counts.newton_iterations, len(path.history)
+    point = path.push(force_n)
+    return ForceMatch(
+        point=point,
+        history=tuple(path.history[passed:]),
+        newton_iterations=path.counts.newton_iterations - before,
+    )
+
+
+def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> ForceMatch:
+    """Search for the depth at which F_z equals ``force_n`` within ``tolerance_n``, both [N].
+
+    Raises:
+        ConvergenceError: The force was not reached.
+    """
+    before = path.counts.newton_iterations
+    point = path.last or path.advance(path.step_max_m)
+    history = [(point.depth_m, _force(point))]
+    low: PathPoint | None = None
+    high: PathPoint | None = None
+    while len(history) <= _EVALUATIONS_MAX:
+        missing = force_n - _force(point)
+        if abs(missing) <= tolerance_n:
+            return ForceMatch(
+                point=point,
+                history=tuple(history),
+                newton_iterations=path.counts.newton_iterations - before,
+            )
+        low, high = (point, high) if missing > 0.0 else (low, point)
+        depth = _tangent_guess(path, point, missing)
+        if low is not None and high is not None:
+            depth = _bracketed(depth, low, high, force_n, halved=len(history) % 4 == 0)
+        point = path.advance(depth, start=point)
+        history.append((point.depth_m, _force(point)))
+    depth, nearest = min(history, key=lambda pair: abs(pair[1] - force_n))
+    raise ConvergenceError(
+        f"F_z = {force_n:.4f} N was not met within {tolerance_n:g} N after {_EVALUATIONS_MAX} "
+        f"evaluations; the nearest was {nearest:.4f} N at {depth * 1e3:.4f} mm",
+        remedy="loosen the force tolerance, or check the indenter's position over the pad",
+    )
+
+
+def _force(point: PathPoint) -> float:
+    return float(point.force_n[2])
+
+
+def _tangent_guess(path: LoadingPath, point: PathPoint, missing_n: float) -> float:
+    step, longest = missing_n / max(point.stiffness_n_m, 1e-30), _GUESS_MAX_STEPS * path.step_max_m
+    return point.depth_m + min(max(step, -longest), longest)
+
+
+def _bracketed(
+    depth_m: float, low: PathPoint, high: PathPoint, force_n: float, *, halved: bool
+) -> float:
+    """Keep a guess inside the bracket; ``halved`` bisects, so that the bracket shrinks for sure."""
+    if low.depth_m < depth_m < high.depth_m and not halved:
+        return depth_m
+    share = 0.5 if halved else (force_n - _force(low)) / (_force(high) - _force(low))
+    return low.depth_m + share * (high.depth_m - low.depth_m)

@@ -1,0 +1,285 @@
+"""A loading path: the indenter advanced, pushed, carried and turned against one pad.
+
+It is advanced to a depth, pushed with a force, or carried along and about its axis while its depth
+or its force is held. Each of these is a leg with one parameter that grows.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.contact.state import State
+from sim.scene.indenter import Indenter
+from sim.solve.linear_solver import LinearSolver, linear_solver
+from sim.solve.load_steps.equilibrium import PathCounts, Settling
+from sim.solve.load_steps.first_touch import touch_height
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.load_steps.phases import CarryLeg, DepthLeg, ForceLeg, Leg, Pose
+from sim.solve.load_steps.stepping import Stepping
+from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions
+from sim.solve.overlap import OVERLAP_SHARE
+from sim.solve.potentials import NodalPotential
+from sim.solve.preconditioned_lbfgs import QuickOptions, QuickSettling
+from sim.solve.unloaded import unloaded_positions
+from tacauchy_rig.errors import ConvergenceError
+
+# Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
+_STEP_SHARE = 0.0125
+_DEPTH_EXACT_SHARE = 2.5e-12
+# Of a push's time, until its force has a tangent to go by: a guess.
+_TOUCHING_SHARE = 0.02
+
+
+class Hold(StrEnum):
+    """What stays as it is while the indenter is carried."""
+
+    DEPTH = "depth"
+    FORCE = "force"
+
+
+@dataclass(slots=True)
+class LoadingPath:
+    """Moves one indenter against one pad.
+
+    Args:
+        model: The pad.
+        indenter: The body.
+        centre_m: Where its tip comes down, x and y [m].
+        rotation: Indenter frame to pad frame from the start.
+        step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
+        potentials: Further energies of the nodes, such as weight.
+        quick_options: When they are renewed.
+        is_quick: Keep factors from state to state (``quick_settling``); for a round, analytic
+            indenter without friction, on the CPU.
+
+    Attributes:
+        unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
+            stress at rest deform it.
+    """
+
+    model: Model
+    indenter: Indenter
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    step_max_m: float = 0.0
+    options: NewtonOptions = field(default_factory=NewtonOptions)
+    potentials: Sequence[NodalPotential] = ()
+    is_quick: bool = False
+    quick_options: QuickOptions = field(default_factory=QuickOptions)
+    counts: PathCounts = field(default_factory=PathCounts)
+    solver: LinearSolver = field(init=False)
+    unloaded: FloatArray = field(init=False)
+    touch_m: float = field(init=False)
+    setup_s: float = field(init=False)
+    _settling: Settling = field(init=False)
+    _stepping: Stepping = field(init=False)
+
+    def __post_init__(self) -> None:
+        started = time.perf_counter()
+        if self.step_max_m == 0.0:
+            self.step_max_m = _STEP_SHARE * self.model.height_m
+        self.solver = linear_solver(self.model.pattern)
+        self.unloaded = unloaded_positions(
+            self.model, self.solver, options=self.options, potentials=self.potentials
+        )
+        if self.model.relaxation is not None:
+            self.model.relaxation.forget(self.unloaded)
+        self.touch_m = touch_height(
+            self.model,
+            self.indenter,
+            self.unloaded,
+            centre_m=self.centre_m,
+            rotation=self.rotation,
+        )
+        self._settling = Settling(
+            model=self.model,
+            solver=self.solver,
+            indenter=self.indenter,
+            potentials=self.potentials,
+            touch_m=self.touch_m,
+            counts=self.counts,
+            quick=self._quick() if self.is_quick else None,
+        )
+        self._stepping = Stepping(settling=self._settling)
+        self.setup_s = time.perf_counter() - started
+
+    @property
+    def last(self) -> PathPoint | None:
+        """The equilibrium that was reached last, also when a leg ended in an error."""
+        return self._stepping.last
+
+    @property
+    def history(self) -> Sequence[tuple[float, float]]:
+        """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
+        return self._stepping.history
+
+    @property
+    def solver_name(self) -> str:
+        """What factors the stiffness."""
+        return self.solver.name if self.quick is None else self.quick.solver_name
+
+    @property
+    def quick(self) -> QuickSettling | None:
+        """What keeps the factors; None where every state is Newton's."""
+        return self._settling.quick
+
+    def advance(
+        self,
+        depth_m: float,
+        *,
+        start: PathPoint | None = None,
+        duration_s: float | None = None,
+    ) -> PathPoint:
+        """Press (or retract) to a depth.
+
+        Args:
+            start: Continue from here instead of from the last point.
+            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
+
+        Raises:
+            ConvergenceError: An increment failed even at the smallest step; the message names the
+                last depth that was reached, ``last`` holds it.
+        """
+        point = start or self.last
+        if point is None:
+            point = self._first(depth_m, duration_s)
+            duration_s = _part(1.0 - point.depth_m / depth_m, duration_s) if depth_m > 0.0 else None
+        leg = DepthLeg(
+            start=point.depth_m,
+            end=depth_m,
+            touch_m=self.touch_m,
+            step_max_m=self.step_max_m,
+            exact=_DEPTH_EXACT_SHARE * self.model.height_m,
+        )
+        return self._go(point, leg, duration_s)
+
+    def push(
+        self,
+        force_n: float,
+        *,
+        start: PathPoint | None = None,
+        duration_s: float | None = None,
+    ) -> PathPoint:
+        """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
+
+        ``start``, ``duration_s`` and what is raised are as for ``advance``.
+        """
+        if not force_n > 0.0:
+            return self.advance(0.0)
+        point = start or self.last
+        if point is None or not point.force_n[2] > 0.0:
+            touching = self._touching_share(point, force_n, duration_s)
+            depth = OVERLAP_SHARE * self.model.height_m
+            point = self.advance(depth, duration_s=_part(touching, duration_s))
+            duration_s = _part(1.0 - touching, duration_s)
+        leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
+        return self._go(point, leg, duration_s)
+
+    def dwell(self, duration_s: float) -> PathPoint:
+        """Let time pass at the same depth; a gel that relaxes pushes back less.
+
+        Raises:
+            ConvergenceError: As for ``advance``, or nothing was pressed yet.
+        """
+        point = self._pressed("dwells")
+        self._stepping.begin(duration_s)
+        return self._stepping.accept(self._settle(point.state.copy(), passing=False))
+
+    def carry(
+        self,
+        *,
+        shift_m: tuple[float, float] = (0.0, 0.0),
+        twist_rad: float = 0.0,
+        hold: Hold = Hold.DEPTH,
+        duration_s: float | None = None,
+    ) -> PathPoint:
+        """Translate the pressed-in indenter and turn it about z through its tip.
+
+        Args:
+            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
+
+        Raises:
+            ConvergenceError: As for ``advance``, or nothing was pressed yet.
+        """
+        point = self._pressed("is carried")
+        leg = CarryLeg(
+            origin=Pose(tip=point.state.tip, rotation=point.state.rotation),
+            shift_m=np.array([*shift_m, 0.0]),
+            twist_rad=twist_rad,
+            load_n=float(point.force_n[2]) if hold is Hold.FORCE else None,
+            step_max_m=self.step_max_m,
+            radius_m=point.contact_radius_m,
+        )
+        return self._go(point, leg, duration_s)
+
+    def body_force_n(self, point: PathPoint) -> FloatArray:
+        """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""
+        free = ~self.model.clamped
+        part = np.zeros(3)
+        for potential in self.potentials:
+            part += potential.gradient(point.state.positions)[free].sum(axis=0)
+        return self.model.mesh.fold.whole_force(part)
+
+    def _quick(self) -> QuickSettling:
+        return QuickSettling(
+            model=self.model,
+            indenter=self.indenter,
+            potentials=self.potentials,
+            options=self.quick_options,
+        )
+
+    def _pressed(self, what: str) -> PathPoint:
+        if self.last is None:
+            raise ConvergenceError(
+                f"the indenter {what} before it was pressed in", remedy="press it in first"
+            )
+        return self.last
+
+    def _go(self, point: PathPoint, leg: Leg, duration_s: float | None) -> PathPoint:
+        return self._stepping.go(point, leg, duration_s=duration_s, options=self.options)
+
+    def _settle(self, state: State, *, passing: bool) -> PathPoint:
+        return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
+
+    def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
+        first = self.step_max_m if self.is_quick else OVERLAP_SHARE * self.model.height_m
+        depth = min(depth_m, first)
+        self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
+        return self._stepping.accept(self._settle(self._start(depth), passing=depth < depth_m))
+
+    def _start(self, depth_m: float) -> State:
+        """Return the unloaded pad with the indenter at a depth."""
+        tip = np.array([*self.centre_m, self.touch_m - depth_m])
+        state = self.model.rest_state(tip=tip, rotation=self.rotation)
+        state.positions = self.unloaded.copy()
+        return state
+
+    def _touching_share(
+        self, point: PathPoint | None, force_n: float, duration_s: float | None
+    ) -> float:
+        """Return the part of a push in which the indenter comes to have a tangent to go by.
+
+        Under a force that grows evenly that is what it carries by then; found in two tries.
+        """
+        share = _TOUCHING_SHARE
+        if self.model.relaxation is None or duration_s is None or point is not None:
+            return share
+        for _ in range(2):
+            self._stepping.begin(share * duration_s)
+            start = self._start(OVERLAP_SHARE * self.model.height_m)
+            carried = float(self._settle(start, passing=True).force_n[2])
+            share = min(1.0, carried / force_n)
+        return share
+
+
+def _part(share: float, duration_s: float | None) -> float | None:
+    """Return a part of a time; for ever stays for ever."""
+    return duration_s if duration_s in (None, math.inf) else share * duration_s

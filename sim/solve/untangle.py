@@ -1,0 +1,118 @@
+"""A start for Newton where a pad is turned inside out: collapsed, flattened, mirrored, shuffled.
+
+Newton alone finds its way back from many such states, but a collapsed element says nothing about
+the way, and now and then the pad stays knotted. Here every element asks for the rotation nearest to
+its deformation, and one linear solve fits the nodes to all of them, again and again: the local and
+global steps of Sorkine and Alexa (2007). It knows neither the law nor the indenter and ends near a
+state from which both are easy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from sim.arrays import FloatArray
+from sim.solve.model import Model
+
+TANGLED_SHARE = 0.1
+_ENOUGH_SHARE = 1e-3
+_PASSES_MAX = 10
+# Among equally near rotations, the one nearest to rest.
+_REST_BIAS = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Untangled:
+    """What the passes gave.
+
+    Attributes:
+        positions: Nodes [m], shape [node_count, 3].
+        passes: Linear solves spent.
+        inverted_share: Share of the volume that is still inverted.
+    """
+
+    positions: FloatArray
+    passes: int
+    inverted_share: float
+
+
+def untangle(model: Model, positions: FloatArray) -> Untangled:
+    """Turn inverted elements the right way round; fixed degrees of freedom stay where they are."""
+    gradients, weights = _rest_gradients(model)
+    fit = _Fit(model, gradients, weights)
+    share, passes = 1.0, 0
+    while passes < _PASSES_MAX and share >= _ENOUGH_SHARE:
+        passes += 1
+        deformation = _deformation(model, gradients, positions)
+        positions = fit.solve(_rotations(deformation), positions)
+        share = _share(_deformation(model, gradients, positions), weights)
+    return Untangled(positions=positions, passes=passes, inverted_share=share)
+
+
+def inverted_share(model: Model, positions: FloatArray) -> float:
+    """Return the share of the rest volume with det F <= 0."""
+    gradients, weights = _rest_gradients(model)
+    return _share(_deformation(model, gradients, positions), weights)
+
+
+def _share(deformation: FloatArray, weights: FloatArray) -> float:
+    return float(weights[np.linalg.det(deformation) <= 0.0].sum() / weights.sum())
+
+
+def _rest_gradients(model: Model) -> tuple[FloatArray, FloatArray]:
+    """Return shape gradients [1/m], shape [e, q, n, 3], and volumes [m^3], shape [e, q]."""
+    corners = model.nodes[model.elements[:, :4]]
+    jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    gradients = np.einsum("qnj,ejk->eqnk", model.reference.gradients, np.linalg.inv(jacobians))
+    weights = np.linalg.det(jacobians)[:, None] / 6.0 * model.reference.weights
+    return gradients, weights
+
+
+def _deformation(model: Model, gradients: FloatArray, positions: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("eni,eqnj->eqij", positions[model.elements], gradients))
+
+
+def _rotations(deformation: FloatArray) -> FloatArray:
+    """Return the nearest rotation of every matrix, shape [..., 3, 3]."""
+    left, _, right = np.linalg.svd(deformation + _REST_BIAS * np.eye(3))
+    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    left[..., :, 2] *= sign[..., None]
+    return np.asarray(left @ right)
+
+
+class _Fit:
+    """Least squares of the nodes to wanted deformations, factored once an axis."""
+
+    def __init__(self, model: Model, gradients: FloatArray, weights: FloatArray) -> None:
+        self._model = model
+        self._weighted = gradients * weights[..., None, None]
+        blocks = np.einsum("eqaj,eqbj->eab", self._weighted, gradients)
+        width, count = model.elements.shape[1], len(model.nodes)
+        rows = np.repeat(model.elements, width, axis=1).reshape(-1)
+        columns = np.tile(model.elements, (1, width)).reshape(-1)
+        matrix = scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), (count, count))
+        fixed = np.ones(3 * count, dtype=np.bool_)
+        fixed[model.pattern.free_dofs] = False
+        self._free = [np.flatnonzero(~fixed.reshape(-1, 3)[:, axis]) for axis in range(3)]
+        self._rows = [matrix[free] for free in self._free]
+        self._factors = [
+            scipy.sparse.linalg.splu(part[:, free].tocsc())
+            for part, free in zip(self._rows, self._free, strict=True)
+        ]
+
+    def solve(self, wanted: FloatArray, positions: FloatArray) -> FloatArray:
+        """Return the nodes that fit best to the wanted deformations, shape [node_count, 3]."""
+        pull = np.zeros_like(positions)
+        parts = np.einsum("eqij,eqnj->eni", wanted, self._weighted)
+        np.add.at(pull, self._model.elements, parts)
+        fitted = positions.copy()
+        for axis, free in enumerate(self._free):
+            held = positions[:, axis].copy()
+            held[free] = 0.0
+            right = pull[free, axis] - self._rows[axis] @ held
+            fitted[free, axis] = self._factors[axis].solve(right)
+        return fitted

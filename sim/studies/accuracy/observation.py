@@ -1,0 +1,124 @@
+"""What one configuration gives for a press, and how long it takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
+from sim.effects.presets import build_model
+from sim.fields.press_fields import surface_state
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.press import contact_measures, keeps_factors
+from sim.scene.scene import Scene
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.newton import NewtonOptions
+from sim.studies.accuracy.configurations import Configuration
+
+_TOUCHING_M = 6e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A press to a force.
+
+    Attributes:
+        force_n: The force that was asked for [N].
+        depth_m: Where it is reached [m].
+        stiffness_n_m: dF_z / d(depth) there [N/m].
+        pressure_max_pa: Largest contact pressure [Pa].
+        contact_radius_m: Radius of the disc of the contact's area [m].
+        maps: Height maps at the image's resolution.
+        setup_s: Meshing, upload and symbolic factorisation [s].
+        solve_s: From the unloaded gel to the force [s].
+        cpu_s: Processor time of both [s].
+        steps: Increments on the way.
+    """
+
+    configuration: Configuration
+    force_n: float
+    depth_m: float
+    stiffness_n_m: float
+    pressure_max_pa: float
+    contact_radius_m: float
+    maps: HeightMaps
+    setup_s: float
+    solve_s: float
+    cpu_s: float
+    steps: int
+    newton_iterations: int
+    tet_count: int
+    node_count: int
+    path: LoadingPath
+
+    def force_at(self, depth_m: float) -> float:
+        """Press on, or back, to a depth [m] and return F_z there [N].
+
+        Raises:
+            ConvergenceError: The gel cannot be pressed that far.
+        """
+        return float(self.path.advance(depth_m).force_n[2])
+
+
+def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry) -> Observation:
+    """Press a scene to its force with one configuration; the kernels should be warm.
+
+    Raises:
+        ConvergenceError: The force cannot be reached with these settings.
+        ConfigError: The scene cannot be meshed so.
+    """
+    scene = configuration.applied(scene)
+    force = scene.target.force_n or 0.0
+    started, spent = time.perf_counter(), time.process_time()
+    plan = plan_effects(scene)
+    model = build_model(
+        scene, plan=plan, refinement=configuration.refinement, device=configuration.device
+    )
+    options = NewtonOptions(residual_relative=configuration.residual_relative)
+    path = LoadingPath(
+        model,
+        scene.indenter,
+        scene.centre_m,
+        options=options,
+        is_quick=keeps_factors(scene, model),
+    )
+    ready = time.perf_counter()
+    point = path.push(force)
+    solved, spent = time.perf_counter(), time.process_time() - spent
+    contact = contact_measures(path, point)
+    # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
+    wide = model.contact_options.is_wide
+    touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
+    return Observation(
+        configuration=configuration,
+        force_n=force,
+        depth_m=point.depth_m,
+        stiffness_n_m=point.stiffness_n_m,
+        pressure_max_pa=contact.pressure_max_pa,
+        contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
+        maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
+        setup_s=ready - started,
+        solve_s=solved - ready,
+        cpu_s=spent,
+        steps=path.counts.increments,
+        newton_iterations=path.counts.newton_iterations,
+        tet_count=len(model.elements),
+        node_count=len(model.nodes),
+        path=path,
+    )
+
+
+def height_error(found: HeightMaps, reference: HeightMaps) -> float:
+    """Return the RMS error of the height where the gel moves, over the deepest indentation.
+
+    Only pixels count where the reference moves by more than 2 % of its deepest indentation.
+    """
+    moved: FloatArray = reference.rest - reference.loaded
+    deepest = float(moved.max())
+    region = np.abs(moved) > 0.02 * deepest
+    error = (found.loaded - found.rest) - (reference.loaded - reference.rest)
+    return float(np.sqrt(np.mean(error[region] ** 2))) / deepest

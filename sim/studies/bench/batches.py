@@ -1,0 +1,145 @@
+"""Frames a second of many environments side by side, with what their forces are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from sim.batch.batch import Batch
+from sim.batch.environment import BatchOptions, Environment
+from sim.batch.pad import batch_model
+from sim.batch.pilot import Pilot
+from sim.press import press
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.bench.batch_parts import BatchPartsRow, StressTimes, batch_parts, stress_times
+from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
+
+ENVIRONMENTS = (1, 8, 60, 256, 1024)
+ENVIRONMENTS_ON_CPU = (1, 8)
+BALANCE = 1e-5
+# Two for every frame: one is at each frame's depth, for which the first environment is made.
+_PILOTS = 40
+_REPEATS = 3
+# The environments after the first differ by so much in modulus, and are pressed so much less deep.
+_SPREAD = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchRow:
+    """What a batch took, and how good it was.
+
+    Attributes:
+        setup_s: The pilot press and its inverses, which all batches share [s].
+        wall_s: All frames of all environments, the least of three [s].
+        evaluations: Of forces or of stiffness times a direction, for a frame of an environment.
+        force_error: F_z of the first environment over that of preset accurate, less one.
+        imbalance: Base reaction against indenter force, over the latter, the largest.
+        residual: Norm of the unbalanced force over the contact force, the largest.
+        gap_m: The smallest [m].
+        failed_count: Environments that did not reach their last frame.
+        stress: What taking the stress off the surface takes.
+        parts: What each launch of a tick takes.
+    """
+
+    device: str
+    environments: int
+    tet_count: int
+    unknown_count: int
+    setup_s: float
+    wall_s: float
+    evaluations: float
+    force_error: float
+    imbalance: float
+    residual: float
+    gap_m: float
+    failed_count: int
+    stress: StressTimes
+    parts: tuple[BatchPartsRow, ...]
+
+    @property
+    def frame_ms(self) -> float:
+        """Time of a frame of all environments [ms]."""
+        return 1e3 * self.wall_s / FRAME_COUNT
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames of all environments together [1/s]."""
+        return FRAME_COUNT * (self.environments - self.failed_count) / self.wall_s
+
+
+def batch_device() -> str:
+    """Return the device that batches are for: the first GPU, else the CPU."""
+    return "cuda:0" if wp.get_cuda_device_count() > 0 else "cpu"
+
+
+def measure_batches(
+    scene: Scene,
+    *,
+    device: str,
+    counts: Sequence[int] | None = None,
+    exact_n: float | None = None,
+) -> Iterator[BatchRow]:
+    """Press 1 mm deep in 20 frames, in more and more environments.
+
+    Args:
+        scene: Pad, gel and indenter; gels and depths differ from environment to environment.
+        counts: Environments; by default as many as the device is for.
+        exact_n: Force that the first environment's is compared with [N]; None takes
+            ``exact_force``.
+    """
+    counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
+    deep = replace(scene, target=Target(depth_m=TRAVEL_M))
+    if exact_n is None:
+        exact_n = exact_force(scene)
+    pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
+    for count in counts:
+        yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)
+
+
+def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
+    """Return F_z at the end of the travel by one press of a preset [N]."""
+    deep = replace(scene, target=Target(depth_m=TRAVEL_M), preset=preset)
+    return float(press(deep).force_n[2])
+
+
+def environments(scene: Scene, count: int) -> list[Environment]:
+    """Return the scene itself and others that differ from it a little, always the same ones."""
+    random = np.random.default_rng(0)
+    depths = TRAVEL_M * np.arange(1, FRAME_COUNT + 1) / FRAME_COUNT
+    found = []
+    for number in range(count):
+        stiffer, shallower = (_SPREAD * random.random() for _ in range(2)) if number else (0.0, 0.0)
+        found.append(
+            Environment(
+                young_pa=scene.material.young_pa * (1.0 + stiffer),
+                poisson=scene.material.poisson,
+                depths_m=(1.0 - shallower) * depths,
+            )
+        )
+    return found
+
+
+def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device: str) -> BatchRow:
+    batch = Batch(pilot, chosen, options=BatchOptions(residual_relative=BALANCE), device=device)
+    batch.prepare()
+    results = [batch.press() for _ in range(_REPEATS)]
+    found = min(results, key=lambda result: result.wall_s)
+    return BatchRow(
+        device=wp.get_device(device).name if device != "cpu" else device,
+        environments=len(chosen),
+        tet_count=len(pilot.model.elements),
+        unknown_count=pilot.model.pattern.dof_count,
+        setup_s=pilot.setup_s,
+        wall_s=found.wall_s,
+        evaluations=float(found.evaluations.mean()) / FRAME_COUNT,
+        force_error=float(found.force_n[-1, 0, 2]) / exact_n - 1.0,
+        imbalance=float(np.nanmax(np.abs(found.imbalance))),
+        residual=float(np.nanmax(found.residual)),
+        gap_m=float(np.nanmin(found.gap_m)),
+        failed_count=int(found.failed.sum()),
+        stress=stress_times(batch),
+        parts=tuple(batch_parts(batch)),
+    )

@@ -1,0 +1,178 @@
+"""Frames a second of libuipc on the batch's press, each beside its force and its balance."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from sim.batch.pad import batch_model
+from sim.scene.indenter import Cylinder
+from sim.scene.scene import Scene
+from sim.studies.bench.frames import FRAME_COUNT
+from sim.studies.bench.peer.balance import PeerBalance, peer_balance
+from sim.studies.bench.peer.pad_mesh import PeerMesh
+from sim.studies.bench.peer.peer_pad import PeerPad, peer_pad
+from sim.studies.bench.peer.process import PeerFailedError, PeerProcess
+from sim.studies.bench.peer.tolerance import AS_SHIPPED, LADDER, PeerTolerance
+
+ENVIRONMENTS = (1, 8, 60)
+# Of a row, the compilation of libuipc's kernels in the first of them included; and of all rows.
+_LIMIT_S = 240.0
+_TOTAL_S = 300.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeerRow:
+    """What libuipc took for a press, and how good it was.
+
+    Attributes:
+        failure: Why there are no numbers; empty where there are.
+        newton_iterations: Of a frame, the mean; not a number where libuipc does not say.
+        linear_iterations: Of its conjugate gradients in a frame, likewise.
+        our_error: F_z of our own solver on the same linear mesh over that of preset accurate, less
+            one: what the mesh alone is off.
+        force_error: F_z of the first environment over that of preset accurate, less one.
+        is_matched: Its tolerance is the one at which it is compared with ours.
+    """
+
+    mesh: str
+    tolerance: str
+    environments: int
+    tet_count: int
+    unknown_count: int
+    version: str = ""
+    set_up_s: float = float("nan")
+    wall_s: float = float("nan")
+    newton_iterations: float = float("nan")
+    linear_iterations: float = float("nan")
+    our_error: float = float("nan")
+    force_error: float = float("nan")
+    balance: PeerBalance | None = None
+    is_matched: bool = False
+    failure: str = ""
+    problems: tuple[str, ...] = ()
+
+    @property
+    def frame_ms(self) -> float:
+        """Time of a frame of all environments [ms]."""
+        return 1e3 * self.wall_s / FRAME_COUNT
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames of all environments together [1/s]."""
+        return FRAME_COUNT * self.environments / self.wall_s
+
+    @property
+    def name(self) -> str:
+        """What was pressed, and how strictly."""
+        return f"{self.mesh}, {self.tolerance}, {self.environments} environments"
+
+    @property
+    def summary(self) -> str:
+        """The row in a line."""
+        found = self.failure or (
+            f"{self.frames_per_s:.0f} frames/s, F_z off by {1e2 * self.force_error:.1f} %"
+        )
+        return f"{self.name}: {found}"
+
+    def balances_to(self, limit: float) -> bool:
+        """Every force is balanced to this share of the contact force."""
+        found = self.balance
+        return found is not None and found.imbalance <= limit and found.residual <= limit
+
+
+def why_no_libuipc(scene: Scene, *, device: str) -> str:
+    """Return why libuipc cannot run this scene here; empty where it can."""
+    if device == "cpu":
+        return "libuipc, which runs on a GPU only: there is none here"
+    if importlib.util.find_spec("uipc") is None:
+        return "libuipc, which is not installed: pip install pyuipc"
+    if not isinstance(scene.indenter, Cylinder):
+        return "libuipc, which is given cylinders only here"
+    return ""
+
+
+def measure_libuipc(
+    scene: Scene,
+    *,
+    exact_n: float,
+    balance: float,
+    counts: Sequence[int] = ENVIRONMENTS,
+    meshes: Sequence[PeerMesh] = tuple(PeerMesh),
+    backend: str = "cuda",
+) -> Iterator[PeerRow]:
+    """Press in libuipc as it comes, then as strictly as its forces need to balance like ours.
+
+    Args:
+        scene: Pad, gel and cylinder.
+        exact_n: F_z of preset accurate [N].
+        balance: How well ours balance, relative to the contact force.
+    """
+    whole = batch_model(scene, symmetric=False)
+    deadline = time.monotonic() + _TOTAL_S
+    with PeerProcess(backend=backend) as process:
+        for kind in meshes:
+            pad = peer_pad(scene, whole, kind)
+            press = partial(
+                _row,
+                pad,
+                process=process,
+                deadline=deadline,
+                exact_n=exact_n,
+                our_n=pad.our_force(),
+            )
+            yield press(count=counts[0], tolerance=AS_SHIPPED)
+            for tolerance in LADDER:
+                row = press(count=counts[0], tolerance=tolerance)
+                is_matched = row.balances_to(balance) or tolerance is LADDER[-1]
+                yield replace(row, is_matched=is_matched)
+                if is_matched:
+                    break
+            for count in counts[1:]:
+                yield press(count=count, tolerance=AS_SHIPPED)
+                yield replace(press(count=count, tolerance=tolerance), is_matched=True)
+
+
+def _row(
+    pad: PeerPad,
+    *,
+    count: int,
+    tolerance: PeerTolerance,
+    process: PeerProcess,
+    deadline: float,
+    exact_n: float,
+    our_n: float,
+) -> PeerRow:
+    blank = PeerRow(
+        mesh=pad.kind.value,
+        tolerance=tolerance.name,
+        environments=count,
+        tet_count=len(pad.model.elements),
+        unknown_count=pad.model.pattern.dof_count,
+        our_error=our_n / exact_n - 1.0,
+    )
+    left_s = deadline - time.monotonic()
+    if left_s <= 0.0:
+        return replace(blank, failure=f"not begun: libuipc has had its {_TOTAL_S:.0f} s")
+    task = pad.task(count=count, tolerance=tolerance, load_n=our_n)
+    try:
+        found = process.press(task, limit_s=min(_LIMIT_S, left_s))
+    except PeerFailedError as error:
+        return replace(blank, failure=error.message)
+    balance = peer_balance(pad, task, found)
+    return replace(
+        blank,
+        version=found.version,
+        set_up_s=found.set_up_s,
+        wall_s=min(found.press_s),
+        newton_iterations=float(np.mean(found.newton_iterations or [np.nan])),
+        linear_iterations=float(np.mean(found.linear_iterations or [np.nan])),
+        force_error=balance.force_n / exact_n - 1.0,
+        balance=balance,
+        problems=found.problems,
+    )

@@ -1,0 +1,179 @@
+"""A libuipc scene of pads side by side, each beneath its own rigid indenter.
+
+libuipc moves a rigid body towards where it should be by a spring. Ours is stiff enough that the
+force of a press shortens a millimetre of travel by half a micrometre; the tip's true height is read
+back all the same. Gravity, friction and velocities are off, the gel has next to no mass, and gel
+does not touch gel.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.studies.bench.peer.task import PeerTask
+from sim.studies.bench.peer.tolerance import FRAME_S
+
+_GEL_KG_M3 = 1.0
+_STEEL_KG_M3 = 8000.0
+# Of the spring that moves an indenter [N/m], and of the indenter itself [Pa].
+_DRIVE_N_M = 1e7
+_RIGID_PA = 1e10
+
+
+class PeerWorld:
+    """A scene that libuipc has taken.
+
+    Args:
+        folder: Where libuipc may write.
+        backend: ``cuda``; ``none`` takes the scene and computes nothing.
+
+    Attributes:
+        gel: The pads' geometry.
+        bodies: The indenters' geometry.
+        target_m: Heights of the tips that the next frame goes to [m], shape [count].
+    """
+
+    def __init__(self, task: PeerTask, *, folder: str, backend: str = "cuda") -> None:
+        self.uipc = importlib.import_module("uipc")
+        self._parts = {
+            name: importlib.import_module(f"uipc.{name}") for name in ("geometry", "constitution")
+        }
+        self.uipc.Logger.set_level(self.uipc.Logger.Level.Error)
+        self.uipc.Timer.disable_all()
+        self.task = task
+        self.target_m = np.full(task.count, task.touch_m)
+        scene = self.uipc.Scene(self._settings())
+        gel, body = self._gel(), self._bodies()
+        self._contact(scene, gel, body)
+        objects = [scene.objects().create(name) for name in ("gel", "indenter")]
+        self._slots = [
+            made.geometries().create(geometry)[0]
+            for made, geometry in zip(objects, (gel, body), strict=True)
+        ]
+        self._indenter = objects[1]
+        scene.animator().insert(self._indenter, self._move)
+        self.scene = scene
+        self.engine = self.uipc.Engine(backend, folder)
+        self.world = self.uipc.World(self.engine)
+        self.world.init(scene)
+
+    @property
+    def is_valid(self) -> bool:
+        """Libuipc has met no error."""
+        return bool(self.world.is_valid())
+
+    @property
+    def gel(self) -> Any:
+        """The pads' geometry as it was last retrieved."""
+        return self._slots[0].geometry()
+
+    def go_to(self, tips_m: FloatArray) -> None:
+        """Compute one frame: the tips go to these heights [m]."""
+        self.target_m[:] = tips_m
+        self.world.advance()
+
+    def close(self) -> None:
+        """Give the GPU's memory back: libuipc holds the animation, and that holds this."""
+        self.scene.animator().erase(self._indenter.id())
+        del self.world, self.engine, self.scene
+
+    def synchronise(self) -> None:
+        """Wait until the GPU is done."""
+        self.world.sync()
+
+    def frame_facts(self) -> dict[str, Any]:
+        """Return what libuipc counted in the last frame."""
+        return dict(self.engine.frame_stats())
+
+    def read(self) -> tuple[FloatArray, FloatArray]:
+        """Return nodes in their pad's frame [m], [count, node_count, 3], and tips' heights [m]."""
+        self.world.retrieve()
+        count = self.task.count
+        nodes = np.array(self.uipc.view(self.gel.positions())).reshape(count, -1, 3)
+        transforms = np.array(self.uipc.view(self._slots[1].geometry().transforms()))
+        return nodes - self.task.origins_m[:, None], transforms.reshape(count, 4, 4)[:, 2, 3]
+
+    def _settings(self) -> dict[str, Any]:
+        settings = self.uipc.Scene.default_config()
+        _merge(
+            settings,
+            {
+                "dt": FRAME_S,
+                "gravity": [[0.0], [0.0], [0.0]],
+                "contact": {"d_hat": self.task.distance_m, "friction": {"enable": 0}},
+                "sanity_check": {"mode": "quiet"},
+            },
+        )
+        _merge(settings, self.task.tolerance.settings())
+        return dict(settings)
+
+    def _gel(self) -> Any:
+        task, view = self.task, self.uipc.view
+        geometry, constitution = self._parts["geometry"], self._parts["constitution"]
+        step = len(task.nodes) * np.arange(task.count)
+        nodes = (task.nodes + task.origins_m[:, None]).reshape(-1, 3)
+        tets = (task.tets + step[:, None, None]).reshape(-1, 4)
+        gel = geometry.tetmesh(nodes, tets.astype(np.int32))
+        geometry.label_surface(gel)
+        geometry.label_triangle_orient(gel)
+        moduli = constitution.ElasticModuli.youngs_poisson(float(task.young_pa[0]), task.poisson)
+        constitution.StableNeoHookean().apply_to(gel, moduli, _GEL_KG_M3)
+        stiffer = np.repeat(task.young_pa / task.young_pa[0], len(task.tets))
+        for name in ("mu", "lambda"):
+            view(gel.tetrahedra().find(name))[:] *= stiffer
+        fixed = view(gel.vertices().find(self.uipc.builtin.is_fixed))
+        fixed[:] = np.tile(task.clamped, task.count).astype(fixed.dtype)
+        view(gel.vertices().find(self.uipc.builtin.is_dynamic))[:] = 0
+        return gel
+
+    def _bodies(self) -> Any:
+        task, geometry, constitution = (
+            self.task,
+            self._parts["geometry"],
+            self._parts["constitution"],
+        )
+        body = geometry.trimesh(task.body_vertices, task.body_faces.astype(np.int32))
+        geometry.label_surface(body)
+        constitution.AffineBodyConstitution().apply_to(body, _RIGID_PA, _STEEL_KG_M3)
+        mass_kg = _STEEL_KG_M3 * float(body.meta().find("volume").view()[0])
+        strength = _DRIVE_N_M * FRAME_S**2 / mass_kg
+        constitution.SoftTransformConstraint().apply_to(body, np.array([strength, strength]))
+        body.instances().resize(task.count)
+        self.uipc.view(body.instances().find(self.uipc.builtin.is_dynamic))[:] = 0
+        transforms = self.uipc.view(body.transforms())
+        transforms[:] = np.eye(4)
+        transforms[:, :3, 3] = task.origins_m
+        transforms[:, 2, 3] = task.touch_m
+        return body
+
+    def _contact(self, scene: Any, gel: Any, body: Any) -> None:
+        table = scene.contact_tabular()
+        table.default_model(0.0, self.task.resistance, False)
+        elements = [table.create(name) for name in ("gel", "indenter")]
+        for one, other, is_on in ((0, 0, False), (0, 1, True), (1, 1, False)):
+            table.insert(elements[one], elements[other], 0.0, self.task.resistance, is_on)
+        for element, geometry in zip(elements, (gel, body), strict=True):
+            element.apply_to(geometry)
+
+    def _move(self, info: Any) -> None:
+        """Tell libuipc where the indenters go in this frame; it calls this itself."""
+        instances = info.geo_slots()[0].geometry().instances()
+        view, names = self.uipc.view, self.uipc.builtin
+        view(instances.find(names.is_constrained))[:] = 1
+        aims = view(instances.find(names.aim_transform))
+        aims[:] = np.eye(4)
+        aims[:, :3, 3] = self.task.origins_m
+        aims[:, 2, 3] = self.target_m
+
+
+def _merge(settings: dict[str, Any], other: dict[str, Any]) -> None:
+    """Overwrite the settings that ``other`` names, table by table."""
+    for name, value in other.items():
+        if isinstance(value, dict):
+            _merge(settings[name], value)
+        else:
+            settings[name] = value

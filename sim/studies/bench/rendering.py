@@ -1,0 +1,249 @@
+"""What an image costs: one at a time on the processor, and many at once on a GPU."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
+from sim.fields.press_fields import surface_state
+from sim.fields.surface import SurfaceState
+from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.height.height_map import height_maps
+from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
+from sim.optics.render.render import TactileRenderer
+from sim.optics.render.render_batch import BatchRenderer
+from sim.optics.render.sensor_lamps import lamps_of, nominal_model, shadows_of
+from sim.optics.sensor_camera import camera_geometry
+from sim.press import path_for
+from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.sensor import Sensor, load_sensor
+from sim.studies.bench.batches import batch_device
+from tacauchy_rig.errors import ConfigError
+
+SENSORS = ("gelsight-mini", "digit")
+BATCH = 60
+_BATCH_ON_CPU = 2
+# As a replay renders: so many samples of a pixel both ways, and the blur that presses ask for.
+SAMPLES, BLUR_PX = 2, 0.75
+_DEPTH_M = 0.5e-3
+_GREY = 118
+_REPEATS = 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RenderingRow:
+    """What rendering took, and whether a batch's images are those of the processor.
+
+    Attributes:
+        sensor: Its title.
+        renderer: ``one by one`` is what a replay uses, ``batch`` the Warp kernels.
+        device: Where it ran.
+        image_count: Rendered at once.
+        shadow_count: Lamps that cast shadows.
+        term_count: Of the model of colours.
+        median_s: Of all images at once, over the repeats [s].
+        least_s: The shortest of them [s].
+        apart_levels: Largest difference from the images rendered one by one [grey levels].
+        apart_share: Of the channels' values that differ at all.
+    """
+
+    sensor: str
+    renderer: str
+    device: str
+    image_count: int
+    width_px: int
+    height_px: int
+    samples: int
+    blur_px: float
+    shadow_count: int
+    term_count: int
+    median_s: float
+    least_s: float
+    repeats: int
+    apart_levels: int
+    apart_share: float
+
+    @property
+    def image_ms(self) -> float:
+        """Median time of an image [ms]."""
+        return 1e3 * self.median_s / self.image_count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Look:
+    """What a renderer is made of, and dents [m] for it, shape [batch, height, width]."""
+
+    title: str
+    arguments: tuple[Any, ...]
+    options: dict[str, Any]
+    rest_m: FloatArray
+    dents_m: FloatArray
+    row: dict[str, Any]
+
+
+def measure_rendering(
+    scene: Scene, *, sensors: Sequence[str] = SENSORS, budget_s: float = 3.0
+) -> Iterator[RenderingRow]:
+    """Render an indenter in sensors with coloured lamps, from its height map to bytes.
+
+    Args:
+        scene: Its indenter is pressed 0.5 mm deep with preset ``fast``; a batch has that dent at
+            as many depths as images.
+        budget_s: For each row, about [s].
+
+    Raises:
+        ConvergenceError: The gel cannot be pressed that far.
+    """
+    for name in sensors:
+        yield from _on_sensor(scene, name, budget_s)
+
+
+def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRow]:
+    device = batch_device()
+    surface = _pressed(scene, name)
+    plain = _look(name, surface, samples=1, count=1)
+    yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain), budget_s), apart=(0, 0.0))
+    look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
+    yield _row(look, "one by one", "cpu", 1, _timed(_alone(look), budget_s), apart=(0, 0.0))
+    batch = BatchRenderer(*look.arguments, **look.options, device=device)
+    dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
+
+    def together() -> Any:
+        images = batch.render(dents)
+        wp.synchronize_device(device)
+        return images
+
+    single = TactileRenderer(*look.arguments, **look.options)
+    expected = np.stack([single.render(look.rest_m - dent) for dent in look.dents_m])
+    apart = _apart(together().numpy(), expected)
+    shown = wp.get_device(device).name if device != "cpu" else device
+    yield _row(look, "batch", shown, len(look.dents_m), _timed(together, budget_s), apart=apart)
+
+
+def _alone(look: _Look) -> Callable[[], object]:
+    single = TactileRenderer(*look.arguments, **look.options)
+    height = look.rest_m - look.dents_m[-1]
+    return lambda: single.render(height)
+
+
+def _pressed(scene: Scene, name: str) -> SurfaceState:
+    sensor = load_sensor(name)
+    pressed = replace(
+        scene,
+        pad=sensor.pad,
+        material=sensor.material,
+        layers=sensor.layers,
+        filling=sensor.filling,
+        target=Target(depth_m=_DEPTH_M),
+        preset=Preset.FAST,
+        sensor=name,
+    )
+    path = path_for(pressed, plan_effects(pressed))
+    return surface_state(path, path.advance(_DEPTH_M))
+
+
+def _look(name: str, surface: SurfaceState, *, samples: int, count: int) -> _Look:
+    sensor = load_sensor(name)
+    geometry = camera_geometry(sensor)
+    maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
+    shadows, model = shadows_of(sensor), _as_wide_as_fitted(sensor)
+    grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
+    depths = np.arange(1, count + 1) / count
+    return _Look(
+        title=sensor.title,
+        arguments=(grey, maps.rest, model, geometry),
+        options={"shadows": shadows, "samples": samples, "blur_px": BLUR_PX},
+        rest_m=maps.rest,
+        dents_m=depths[:, None, None] * (maps.rest - maps.loaded),
+        row={
+            "width_px": geometry.width,
+            "height_px": geometry.height,
+            "samples": samples,
+            "shadow_count": 0 if shadows is None else len(shadows.lamps),
+            "term_count": len(model.exponents) + len(model.term_coefficients),
+        },
+    )
+
+
+def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
+    """Return nominal colours with all the terms that a calibration fits to ball presses.
+
+    Raises:
+        ConfigError: The sensor has no coloured lamps.
+    """
+    model = nominal_model(sensor)
+    if not isinstance(model, PhotometricModel):
+        raise ConfigError(
+            "rendering is timed for sensors with coloured lamps", remedy="choose such a sensor"
+        )
+    terms = [*map(tuple, BALL_EXPONENTS.tolist())]
+    coefficients = np.zeros((len(terms), 3))
+    for term, levels in zip(model.exponents.tolist(), model.coefficients, strict=True):
+        coefficients[terms.index(tuple(term))] = levels
+    lamps = lamps_of(sensor)
+    shading = ShadingTerms(
+        lamps=tuple(
+            NearLamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, distance=1.6)
+            for lamp in lamps
+        ),
+        softness=0.1,
+        aspect=sensor.camera.height / sensor.camera.width,
+        crease_limit=3e3,
+    )
+    colours = [0.2 * np.array(lamp.colour) for lamp in lamps]
+    places = np.array([1.0, 0.1, -0.1])  # level and gradients over the image
+    weights = places[:, None] * np.stack([*colours, np.full(3, 5.0)])[:, None]
+    return replace(
+        model,
+        exponents=BALL_EXPONENTS,
+        coefficients=coefficients,
+        terms=shading,
+        term_coefficients=weights.reshape(-1, 3),
+    )
+
+
+def _row(
+    look: _Look,
+    renderer: str,
+    device: str,
+    count: int,
+    times_s: list[float],
+    *,
+    apart: tuple[int, float],
+) -> RenderingRow:
+    return RenderingRow(
+        sensor=look.title,
+        renderer=renderer,
+        device=device,
+        image_count=count,
+        blur_px=BLUR_PX,
+        median_s=float(np.median(times_s)),
+        least_s=min(times_s),
+        repeats=len(times_s),
+        apart_levels=apart[0],
+        apart_share=apart[1],
+        **look.row,
+    )
+
+
+def _apart(images: Any, expected: Any) -> tuple[int, float]:
+    difference = np.abs(images.astype(np.int16) - expected.astype(np.int16))
+    return int(difference.max()), float(np.mean(difference > 0))
+
+
+def _timed(render: Callable[[], object], budget_s: float) -> list[float]:
+    render()
+    times: list[float] = []
+    while len(times) < _REPEATS and (len(times) < 5 or sum(times) < budget_s):
+        started = time.perf_counter()
+        render()
+        times.append(time.perf_counter() - started)
+    return times

@@ -1,0 +1,81 @@
+"""A whole replay: six forces met on one loading path, with fields and images."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sim.fields.surface import SurfaceState
+from sim.optics.camera_geometry import ImageArray
+from sim.replay import replay_forces
+from sim.scene.scene import Preset, Scene
+from sim.sensor.sensor import load_sensor
+from sim.studies.bench.memory import peak_memory_mib
+
+FORCE_ERROR_MAX = 0.02
+TIME_MAX_S = 20.0
+MEMORY_MAX_MIB = 2e9 / 1024.0**2
+
+ImageOf = Callable[[SurfaceState], ImageArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayRow:
+    """A replay of a run's forces.
+
+    Attributes:
+        presses_s: Mesh, presses and fields [s].
+        images_s: Height maps and images of all trials [s].
+        force_error: Believed relative error of F_z, the largest; None where nothing is known.
+        memory_mib: The process's peak so far [MiB].
+    """
+
+    preset: str
+    trial_count: int
+    newton_iterations: int
+    presses_s: float
+    images_s: float
+    force_error: float | None
+    memory_mib: float
+
+    @property
+    def wall_s(self) -> float:
+        """All of it [s]."""
+        return self.presses_s + self.images_s
+
+    @property
+    def is_within(self) -> bool:
+        """F_z is believed to within 2 %."""
+        return self.force_error is not None and self.force_error <= FORCE_ERROR_MAX
+
+
+def measure_replay(
+    scene: Scene, preset: Preset, forces_n: Sequence[float], image_of: ImageOf
+) -> ReplayRow:
+    """Replay forces [N] on a scene's sensor and indenter.
+
+    Args:
+        image_of: Makes the image of a pressed surface, from its height maps on.
+
+    Raises:
+        ConvergenceError: A force cannot be reached.
+    """
+    started = time.perf_counter()
+    found, fields = replay_forces(
+        load_sensor(scene.sensor), scene.indenter, forces_n, preset=preset
+    )
+    pressed = time.perf_counter()
+    for trial in fields:
+        image_of(trial.surface)
+    errors = [trial.force_error_estimate for trial in found.trials]
+    known = [error for error in errors if error is not None]
+    return ReplayRow(
+        preset=preset.value,
+        trial_count=len(found.trials),
+        newton_iterations=sum(trial.newton_iterations for trial in found.trials),
+        presses_s=pressed - started,
+        images_s=time.perf_counter() - pressed,
+        force_error=max(known) if len(known) == len(errors) else None,
+        memory_mib=peak_memory_mib(),
+    )

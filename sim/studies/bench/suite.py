@@ -1,0 +1,204 @@
+"""All of the benchmark, in one go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from sim.effects.plan import plan_effects
+from sim.optics.camera_geometry import CameraGeometry
+from sim.press import path_for
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.bench.batches import (
+    BALANCE,
+    ENVIRONMENTS_ON_CPU,
+    BatchRow,
+    batch_device,
+    exact_force,
+    measure_batches,
+)
+from sim.studies.bench.frames import TRAVEL_M, FrameRow, travels
+from sim.studies.bench.growth import GrowthRow, growth
+from sim.studies.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
+from sim.studies.bench.phases import PhaseRow, Render, phases
+from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
+from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
+from sim.studies.bench.reuse import ReuseRow, measure_reuse
+
+PRESETS = (Preset.FAST, Preset.BALANCED)
+_PHASE_DEPTH_M = 0.5e-3
+_WARM_M = 0.02e-3
+
+Progress = Callable[[str], None]
+
+
+class Part(StrEnum):
+    """Parts of the benchmark, in the order of its page."""
+
+    FRAMES = "frames"
+    REUSE = "reuse"
+    BATCHES = "batches"
+    PHASES = "phases"
+    RENDERING = "rendering"
+    REPLAY = "replay"
+    GROWTH = "growth"
+
+
+class Peer(StrEnum):
+    """Other engines that can be measured beside the batches."""
+
+    LIBUIPC = "libuipc"
+
+
+_NO_GPU = {
+    Part.BATCHES: f"more than {max(ENVIRONMENTS_ON_CPU)} environments side by side",
+    Part.RENDERING: f"{BATCH} images at once",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """What was measured; what was not asked for is empty.
+
+    Attributes:
+        absent: What could not be measured, and why.
+    """
+
+    frames: tuple[FrameRow, ...] = ()
+    reuse: tuple[ReuseRow, ...] = ()
+    batches: tuple[BatchRow, ...] = ()
+    peers: tuple[PeerRow, ...] = ()
+    phases: tuple[PhaseRow, ...] = ()
+    rendering: tuple[RenderingRow, ...] = ()
+    replays: tuple[ReplayRow, ...] = ()
+    growth: tuple[GrowthRow, ...] = ()
+    absent: tuple[str, ...] = ()
+
+
+def run_bench(
+    scene: Scene,
+    geometry: CameraGeometry,
+    render: Render,
+    image_of: ImageOf,
+    forces_n: Sequence[float],
+    *,
+    parts: Collection[Part] = tuple(Part),
+    presets: Sequence[Preset] = PRESETS,
+    against: Preset = Preset.ACCURATE,
+    peer: Peer | None = None,
+    on_progress: Progress = lambda _text: None,
+) -> Bench:
+    """Measure everything that this machine can.
+
+    Args:
+        scene: Its target does not matter, its preset is that of the growth.
+        geometry: The image's pixels.
+        render: Turns height maps into the tactile image.
+        image_of: Turns a pressed surface into the image that a replay keeps.
+        forces_n: Of the replay [N].
+        parts: What to measure.
+        presets: For the parts of the work and the replay.
+        against: Whose force at the end of the travel is taken for exact.
+        peer: Run the batches' press by this engine too, after the batches.
+
+    Raises:
+        ConvergenceError: A press does not go through.
+    """
+    scene = replace(scene, target=Target(depth_m=TRAVEL_M))
+    _warm_up(scene)
+    exact_n = 0.0
+    if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
+        on_progress(f"F_z with preset {against}")
+        exact_n = exact_force(scene, preset=against)
+    frames = _frames(scene, exact_n, on_progress) if Part.FRAMES in parts else []
+    reuse: list[ReuseRow] = []
+    if Part.REUSE in parts:
+        on_progress("what reuse saves")
+        reuse += measure_reuse(scene, forces_n)
+    phase_rows: list[PhaseRow] = []
+    replays: list[ReplayRow] = []
+    for preset in presets:
+        if Part.PHASES in parts:
+            on_progress(f"parts, preset {preset}")
+            phase_rows += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
+        if Part.REPLAY in parts:
+            on_progress(f"replay, preset {preset}")
+            replays.append(measure_replay(scene, preset, forces_n, image_of))
+    batches, peers, absent = _side_by_side(scene, exact_n, parts, peer, on_progress)
+    grown: Sequence[GrowthRow] = ()
+    if Part.GROWTH in parts:
+        on_progress("growth with elements")
+        grown = growth(scene, depth_m=_PHASE_DEPTH_M)
+    rendering: list[RenderingRow] = []
+    if Part.RENDERING in parts:
+        on_progress(f"rendering, batches on {batch_device()}")
+        rendering += measure_rendering(scene)
+    absent += _without_gpu(parts)
+    return Bench(
+        frames=tuple(frames),
+        reuse=tuple(reuse),
+        batches=tuple(batches),
+        peers=tuple(peers),
+        phases=tuple(phase_rows),
+        rendering=tuple(rendering),
+        replays=tuple(replays),
+        growth=tuple(grown),
+        absent=tuple(absent),
+    )
+
+
+def _frames(scene: Scene, exact_n: float, on_progress: Progress) -> list[FrameRow]:
+    """Travel with preset fast, and with finer meshes while its force is too far off."""
+    on_progress("frames")
+    frames = []
+    for travelled in travels(scene, exact_n=exact_n):
+        on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
+        frames.append(travelled)
+    return frames
+
+
+def _without_gpu(parts: Collection[Part]) -> list[str]:
+    """Return what of these parts a machine without a GPU cannot measure; nothing on one with it."""
+    if batch_device() != "cpu":
+        return []
+    return [
+        f"{what}, which is done on a GPU: there is none here"
+        for part, what in _NO_GPU.items()
+        if part in parts
+    ]
+
+
+def _side_by_side(
+    scene: Scene,
+    exact_n: float,
+    parts: Collection[Part],
+    peer: Peer | None,
+    on_progress: Progress,
+) -> tuple[list[BatchRow], list[PeerRow], list[str]]:
+    """Measure batches, and the peer after them; return what could not be measured too."""
+    device, absent = batch_device(), []
+    batches: list[BatchRow] = []
+    peers: list[PeerRow] = []
+    without = "" if peer is None else why_no_libuipc(scene, device=device)
+    if without:
+        on_progress(f"not measured: {without}")
+        absent.append(without)
+    has_peer = peer is not None and not without
+    if Part.BATCHES in parts:
+        on_progress(f"batches on {device}")
+        for row in measure_batches(scene, device=device, exact_n=exact_n):
+            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
+            batches.append(row)
+    if has_peer:
+        on_progress(f"libuipc on {device}")
+        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
+            on_progress(f"  {found.summary}")
+            peers.append(found)
+    return batches, peers, absent
+
+
+def _warm_up(scene: Scene) -> None:
+    """Compile and load the kernels, which no time should hold."""
+    small = replace(scene, preset=Preset.FAST)
+    path_for(small, plan_effects(small), refinement=0.5).advance(_WARM_M)

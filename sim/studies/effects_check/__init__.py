@@ -1,0 +1,1 @@
+"""Plans of effects held against everything switched on."""

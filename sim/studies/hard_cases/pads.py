@@ -1,0 +1,76 @@
+"""Small pads that the hard cases press: coarse, deterministic, quick."""
+
+from __future__ import annotations
+
+from sim.contact.state import ContactOptions
+from sim.material.laws.catalogue import law
+from sim.mesh.elements import ElementOrder
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
+from sim.mesh.tet_mesh import TetMesh
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import LawName
+from sim.scene.pad import BoxPad, DiscPad, ParametricPad
+from sim.solve.model import Model
+from sim.studies.hard_cases.box_mesh import box_mesh
+
+HEIGHT_M = 4e-3
+YOUNG_PA = 4e5
+POISSON = 0.48
+BARRIER_M = 2e-6
+DENSITY_KG_M3 = 1070.0
+
+DOMED = BoxPad(
+    size_x_m=20e-3, size_y_m=24e-3, height_m=HEIGHT_M, dome_radius_x_m=0.1, dome_radius_y_m=0.2
+)
+DISC = DiscPad(radius_m=10e-3, height_m=HEIGHT_M)
+
+PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
+BALL = Sphere(diameter_m=8e-3)
+
+
+def pad_model(
+    mesh: TetMesh,
+    *,
+    order: ElementOrder = ElementOrder.P2,
+    young_pa: float = YOUNG_PA,
+    poisson: float = POISSON,
+    law_name: LawName = LawName.STABLE_NEO_HOOKEAN,
+    contact_options: ContactOptions | None = None,
+) -> Model:
+    """Set up a mesh with the gel's usual material."""
+    return Model(
+        mesh,
+        order=order,
+        law=law(law_name),
+        young_pa=young_pa,
+        poisson=poisson,
+        contact_options=contact_options or ContactOptions(distance_m=BARRIER_M),
+    )
+
+
+def round_mesh(
+    *,
+    pad: ParametricPad = DISC,
+    start_m: float = 2.3e-3,
+    end_m: float = 2.5e-3,
+    size_m: float = 0.4e-3,
+    growth: float = 2.0,
+    sector_count: int = 8,
+    folded: bool = True,
+) -> TetMesh:
+    """Return a coarse mesh revolved about the z axis, fine between two radii."""
+    grading = Grading(start_m=start_m, end_m=end_m, size_m=size_m, growth=growth)
+    return revolved_mesh(
+        pad, grading, centre_m=(0.0, 0.0), sector_count=sector_count, name="hard", folded=folded
+    )
+
+
+def brick_mesh(cells: tuple[int, int, int], *, jitter: float = 0.0) -> TetMesh:
+    """Return a regular box of 12 x 12 x 4 mm."""
+    return box_mesh((12e-3, 12e-3, HEIGHT_M), cells, jitter=jitter)
+
+
+def quarter_brick_mesh(cells: tuple[int, int, int]) -> TetMesh:
+    """Return the quarter of that box whose mirror images are the rest."""
+    return box_mesh((6e-3, 6e-3, HEIGHT_M), cells, quarter=True)

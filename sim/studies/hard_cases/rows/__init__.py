@@ -1,0 +1,1 @@
+"""The hard cases, by what they have in common."""

@@ -1,0 +1,1 @@
+"""The contact modes of the paper's figures: press, slide, twist."""

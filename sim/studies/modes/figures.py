@@ -1,0 +1,242 @@
+"""Figures of contact modes and sensors: sections, meshes, pressure and tangential traction.
+
+Scale bars are in SI units. Colour maps are cividis and PuOr, which survive colour-blind eyes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.tri import Triangulation
+
+from sim.arrays import FloatArray, IntArray
+from sim.fields.section import Section, cut
+from sim.studies.figure_page import INK, MM, PAGE_IN, STEEL, STYLE, save_figure
+from sim.studies.modes.maps import SurfaceMaps, surface_maps, traction_arrows
+from sim.studies.modes.runs import ModeRun
+
+_KPA = 1e-3
+_SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
+_ARROW_MIN_SHARE = 5e-3
+_TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
+# The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
+_SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
+
+
+def draw_modes(
+    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
+    """Draw a punch's modes, one a row: stress in a section, pressure, tangential traction, shear.
+
+    Args:
+        page_folder: Put a smaller PNG there besides.
+
+    Raises:
+        RecordError: The files cannot be written.
+    """
+
+    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
+        maps, section = _maps_and_section(run)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        _draw_pressure(row[1], run, maps)
+        _draw_traction(row[2], run, maps)
+        name, i, j = _SHEARS[run.name]
+        _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
+        return f"{_TITLES[run.name]}, {run.travel}"
+
+    with mpl.rc_context(STYLE):
+        figure = _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
+        return save_figure(figure, folder, page_folder, "contact_modes")
+
+
+def draw_sensors(
+    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
+    """Draw one press on several sensors, one a row: section, mesh, pressure, tangential traction.
+
+    Args:
+        page_folder: Put a smaller PNG there besides.
+
+    Raises:
+        RecordError: The files cannot be written.
+    """
+
+    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
+        maps, section = _maps_and_section(run)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        _draw_mesh(row[1], maps)
+        _draw_pressure(row[2], run, maps)
+        _draw_traction(row[3], run, maps)
+        return f"{run.sensor.title}, {run.travel}, {len(run.path.model.elements)} tetrahedra"
+
+    with mpl.rc_context(STYLE):
+        figure = _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
+        return save_figure(figure, folder, page_folder, "three_sensors")
+
+
+def _drawn(
+    runs: Sequence[ModeRun],
+    draw: Callable[[ModeRun, Sequence[Axes]], str],
+    *,
+    height_in: float,
+    widths: tuple[float, ...],
+) -> Figure:
+    """Return a figure of one row a run; ``draw`` fills a row's axes and returns its title."""
+    figure = Figure(figsize=(PAGE_IN, height_in * len(runs)), layout="constrained")
+    parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]
+    for part, run in zip(parts, runs, strict=True):
+        title = draw(run, part.subplots(1, len(widths), width_ratios=widths))
+        force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
+        part.suptitle(f"{title}, {force}", x=0.01, ha="left")
+    return figure
+
+
+def _maps_and_section(run: ModeRun) -> tuple[SurfaceMaps, Section]:
+    return surface_maps(run.path, run.point), cut(run.path.model, run.point.state.positions)
+
+
+def _reach(run: ModeRun) -> float:
+    """Return half the width of the maps [mm], about 1.5 contact radii."""
+    contact = run.point.equilibrium.contact
+    touched = np.any(contact.forces != 0.0, axis=2)
+    arms = (contact.points - run.point.state.tip)[touched][:, :2]
+    return float(1.5 * np.linalg.norm(arms, axis=1).max() * MM)
+
+
+def _draw_section(
+    axes: Axes, run: ModeRun, section: Section, entry: tuple[int, int], name: str
+) -> None:
+    values = section.stress_pa[:, entry[0], entry[1]] * _KPA
+    thick = section.without_slivers(_THIN_SHARE * run.path.model.height_m)
+    # A few nodes at a rim would wash out all the rest.
+    limit = float(np.quantile(np.abs(values), 0.98))
+    grid = _triangulation(thick.points_m, thick.triangles)
+    look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
+    # Shaded triangles leave hairlines between them: flat ones with edges lie below.
+    axes.tripcolor(grid, values, shading="flat", edgecolors="face", linewidth=0.4, **look)
+    shown = axes.tripcolor(grid, values, shading="gouraud", **look)
+    _draw_interfaces(axes, section)
+    _draw_indenter(axes, run)
+    reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
+    tip = run.point.state.tip * MM
+    height = run.path.model.height_m * MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(0.0, 1.35 * height)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$z$ (mm)")
+    _bar(axes, shown, f"{name} (kPa)", extend="both")
+
+
+def _draw_interfaces(axes: Axes, section: Section) -> None:
+    """Draw the edges where two layers meet."""
+    if section.layers.max() == section.layers.min():
+        return
+    lower = section.triangles[section.layers == section.layers.min()]
+    points = np.round(section.points_m * 1e9).astype(np.int64)
+    upper = section.triangles[section.layers != section.layers.min()].reshape(-1)
+    shared = set(map(tuple, points[upper]))
+    edges = [
+        section.points_m[[a, b]] * MM
+        for triangle in lower
+        for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
+        if tuple(points[a]) in shared and tuple(points[b]) in shared
+    ]
+    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=INK, linewidths=0.5))
+
+
+def _draw_indenter(axes: Axes, run: ModeRun) -> None:
+    """Draw the rigid body's outline in the plane of the section."""
+    radius = run.indenter.radius_m
+    x = np.linspace(-radius, radius, 401)
+    below = run.indenter.lower_surface(x, np.zeros_like(x))
+    tip = run.point.state.tip
+    top = run.path.model.height_m * 2.0
+    x = np.concatenate([x, x[[-1, 0]]]) + tip[0]
+    z = np.concatenate([below + tip[2], [top, top]])
+    axes.add_patch(
+        Polygon(np.column_stack([x, z]) * MM, facecolor=STEEL, edgecolor=INK, linewidth=0.6)
+    )
+
+
+def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
+    """Draw the elements' faces on the whole contact surface, seen along z."""
+    corners = maps.points_m[maps.corner_faces][..., :2] * MM
+    axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=INK, lw=0.2))
+    low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
+    axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
+    axes.set_ylim(low[1] - 0.3, high[1] + 0.3)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$y$ (mm)")
+
+
+def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    _draw_map(axes, run, maps, maps.pressure_pa * _KPA, "$-p_n$ (kPa)")
+    x, y = np.array(run.signature.centre_m) * MM + run.point.state.tip[:2] * MM
+    axes.plot([x], [y], marker="+", color="white", markersize=6, markeredgewidth=1.0)
+
+
+def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
+    _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
+    pitch = _reach(run) / MM / 6.0
+    places, arrows = traction_arrows(run.point, pitch_m=pitch)
+    sizes = np.linalg.norm(arrows, axis=1)
+    shown = sizes > _ARROW_MIN_SHARE * sizes.max()
+    # The root of the size, so that the middle is seen beside the rim.
+    lengths = arrows[shown] / np.sqrt(sizes[shown] * sizes.max())[:, None]
+    axes.quiver(
+        *(places[shown].T * MM),
+        *lengths.T,
+        color="white",
+        edgecolor=INK,
+        linewidth=0.25,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0 / (1.2 * pitch * MM),
+        pivot="mid",
+        width=0.014,
+        headwidth=3.2,
+        headlength=3.6,
+        headaxislength=3.2,
+    )
+
+
+def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, name: str) -> None:
+    shown = axes.tripcolor(
+        _triangulation(maps.points_m, maps.triangles),
+        values,
+        shading="gouraud",
+        cmap="cividis",
+        vmin=0.0,
+        vmax=float(np.quantile(values[values > 0.0], 0.99)),
+        rasterized=True,
+    )
+    reach, tip = _reach(run), run.point.state.tip * MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(tip[1] - reach, tip[1] + reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel("$y$ (mm)")
+    _bar(axes, shown, name, extend="max")
+
+
+def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:
+    return Triangulation(points_m[:, 0] * MM, points_m[:, 1] * MM, triangles)
+
+
+def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
+    """Put a scale beside the axes, as high as they are."""
+    beside = axes.inset_axes((1.04, 0.0, 0.055, 1.0))
+    bar = axes.figure.colorbar(shown, cax=beside, extend=extend)
+    bar.ax.set_title(name, loc="left", fontsize=7, pad=3)
+    bar.outline.set_linewidth(0.5)

@@ -1,0 +1,174 @@
+"""Signatures of pressing, sliding and torsion as numbers (paper, section IV-E).
+
+Directions are judged at the mesh's vertices, as the paper's force fields are (Algorithm 2). A face
+has more contact points than its displacement can obey at once: where the gel sticks, what a point
+is off by within its face, a tenth of a micrometre, is a tenth of the slip length and so of its
+traction. Gathered at vertices these parts cancel, while sums stay what they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactTraction:
+    """Contact forces on the gel, by contact point or by vertex.
+
+    Attributes:
+        arms_m: From the indenter's tip [m], shape [..., 3].
+        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
+        normal_n: Normal force [N]; positive presses on the gel.
+        tangential_n: Tangential force [N], shape [..., 3].
+    """
+
+    arms_m: FloatArray
+    normals: FloatArray
+    normal_n: FloatArray
+    tangential_n: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactSignature:
+    """What the contact of one equilibrium looks like, seen along z; forces act on the gel.
+
+    Attributes:
+        normal_n: Resultant of the normal forces, as a vector [N], shape [3].
+        normal_sum_n: Sum of the normal forces' sizes [N].
+        tangential_n: Resultant of the tangential forces, as a vector [N], shape [3].
+        tangential_sum_n: Sum of the tangential forces' sizes [N].
+        centre_m: Centre of pressure relative to the indenter's axis, x and y [m].
+        circumferential_share: Mean of |cos| of the angle between the tangential force and the way
+            around the axis, weighted by the force's size, over the vertices.
+        radial_share: The same with the way straight from the axis, along the indenter's surface.
+        inward_share: Weighted mean of the cosine with the way towards the axis.
+        radial_share_points: ``radial_share`` over the contact points.
+    """
+
+    normal_n: tuple[float, float, float]
+    normal_sum_n: float
+    tangential_n: tuple[float, float, float]
+    tangential_sum_n: float
+    centre_m: tuple[float, float]
+    circumferential_share: float
+    radial_share: float
+    inward_share: float
+    radial_share_points: float
+
+    @property
+    def normal_size_n(self) -> float:
+        """F_n, the size of the normal forces' resultant [N]."""
+        return float(np.linalg.norm(self.normal_n))
+
+    @property
+    def mobilised_friction(self) -> float:
+        """Tangential resultant over F_n: mu in a slide that has let go."""
+        return float(np.linalg.norm(self.tangential_n)) / max(self.normal_size_n, 1e-300)
+
+    @property
+    def sliding_friction(self) -> float:
+        """Sum of the tangential forces' sizes over that of the normal forces'.
+
+        It is mu where every point slides.
+        """
+        return self.tangential_sum_n / max(self.normal_sum_n, 1e-300)
+
+
+def contact_traction(point: PathPoint) -> ContactTraction:
+    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
+    contact = point.equilibrium.contact
+    normals = _normals(point)
+    forces = -contact.forces
+    along = np.einsum("fpi,fpi->fp", forces, normals)
+    return ContactTraction(
+        arms_m=contact.points - point.state.tip,
+        normals=normals,
+        normal_n=np.abs(along),
+        tangential_n=forces - along[..., None] * normals,
+    )
+
+
+def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
+    """Gather the contact forces at the vertices that carry any, shape [vertex_count].
+
+    A point gives to its face's corners in proportion to its barycentric coordinates: unlike the
+    nodal forces of a quadratic face these have the sign of what acts there.
+    """
+    traction = contact_traction(point)
+    corners, shares = model.faces[:, :3], model.reference.face_points
+    pressed, dragged = np.zeros((2, len(model.nodes), 3))
+    pressing = traction.normal_n[..., None] * traction.normals
+    for corner in range(3):
+        share = shares[:, corner]
+        np.add.at(pressed, corners[:, corner], np.einsum("fpi,p->fi", pressing, share))
+        np.add.at(dragged, corners[:, corner], np.einsum("fpi,p->fi", traction.tangential_n, share))
+    touched = np.any(pressed != 0.0, axis=1)
+    normals = _unit(pressed[touched])
+    forces = pressed[touched] + dragged[touched]
+    along = np.einsum("vi,vi->v", forces, normals)
+    return ContactTraction(
+        arms_m=point.state.positions[touched] - point.state.tip,
+        normals=normals,
+        normal_n=along,
+        tangential_n=forces - along[:, None] * normals,
+    )
+
+
+def contact_signature(model: Model, point: PathPoint) -> ContactSignature:
+    """Measure the contact of an equilibrium of a whole, unfolded pad."""
+    traction = contact_traction(point)
+    pressed, tangential = traction.normal_n.reshape(-1), traction.tangential_n.reshape(-1, 3)
+    centre = pressed @ traction.arms_m.reshape(-1, 3) / max(float(pressed.sum()), 1e-300)
+    around, outward = _directed(vertex_traction(model, point))
+    return ContactSignature(
+        normal_n=_vector(pressed @ traction.normals.reshape(-1, 3)),
+        normal_sum_n=float(pressed.sum()),
+        tangential_n=_vector(tangential.sum(axis=0)),
+        tangential_sum_n=float(np.linalg.norm(tangential, axis=1).sum()),
+        centre_m=(float(centre[0]), float(centre[1])),
+        circumferential_share=float(np.abs(around).sum()),
+        radial_share=float(np.abs(outward).sum()),
+        inward_share=-float(outward.sum()),
+        radial_share_points=float(np.abs(_directed(traction)[1]).sum()),
+    )
+
+
+def _directed(traction: ContactTraction) -> tuple[FloatArray, FloatArray]:
+    """Return the tangential forces' parts around and away from the axis, over their sizes' sum."""
+    arms, normals = traction.arms_m.reshape(-1, 3), traction.normals.reshape(-1, 3)
+    tangential = traction.tangential_n.reshape(-1, 3)
+    around = _unit(np.cross(_UP, arms * (1.0, 1.0, 0.0)))
+    outward = _unit(np.cross(around, normals))
+    outward *= np.sign(np.einsum("pi,pi->p", outward, arms))[:, None]
+    size = max(float(np.linalg.norm(tangential, axis=1).sum()), 1e-300)
+    return (
+        np.einsum("pi,pi->p", tangential, around) / size,
+        np.einsum("pi,pi->p", tangential, outward) / size,
+    )
+
+
+def _normals(point: PathPoint) -> FloatArray:
+    """Return the indenter's outward normals as contact knows them, zero where nothing touches."""
+    grip = point.state.grip
+    loads = point.equilibrium.contact.forces
+    if grip is not None:
+        loads = np.asarray(grip.loads @ point.state.rotation.T)
+    return _unit(loads)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(sizes, 1e-300))
+
+
+def _vector(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,1 @@
+"""Five objects pressed into sensors."""

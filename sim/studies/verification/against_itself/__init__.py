@@ -1,0 +1,1 @@
+"""The simulator against itself: balance, drives, shifts, and its own error estimates."""

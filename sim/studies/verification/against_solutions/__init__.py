@@ -1,0 +1,1 @@
+"""The simulator against exact solutions, references and one real press."""

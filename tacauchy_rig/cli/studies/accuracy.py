@@ -1,0 +1,206 @@
+"""``tacauchy-rig accuracy``: what accuracy costs in time, for one press."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from reports.figures.accuracy import CostPoint, Panel, draw_accuracy
+from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
+from sim.mesh.elements import ElementOrder
+from sim.optics.camera_geometry import ImageArray
+from sim.optics.height.height_map import HeightMaps
+from sim.optics.render.nominal_renderer import GREY_LEVEL, NominalRenderer
+from sim.optics.sensor_camera import camera_geometry
+from sim.sensor.sensor import load_sensor
+from sim.studies.accuracy import promise as promises
+from sim.studies.accuracy.configurations import (
+    FULL,
+    FULL_REFERENCE,
+    SHIFTED,
+    SHORT,
+    SHORT_REFERENCE,
+    reseeded,
+)
+from sim.studies.accuracy.preset_errors import measure_preset_errors
+from sim.studies.accuracy.press_store import PressStore
+from sim.studies.accuracy.promise_scenes import FRESH, JUDGED_LAST
+from sim.studies.accuracy.study import Row, Study, error_bar, study
+from sim.studies.accuracy.tables import study_section
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
+from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
+from tacauchy_rig.cli.studies.accuracy_page import OLD_PROMISES, PROMISES, study_name, write_page
+from tacauchy_rig.cli.studies.section_table import show_section
+from tacauchy_rig.cli.versions import versions
+
+_PROMISES = {
+    PROMISES: (FRESH, promises.TITLE, ""),
+    OLD_PROMISES: (
+        JUDGED_LAST,
+        f"{promises.TITLE}, on scenes that were judged before",
+        " They were looked at while the method was made: the other ten decide.",
+    ),
+}
+_PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
+_SEEN = 0.9
+PRESSES = "presses"
+_PANELS = (
+    Panel(quantity="force", title="$F_z$ at equal depth"),
+    Panel(quantity="depth", title="Depth at equal $F_z$"),
+    Panel(quantity="pressure", title="Largest pressure"),
+    Panel(quantity="height", title="Height map (RMS)"),
+    Panel(quantity="image", title="Image (1 \N{MINUS SIGN} SSIM)"),
+)
+
+
+def accuracy(
+    out: Annotated[Path, typer.Option("--out", help="Folder for figures, tables and JSON.")] = Path(
+        "accuracy"
+    ),
+    sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
+    indenter: Annotated[str, typer.Option("--indenter")] = _PAPER_PUNCH,
+    force: Annotated[str, typer.Option("--force")] = "4.7332N",
+    full: Annotated[bool, typer.Option("--full", help="Measure many more settings.")] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Other meshes of the same sizes.")] = 0,
+    promise: Annotated[
+        bool, typer.Option("--promise", help="Judge --tolerance on twenty scenes instead.")
+    ] = False,
+    presets: Annotated[
+        Path | None,
+        typer.Option(
+            "--presets", metavar="FILE", help="Measure the table that --tolerance uses instead."
+        ),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", metavar="FILE", help="Write a page of all that is in the folder."),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press with many settings and show each one's error against its time."""
+    writable_folder(out)
+    if presets is not None:
+        facts = _measure_presets(presets, out)
+    elif promise:
+        facts = _judge_promises(out)
+    else:
+        terms = SceneTerms(indenter=indenter, sensor=sensor, force=force)
+        facts = _study(terms, out, full=full, seed=seed)
+    write_json(json_file, facts)
+    if page is not None:
+        for file in write_page(page, out):
+            say(str(file))
+
+
+def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
+    scene, gel = scene_of(terms), load_sensor(terms.sensor or "")
+    found = study(
+        scene,
+        [reseeded(each, seed) for each in (FULL if full else SHORT)],
+        camera_geometry(gel),
+        render=NominalRenderer(gel),
+        similarity=_similarity,
+        reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
+        shifted=SHIFTED if seed == 0 else (),
+        on_progress=lambda text: complain(f"  {text}"),
+    )
+    text = f"{terms.indenter} into {terms.sensor} at {terms.force}"
+    name = study_name(seed)
+    command = " ".join(
+        ["tacauchy-rig accuracy", *(["--full"] if full else []), f"--seed {seed} --out {out}"]
+    )
+    section = study_section(found, scene=text, command=command)
+    facts = {**_facts(found, scene_text=text, seed=seed), "section": asdict(section)}
+    show_section(section)
+    for row in found.rows:
+        if row.failure:
+            complain(f"{row.configuration.name}: {row.failure}")
+    files = [*_draw(found, out, name), out / f"{name}.json"]
+    write_json(files[-1], facts)
+    for file in files:
+        say(str(file))
+    return facts
+
+
+def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
+    store = PressStore(folder=out / PRESSES)
+    rows = measure_preset_errors(file, store, on_progress=lambda text: complain(f"  {text}"))
+    say(str(file))
+    return {"rows": rows, "versions": versions()}
+
+
+def _judge_promises(out: Path) -> dict[str, Any]:
+    command = f"tacauchy-rig accuracy --promise --out {out}"
+    facts: dict[str, Any] = {"versions": versions()}
+    for name, (scenes, title, note) in _PROMISES.items():
+        found = promises.measure(
+            PressStore(folder=out / PRESSES),
+            scenes,
+            on_progress=lambda text: complain(f"  {text}"),
+        )
+        section = promises.section(found, command=command, title=title, note=note)
+        show_section(section)
+        facts[name] = {"section": asdict(section), "versions": versions()}
+        write_json(out / name, facts[name])
+        say(str(out / name))
+    return facts
+
+
+def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
+    inside = maps.contact
+    changes = [image.astype(np.float64)[inside] - GREY_LEVEL for image in (exact, found)]
+    return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
+
+
+def _draw(found: Study, folder: Path, name: str) -> list[Path]:
+    labels = _labels(found)
+    points = [
+        CostPoint(
+            time_s=row.time_s,
+            errors=row.errors,
+            on_front=row.on_front,
+            is_linear_element=row.configuration.element is ElementOrder.P1,
+            bars={
+                name: error_bar(found.bars[name], error, row.chances[name])
+                for name, error in row.errors.items()
+            },
+            label=labels.get(row.configuration.name, "").replace("d_hat", r"$\hat{d}$"),
+            is_preset=row.configuration.is_preset,
+        )
+        for row in found.rows
+        if not row.failure
+    ]
+    return draw_accuracy(points, found.bars, _PANELS, folder=folder, name=name)
+
+
+def _labels(found: Study) -> dict[str, str]:
+    """Name the presets, and what gains on the front something that can be seen."""
+    labels = {}
+    least = np.inf
+    for row in sorted(found.rows, key=lambda row: row.time_s):
+        gains = row.on_front and abs(row.errors["force"]) < _SEEN * least
+        if gains or row.configuration.is_preset:
+            labels[row.configuration.name] = row.configuration.name
+        if row.on_front:
+            least = min(least, abs(row.errors["force"]))
+    return labels
+
+
+def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:
+    return {
+        "scene": scene_text,
+        "seed": seed,
+        "reference_error_bars": found.bars,
+        "reference": _row_facts(found.reference),
+        "rows": [_row_facts(row) for row in found.rows],
+        "versions": versions(),
+    }
+
+
+def _row_facts(row: Row) -> dict[str, Any]:
+    return {**asdict(row), "wall_s": row.wall_s, "time_s": row.time_s}

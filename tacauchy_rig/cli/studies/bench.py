@@ -1,0 +1,105 @@
+"""``tacauchy-rig bench``: how long the simulator's work takes on this machine."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from reports.figures.bench import Growth, draw_bench
+from sim.optics.render.nominal_renderer import NominalRenderer
+from sim.optics.sensor_camera import camera_geometry
+from sim.scene.scene import Preset
+from sim.sensor.sensor import load_sensor
+from sim.studies.bench.growth import EXPONENT_WANTED, exponent
+from sim.studies.bench.suite import Bench, Part, Peer, run_bench
+from sim.studies.bench.tables import sections
+from sim.studies.verification.page import markdown
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
+from tacauchy_rig.cli.studies.section_table import show_section
+from tacauchy_rig.cli.versions import machine, versions
+from tacauchy_rig.config.load import load_config
+from tacauchy_rig.loop.replay_images import ReplayImages
+
+_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
+
+
+def bench(
+    out: Annotated[Path, typer.Option("--out", help="Folder for figure, page and JSON.")] = Path(
+        "bench"
+    ),
+    sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
+    indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
+    parts: Annotated[
+        list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
+    ] = None,
+    peer: Annotated[
+        Peer | None,
+        typer.Option(
+            "--peer",
+            help="Run the batches' press by this engine too, on the same GPU after ours, with its "
+            "force and balance beside its time; libuipc comes with pip install pyuipc.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
+    writable_folder(out)
+    gel = load_sensor(sensor)
+    terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
+    found = run_bench(
+        scene_of(terms),
+        camera_geometry(gel),
+        NominalRenderer(gel),
+        ReplayImages(gel),
+        load_config(None).config.protocol.force_targets,
+        parts=tuple(parts or Part),
+        peer=peer,
+        on_progress=lambda text: complain(f"  {text}"),
+    )
+    tables = sections(found)
+    for section in tables:
+        show_section(section)
+    for text in found.absent:
+        say(f"not measured: {text}")
+    facts = {**asdict(found), "machine": machine(), "versions": versions()}
+    write_json(out / "bench.json", facts)
+    write_json(json_file, facts)
+    drawn = _draw(found, out)
+    page = markdown(
+        tables,
+        title="Benchmark",
+        note=f"{indenter} into {sensor}.",
+        image=next((file.name for file in drawn if file.suffix == ".png"), ""),
+        command=" ".join(
+            [
+                f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
+                *(f"--part {part}" for part in parts or ()),
+                *([f"--peer {peer}"] if peer else []),
+                f"--out {out}",
+            ]
+        ),
+        versions=versions(),
+        machine=machine(),
+    )
+    write_text(out / "bench.md", page)
+    for file in (*drawn, out / "bench.json", out / "bench.md"):
+        say(str(file))
+
+
+def _draw(found: Bench, folder: Path) -> list[Path]:
+    parts: dict[str, dict[str, float]] = {}
+    for row in found.phases:
+        parts.setdefault(row.preset, {})[row.name] = 1e3 * row.median_s
+    sizes = [float(row.tet_count) for row in found.growth]
+    times = [row.cpu_s for row in found.growth]
+    grown = None
+    if sizes:
+        power = exponent(sizes, times)
+        grown = Growth(sizes=sizes, times_s=times, exponent=power, limit=EXPONENT_WANTED)
+    batches = [(row.environments, row.frames_per_s) for row in found.batches]
+    return draw_bench(parts, grown, batches, folder=folder)

@@ -1,0 +1,110 @@
+"""``tacauchy-rig modes``: the contact modes of the paper's figures, drawn and held to numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.scene.indenter import Cylinder, Sphere, describe
+from sim.scene.scene import Preset
+from sim.sensor.sensor import load_sensor
+from sim.studies.modes.criteria import FRICTION
+from sim.studies.modes.figures import draw_modes, draw_sensors
+from sim.studies.modes.runs import (
+    BALL,
+    BALL_REFINEMENT,
+    PUNCH,
+    ModeRun,
+    press_in,
+    press_mode,
+    slide_mode,
+    twist_mode,
+)
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.press_terms import parse_indenter
+from tacauchy_rig.cli.studies.modes_page import markdown
+from tacauchy_rig.errors import ConfigError
+
+_MOVED_ON = "gelsight-mini"
+_SENSORS = ("gelsight-mini", "digit", "9dtact")
+
+
+def modes(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figures go.")],
+    indenter: Annotated[
+        str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
+    ] = describe(PUNCH),
+    preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page, such as docs/contact_modes.md; its figures go to images beside it.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
+    punch = _round(indenter)
+    writable_folder(out)
+    images = None if page is None else writable_folder(page.parent / "images")
+    say(f"friction {FRICTION:g}, preset {preset.value}")
+    punched = list(_shown(_moved_runs(punch, preset)))
+    figures = draw_modes(punched, out, page_folder=images)
+    pressed = list(_shown(_ball_runs(preset)))
+    figures += draw_sensors(pressed, out, page_folder=images)
+    for path in figures:
+        say(f"figure {path}")
+    runs = punched + pressed
+    if page is not None:
+        command = f"tacauchy-rig modes --out {out} --page {page}"
+        if indenter != describe(PUNCH):
+            command += f" --indenter {indenter}"
+        if preset is not Preset.FAST:
+            command += f" --preset {preset.value}"
+        write_text(page, markdown(punched, pressed, command=command, preset=preset))
+        say(f"page {page}")
+    write_json(json_file, {"preset": preset, "modes": [run.as_json() for run in runs]})
+    raise typer.Exit(0 if all(run.passed for run in runs) else 1)
+
+
+def _round(text: str) -> Cylinder | Sphere:
+    indenter = parse_indenter(text)
+    if not isinstance(indenter, Cylinder | Sphere):
+        raise ConfigError(
+            f"--indenter {text}: only round bodies can be slid and turned here",
+            remedy="give a cylinder with a fillet, or a sphere",
+        )
+    return indenter
+
+
+def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun]:
+    pressed = press_in(load_sensor(_MOVED_ON), indenter, preset=preset)
+    for mode in (press_mode, slide_mode, twist_mode):
+        yield mode(pressed)
+
+
+def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
+    for name in _SENSORS:
+        sensor = load_sensor(name)
+        yield press_mode(press_in(sensor, BALL, preset=preset, refinement=BALL_REFINEMENT))
+
+
+def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
+    """Say what each run gave as soon as it is there."""
+    for run in runs:
+        signature = run.signature
+        say()
+        say(
+            f"{run.title}: F_n {signature.normal_size_n:.4f} N, "
+            f"tangential {signature.tangential_sum_n:.4f} N in sum [{run.processor_s:.0f} s]"
+        )
+        for criterion in run.criteria:
+            told = f"{criterion.measured:10.5f}  {criterion.limit:14} {criterion.verdict}"
+            say(f"  {criterion.name:60} {told}")
+        yield run

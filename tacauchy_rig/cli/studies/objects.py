@@ -1,0 +1,75 @@
+"""``tacauchy-rig objects``: five objects in two sensors, drawn as their cameras see them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.optics.render.sensor_lamps import nominal_model, shadows_of
+from sim.optics.sensor_camera import camera_geometry
+from sim.scene.scene import Preset
+from sim.sensor.sensor import load_sensor
+from sim.studies.objects.figures import draw_objects
+from sim.studies.objects.runs import DEPTH_M, ObjectPress, press_object
+from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.studies.objects_page import markdown
+
+_SENSORS = "gelsight-mini,digit"
+
+
+def objects(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figure goes.")],
+    sensors: Annotated[
+        str, typer.Option("--sensors", help="Names or files, with commas between.")
+    ] = _SENSORS,
+    preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            "--page",
+            metavar="FILE",
+            help="Write a page, such as docs/objects.md; its figure goes to images beside it.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images."""
+    writable_folder(out)
+    images = None if page is None else writable_folder(page.parent / "images")
+    say(f"{DEPTH_M * 1e3:g} mm deep, preset {preset.value}, nominal optics")
+    runs = [_on_sensor(name.strip(), preset) for name in sensors.split(",") if name.strip()]
+    for path in draw_objects(runs, out, page_folder=images):
+        say(f"figure {path}")
+    if page is not None:
+        command = f"tacauchy-rig objects --out {out} --page {page}"
+        command += f" --sensors {sensors}" if sensors != _SENSORS else ""
+        command += f" --preset {preset}" if preset is not Preset.FAST else ""
+        write_text(page, markdown(runs, command=command, preset=preset))
+        say(f"page {page}")
+    rows = [
+        {
+            "sensor": run.sensor,
+            "object": run.name,
+            "force_n": run.force_n,
+            "highest_over_object_m": run.highest_over_m,
+            "processor_s": run.processor_s,
+        }
+        for sensor in runs
+        for run in sensor
+    ]
+    write_json(json_file, {"preset": preset, "depth_m": DEPTH_M, "presses": rows})
+
+
+def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
+    sensor = load_sensor(name)
+    geometry, model, shadows = camera_geometry(sensor), nominal_model(sensor), shadows_of(sensor)
+    found = []
+    for label in OBJECTS:
+        found.append(press_object(label, sensor, geometry, model, shadows=shadows, preset=preset))
+        run = found[-1]
+        say(f"  {run.sensor}, {label}: {run.force_n:.3f} N [{run.processor_s:.0f} s]")
+    return found

@@ -1,0 +1,1 @@
+"""Break everything that can break, and write down what happens."""

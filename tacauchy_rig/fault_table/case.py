@@ -1,0 +1,177 @@
+"""One fault case from start to finish: run, fault, what became of it, mend, resume."""
+
+from __future__ import annotations
+
+import logging
+import math
+import shutil
+import time
+from pathlib import Path
+
+from tacauchy_rig.cli.missed import MISSED
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
+from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase
+from tacauchy_rig.fault_table.laboratory import FaultBench
+from tacauchy_rig.fault_table.observation import KILLED_EXIT_CODE, Observation, Resumed
+from tacauchy_rig.fault_table.record import acknowledged_messages, attempts_of, kept_messages
+from tacauchy_rig.fault_table.session import CommandProcess, WatchedRun
+from tacauchy_rig.run import Phase
+from tacauchy_rig.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+TRIES = 4
+PHASE_TIMEOUT_S = 120.0
+END_TIMEOUT_S = 60.0
+RESUME_TIMEOUT_S = 180.0
+RESUME_TRIES = 3
+REST_TIMEOUT_S = 5.0
+VERDICT = "passed"
+FORCE_WINDOW_NS = 20_000_000_000
+
+
+def observe_case(case: FaultCase, folder: Path) -> Observation:
+    """Run one case in ``folder`` and return what it showed.
+
+    A run that ends before the moment of the fault, on a computer that is too busy to emulate,
+    is repeated.
+
+    Raises:
+        DeviceError: No run reached the moment of the fault.
+    """
+    for number in range(1, TRIES + 1):
+        shutil.rmtree(folder, ignore_errors=True)
+        with FaultBench(folder) as bench:
+            command = CommandProcess(["run", str(bench.rig_toml)], folder=folder, name="run")
+            try:
+                bench.start()
+                command.confirm(bench.config)
+                return _Case(case, bench, command).observe(tries=number)
+            except DeviceError as error:
+                logger.warning("%s, try %d: %s", case.name, number, error)
+            finally:
+                command.close()
+    raise DeviceError(
+        f"fault case {case.name}: no run of {TRIES} reached its {case.moment.value}",
+        remedy="close what else keeps this computer busy; the last run is in " + str(folder),
+    )
+
+
+class _Case:
+    """One case under way."""
+
+    def __init__(self, case: FaultCase, bench: FaultBench, command: CommandProcess) -> None:
+        self._case = case
+        self._bench = bench
+        self._run = WatchedRun(command, bench.folder / "runs")
+
+    def observe(self, *, tries: int) -> Observation:
+        """Wait for the moment, let it happen, and measure.
+
+        Raises:
+            DeviceError: The run ended before the moment.
+        """
+        fault_ns = self._strike()
+        exit_code = self._run.command.wait(END_TIMEOUT_S)
+        hung = ["supervisor"] if self._run.command.hung else []
+        hung += self._run.wait_until_gone()
+        ended_after_s = (time.monotonic_ns() - fault_ns) * 1e-9
+        arm, force_n, rise_n = self._look_at_arm(fault_ns)
+        paths, attempts = self._run.paths, attempts_of(self._run.paths)
+        acknowledged = acknowledged_messages(self._run.journal())
+        kept = kept_messages(paths, attempts, acknowledged)
+        told, measured = self._told(exit_code), self._measured()
+        resumed = self._resume(paths.root)
+        return Observation(
+            name=self._case.name,
+            tries=tries,
+            arm=arm,
+            force_at_fault_n=force_n,
+            force_rise_n=rise_n,
+            exit_code=exit_code,
+            ended_after_s=ended_after_s,
+            hung=tuple(hung),
+            told=told,
+            measured=measured,
+            kept=kept,
+            kept_after_resume=kept_messages(paths, attempts, acknowledged),
+            resumed=resumed,
+        )
+
+    def _strike(self) -> int:
+        """Wait for the moment and break something; return when that was [ns]."""
+        moment, cause = self._case.moment, self._case.cause
+        begun = self._run.wait_for_phase(moment.phase, timeout_s=PHASE_TIMEOUT_S)
+        due_ns = begun.stamp_ns + round(moment.delay_s * 1e9)
+        time.sleep(max(0.0, (due_ns - time.monotonic_ns()) * 1e-9))
+        if self._run.command.process.poll() is not None:
+            raise DeviceError(f"the run ended by itself: {self._run.command.error_text()}")
+        fault_ns = time.monotonic_ns()
+        if isinstance(cause, DeviceFault):
+            self._bench.break_device(cause)
+        else:
+            self._run.kill(cause.victim)
+        return fault_ns
+
+    def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
+        deadline = time.monotonic() + REST_TIMEOUT_S
+        time.sleep(0.3)
+        rows = self._bench.arm_trace()
+        while not is_at_rest(rows, now_ns=time.monotonic_ns()) and time.monotonic() < deadline:
+            time.sleep(0.1)
+            rows = self._bench.arm_trace()
+        now_ns = time.monotonic_ns()
+        forces = true_forces(
+            self._bench.gel(),
+            rows,
+            rotation=self._bench.config.robot.tool_rotation,
+            start_ns=self._search_start_ns(),
+            end_ns=min(now_ns, fault_ns + FORCE_WINDOW_NS),
+        )
+        return arm_after(rows, fault_ns, now_ns=now_ns), *force_rise(
+            forces, fault_ns, until_ns=now_ns
+        )
+
+    def _search_start_ns(self) -> int:
+        phases = [event for event in self._run.journal() if event.name == "phase"]
+        return next(e.stamp_ns for e in phases if e.detail["phase"] == Phase.SEARCH.value)
+
+    def _told(self, exit_code: int) -> str:
+        """Return what the operator read last.
+
+        That is the last error; of a run that went on its verdict or each criterion that it missed;
+        of a killed program what its journal says.
+        """
+        command = self._run.command
+        if exit_code == 0:
+            return "".join(_starting_with(VERDICT, command.output())[-1:])
+        if exit_code == 1:
+            return self._bench.without_places("\n".join(_starting_with(MISSED, command.errors())))
+        if exit_code != KILLED_EXIT_CODE:
+            return self._bench.without_places(command.error_text())
+        ends = [e for e in self._run.journal() if e.name in ("fault", "abort")]
+        return f"{ends[-1].detail['reason']}. {ends[-1].detail['arm']}" if ends else ""
+
+    def _measured(self) -> dict[str, float]:
+        record = RunStore.open(self._run.paths.root).latest(1)
+        rates = {} if record is None else dict(record.rates)
+        return {name: value for name, value in rates.items() if math.isfinite(value)}
+
+    def _resume(self, run: Path) -> tuple[Resumed, ...]:
+        cause = self._case.cause
+        self._bench.mend(cause if isinstance(cause, DeviceFault) else None)
+        resumed: list[Resumed] = []
+        while len(resumed) < RESUME_TRIES and not (resumed and resumed[-1].exit_code == 0):
+            name = f"resume-{len(resumed) + 1}"
+            command = CommandProcess(["resume", str(run)], folder=self._bench.folder, name=name)
+            command.confirm(self._bench.config)
+            exit_code = command.wait(RESUME_TIMEOUT_S)
+            told = self._bench.without_places(command.error_text())
+            resumed.append(Resumed(exit_code=exit_code, told=told))
+        return tuple(resumed)
+
+
+def _starting_with(start: str, text: str) -> list[str]:
+    lines = (line.strip() for line in text.splitlines())
+    return [line for line in lines if line.startswith(start)]

@@ -1,0 +1,185 @@
+"""The laboratory of a fault case: emulated devices that outlive the run, and its ``rig.toml``."""
+
+from __future__ import annotations
+
+import re
+import socket
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from drivers.arm.ur5_wire import DASHBOARD_PORT
+from drivers.emulators.arm.trace import TraceRow, read_trace
+from drivers.emulators.faults import Device, FaultKind, post_fault
+from drivers.emulators.force_sensor.box import LINK_NAME
+from drivers.emulators.launch import Emulation, free_loopback_host
+from drivers.emulators.plant.gel.gel import Geometry, Plant
+from drivers.emulators.plant.gel.tips import CylinderTip
+from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
+from tacauchy_rig.config.load import load_config
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.fault_table.cases import DeviceFault
+
+EMULATION_NAME = "emulation"
+_DASHBOARD_TIMEOUT_S = 5.0
+_PERSON_AT_THE_PENDANT = {
+    FaultKind.PROTECTIVE_STOP: "unlock protective stop",
+    FaultKind.EMERGENCY_STOP: "power on",
+}
+
+# One short press: little travel, speeds and limits as in a dry run. The places are stated, as for
+# any arm that counts as a real one.
+_PRESS = """\
+[run]
+name = "fault-table"
+output_directory = "{folder}/runs"
+[robot]
+driver = "ur5"
+home = ["0 mm", "-400 mm", "204 mm"]
+tcp_offset = ["0 mm", "0 mm", "80 mm"]
+payload = "0.4 kg"
+host = "{host}"
+[force_sensor]
+driver = "m3733c"
+port = "{port}"
+capacity = "50 N"
+calibration_sheet = "emulated: none"
+[camera]
+driver = "uvc"
+device = "http://127.0.0.1:{camera_port}/stream.mjpg"
+[sensor]
+surface = ["0 mm", "-400 mm", "200 mm"]
+surface_uncertainty = "0.5 mm"
+[workspace]
+x_min = "-50 mm"
+x_max = "50 mm"
+y_min = "-450 mm"
+y_max = "-350 mm"
+z_min = "196 mm"
+z_max = "300 mm"
+[protocol]
+force_targets = ["2 N"]
+approach_height = "1 mm"
+air_press_height = "2.5 mm"
+tare_duration = "0.4 s"
+reference_duration = "0.3 s"
+[emulation]
+robot_host = "{host}"
+"""
+
+
+def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int = 8080) -> Path:
+    """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
+
+    Args:
+        folder: Of the case: the emulated devices' folder and the runs lie there.
+        host: Address of the robot.
+        camera_port: Port of the camera's stream.
+    """
+    path = folder / "rig.toml"
+    port = folder / EMULATION_NAME / LINK_NAME
+    text = _PRESS.format(folder=folder, host=host, port=port, camera_port=camera_port)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+class FaultBench:
+    """Emulated robot, force sensor and camera at addresses that a restart keeps; a context.
+
+    Args:
+        folder: Where everything of this case goes.
+
+    Attributes:
+        rig_toml: Configuration that takes them for real devices.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        host, camera_port = free_loopback_host(), _free_port()
+        self.rig_toml = write_case_config(self.folder, host=host, camera_port=camera_port)
+        self.config: RigConfig = load_config(self.rig_toml).config
+        self._emulation = Emulation(
+            self.config,
+            folder=self.folder / EMULATION_NAME,
+            devices=frozenset(Device),
+            camera_port=camera_port,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._emulation.stop()
+
+    @property
+    def emulation(self) -> Path:
+        """Folder of traces, control sockets and logs."""
+        return self._emulation.folder
+
+    def start(self) -> None:
+        """Start the devices.
+
+        Raises:
+            DeviceError: One did not come up.
+        """
+        self._emulation.start()
+
+    def break_device(self, cause: DeviceFault) -> None:
+        """Let a device fail until it is mended."""
+        post_fault(self.emulation, cause.fault)
+
+    def mend(self, cause: DeviceFault | None) -> None:
+        """Do what a person does after the fault: unlock, power on, or exchange the device.
+
+        The arm stays where the fault has left it.
+
+        Args:
+            cause: What failed; None when only the arm may have been locked.
+        """
+        if cause is not None and cause.device is not Device.ROBOT:
+            self._emulation.restart(cause.device)
+        elif cause is not None and cause.kind not in _PERSON_AT_THE_PENDANT:
+            self._emulation.restart(Device.ROBOT, tip=self.arm_trace()[-1].position)
+        for command in _PERSON_AT_THE_PENDANT.values():
+            self._tell_dashboard(command)
+
+    def arm_trace(self) -> list[TraceRow]:
+        """Return what the emulated arm truly did so far."""
+        return read_trace(self.emulation)
+
+    def gel(self) -> Plant:
+        """Return a fresh gel like the one that is pressed."""
+        indenter, truth = self.config.indenter, read_truth(self.emulation / TRUTH_FILE)
+        tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
+        surface = Geometry(surface=self.config.sensor.surface, pad_size_m=truth.unit.pad_size_m)
+        return Plant(truth, case_for(tip, truth.poisson, gel=truth.unit.gel), surface)
+
+    def without_places(self, text: str) -> str:
+        """Return a message without addresses and paths that are this case's alone."""
+        run = re.compile(re.escape(f"{self.folder}/runs/") + r"[^\s/`]+")
+        text = run.sub("RUN", text).replace(str(self.folder), "WORK")
+        text = text.replace(f"robot {self.config.robot.host}", "robot")
+        return text.replace(self.config.camera.device, "URL")
+
+    def _tell_dashboard(self, command: str) -> None:
+        address = (self.config.robot.host, DASHBOARD_PORT)
+        with socket.create_connection(address, timeout=_DASHBOARD_TIMEOUT_S) as connection:
+            lines = connection.makefile("rw", encoding="utf-8", newline="\n")
+            lines.readline()
+            lines.write(f"{command}\n")
+            lines.flush()
+            lines.readline()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

@@ -1,0 +1,1 @@
+"""The work of a run without printing: record, replay, render, report."""

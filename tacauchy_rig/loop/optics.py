@@ -1,0 +1,191 @@
+"""How a run's images are rendered: optics and scale, and where they are from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from drivers.emulators.plant.ball_presses import (
+    BALL_DIAMETER_M,
+    CIRCLES,
+    NO_CONTACT,
+    POSITIONS,
+    write_ball_presses,
+)
+from drivers.emulators.plant.truth import read_truth
+from sim.optics.calibrate.blur import BLUR_PX
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
+from sim.optics.calibrate.presses.pressed_scene import pressed_scene
+from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
+from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.sensor_fit import calibrate_presses
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.height.rest_slope import rest_slopes, touching_places
+from sim.optics.render.grey_depth import GreyDepthModel
+from sim.optics.render.photometric.model import PhotometricModel, load_photometric
+from sim.optics.render.sensor_lamps import nominal_model, shadows_of
+from sim.optics.render.shadows.shadow import SHADOWS, ShadowCaster, read_shadows
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.cli.output import say
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.store.run_store import RunStore
+
+_SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticalCalibration:
+    """Colour of a surface, where each pixel looks, what casts shadows, the camera's blur [px]."""
+
+    model: PhotometricModel | GreyDepthModel
+    geometry: CameraGeometry
+    shadows: ShadowCaster | None = None
+    blur_px: float = 0.0
+
+
+def calibrate_folder(
+    folder: Path, sensor: Sensor, nominal: CameraGeometry, *, ball_diameter_m: float
+) -> OpticalCalibration:
+    """Fit scale and optics to a folder of ball presses.
+
+    Clicked circles are off by a pixel or two; the optical fit nudges them, so the scale is fitted
+    to the nudged ones and the optics once more to that scale.
+
+    Args:
+        folder: ``circles.csv``, the images that it names, ``no_contact.png`` and, for the scale,
+            ``positions.csv``.
+        sensor: Its pad is pressed in the simulator to know the gel around the ball.
+        nominal: The camera as the sensor's file has it; kept where there are no positions.
+        ball_diameter_m: Diameter of the ball [m].
+
+    Raises:
+        ConfigError: A file is missing or damaged, or there are too few presses.
+    """
+    presses = read_ball_presses(folder, folder / CIRCLES)
+    places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
+    unloaded = read_rgb(folder / NO_CONTACT)
+    scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
+    geometry, residual_px = nominal, None
+    if places:
+        circles = calibrate_presses(presses, scene, sensor, blurred=False)
+        touched = _touched(places, sensor, ball_diameter_m)
+        fit, known = _fit_scale(presses, circles, touched, nominal)
+        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+        scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
+        residual_px = fit.residual_px
+        say(
+            f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
+            f", residual {residual_px:.2f} px over {known} presses"
+        )
+    found = calibrate_presses(presses, scene, sensor)
+    shadows = found.shadows
+    source = {
+        BLUR_PX: found.blur_px,
+        SHADOWS: None if shadows is None else shadows.as_json(),
+        "source": f"{len(presses)} ball presses in {folder.name}",
+        "ball_diameter_m": ball_diameter_m,
+        "scale_residual_px": residual_px,
+    }
+    model = replace(found.model, provenance={**found.model.provenance, **source})
+    return OpticalCalibration(
+        model=model, geometry=geometry, shadows=shadows, blur_px=found.blur_px
+    )
+
+
+def _touched(
+    places: Mapping[str, tuple[float, float]], sensor: Sensor, ball_diameter_m: float
+) -> dict[str, tuple[float, float]]:
+    """Return where the ball touches the gel, of where the robot put its axis [m]."""
+    axes = np.array(list(places.values()))
+    touched = touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m)
+    return {name: (x, y) for name, (x, y) in zip(places, touched.tolist(), strict=True)}
+
+
+def _fit_scale(
+    presses: Sequence[BallPress],
+    found: Calibration,
+    places: Mapping[str, tuple[float, float]],
+    nominal: CameraGeometry,
+) -> tuple[ScaleFit, int]:
+    """Return the scale of the presses whose place is known, and how many those are."""
+    known = [(p, c) for p, c in zip(presses, found.circles, strict=True) if p.name in places]
+    fit = fit_scale(
+        np.array([places[press.name] for press, _ in known]),
+        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
+        width=nominal.width,
+        height=nominal.height,
+    )
+    return fit, len(known)
+
+
+def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> OpticalCalibration:
+    """Return how a run's images are rendered.
+
+    A configured calibration file wins; an emulated world is calibrated from ball presses on it;
+    without either the sensor's nominal lamps have to do, and the model's provenance says so.
+
+    Raises:
+        ConfigError: The calibration file is missing or damaged, or the sensor names no lamps.
+    """
+    given = store.config.sensor.optics_calibration
+    if given:
+        return calibrated_optics(given, nominal)
+    if store.paths.truth.exists():
+        return calibrate_emulated(store, sensor, nominal)
+    say("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+    return OpticalCalibration(
+        model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
+    )
+
+
+def calibrated_optics(given: str, nominal: CameraGeometry) -> OpticalCalibration:
+    """Return what a calibration file holds, for images that look where a sensor's file says.
+
+    Raises:
+        ConfigError: The file is missing or damaged, or is of images of another size or scale.
+    """
+    model = load_photometric(Path(given))
+    _check_view(given, model.provenance, nominal)
+    blur_px = model.provenance.get(BLUR_PX, 0.0)
+    return OpticalCalibration(
+        model=model,
+        geometry=nominal,
+        shadows=read_shadows(model.provenance),
+        blur_px=blur_px if isinstance(blur_px, float) else 0.0,
+    )
+
+
+def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeometry) -> None:
+    """Refuse a calibration of images of another size or scale than a run's are scored at."""
+    made = tuple(provenance.get(name) for name in (WIDTH, HEIGHT))
+    if made[0] is not None and made != (nominal.width, nominal.height):
+        raise ConfigError(
+            f"sensor.optics_calibration {given} is of images of {made[0]} x {made[1]} px, the "
+            f"sensor's are scored at {nominal.width} x {nominal.height} px",
+            remedy="calibrate with images of the sensor's crop and size, or give its own file",
+        )
+    for name, scale_m in ((SCALE_X, nominal.scale_x_m), (SCALE_Y, nominal.scale_y_m)):
+        known = provenance.get(name)
+        if isinstance(known, float) and abs(known / scale_m - 1.0) > _SCALES_APART:
+            raise ConfigError(
+                f"sensor.optics_calibration {given} is of {known * 1e3:.4f} mm per pixel, the "
+                f"sensor's file says {scale_m * 1e3:.4f} mm",
+                remedy="calibrate with this sensor's --scale, or correct the sensor's file",
+            )
+
+
+def calibrate_emulated(
+    store: RunStore, sensor: Sensor, nominal: CameraGeometry
+) -> OpticalCalibration:
+    """Calibrate an emulated sensor the way a lab calibrates its own: from ball presses on it.
+
+    The presses know nothing of the six trials; of the emulated world only its images are used.
+    """
+    folder = store.paths.root / "calibration"
+    say("calibrating optics and scale from ball presses on the emulated sensor")
+    write_ball_presses(read_truth(store.paths.truth), folder)
+    return calibrate_folder(folder, sensor, nominal, ball_diameter_m=BALL_DIAMETER_M)

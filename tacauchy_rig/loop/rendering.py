@@ -1,0 +1,144 @@
+"""A replayed trial as the sensor's camera would see it, and how its markers moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from reports.evidence.extraction import median_image, scored_frames
+from sim.fields.press_fields import TrialFields
+from sim.fields.surface import SurfaceState
+from sim.optics.camera_geometry import ImageArray
+from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
+from sim.optics.markers.tracking import track_markers
+from sim.optics.render.render import TactileRenderer
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.optics import OpticalCalibration
+from tacauchy_rig.loop.views import scored_geometry
+from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.replay_files import ReplayFields
+from tacauchy_rig.store.run_store import RunStore
+
+_SAMPLES = 2  # of a pixel, along rows and along columns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RenderedTrial:
+    """Arrays and image of a trial; how its markers moved, None where the unit shows none."""
+
+    kept: ReplayFields
+    markers: dict[str, Any] | None
+
+
+def render_trial(
+    store: RunStore,
+    sensor: Sensor,
+    record: TrialRecord,
+    fields: TrialFields,
+    optics: OpticalCalibration,
+) -> RenderedTrial:
+    """Render a replayed trial over its own no-contact frame.
+
+    Raises:
+        RecordError: The recording has no readable no-contact frame.
+        ConfigError: The frame's markers are not where the sensor's file says.
+    """
+    geometry = optics.geometry
+    unloaded = _image(store, record, sensor, (record.reference_start_ns, record.reference_end_ns))
+    if unloaded is None:
+        raise RecordError(
+            f"{store.paths.recording(record.index, record.attempt)}: trial {record.index} has no "
+            "readable no-contact frame",
+            remedy=f"`tacauchy-rig recover {store.paths.root}`, or repeat the trial",
+        )
+    printed = printed_markers(unloaded, sensor.markers, geometry) if sensor.markers else None
+    bare = unloaded if printed is None else printed.bare
+    maps, image = image_of(fields.surface, sensor, optics, unloaded=bare)
+    moved = None
+    if printed is not None and sensor.markers is not None:
+        found = surface_displacement(fields.surface, printed.places_m)[:, :2]
+        image = printed.over(image, found, geometry)
+        pressed = _image(store, record, sensor, (record.dwell_start_ns, record.dwell_end_ns))
+        moved = _compared(printed, fields, optics, (unloaded, pressed), sensor.markers.radius_m)
+    return RenderedTrial(
+        kept=ReplayFields(
+            fields=fields.arrays,
+            height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
+            image=image,
+            surface_vtu=fields.surface_vtu,
+        ),
+        markers=None if moved is None else {"trial": record.index, **moved},
+    )
+
+
+def image_of(
+    surface: SurfaceState, sensor: Sensor, optics: OpticalCalibration, *, unloaded: ImageArray
+) -> tuple[HeightMaps, ImageArray]:
+    """Return the height maps of a pressed surface, a value a pixel, and its image.
+
+    Args:
+        unloaded: No-contact frame without markers.
+    """
+    geometry = optics.geometry
+    fine = height_maps(surface, geometry.refined(_SAMPLES), pad=sensor.pad)
+    renderer = TactileRenderer(
+        unloaded,
+        fine.rest,
+        optics.model,
+        geometry,
+        shadows=optics.shadows,
+        samples=_SAMPLES,
+        blur_px=optics.blur_px,
+    )
+    return height_maps(surface, geometry, pad=sensor.pad), renderer.render(fine.loaded)
+
+
+def _compared(
+    printed: PrintedMarkers,
+    fields: TrialFields,
+    optics: OpticalCalibration,
+    frames: tuple[ImageArray, ImageArray | None],
+    radius_m: float,
+) -> dict[str, Any]:
+    """Compare the markers' way in the recorded frames with that of the simulated surface [m]."""
+    unloaded, pressed = frames
+    facts: dict[str, Any] = {"drawn": len(printed.places_m)}
+    if pressed is None:
+        return facts
+    tracks = track_markers(unloaded, pressed, optics.geometry, radius_m=radius_m)
+    simulated = surface_displacement(fields.surface, tracks.places_m)[:, :2]
+    return {
+        **facts,
+        "tracked": len(tracks.places_m),
+        "lost": tracks.lost,
+        "recorded_rms_m": _rms(tracks.displacement_m),
+        "recorded_largest_m": _largest(tracks.displacement_m),
+        "simulated_rms_m": _rms(simulated),
+        "simulated_largest_m": _largest(simulated),
+        "apart_rms_m": _rms(tracks.displacement_m - simulated),
+        "apart_largest_m": _largest(tracks.displacement_m - simulated),
+    }
+
+
+def _rms(vectors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1)))) if len(vectors) else 0.0
+
+
+def _largest(vectors: np.ndarray) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+
+
+def _image(
+    store: RunStore, record: TrialRecord, sensor: Sensor, window: tuple[int | None, int | None]
+) -> ImageArray | None:
+    if None in window:
+        return None
+    recording = Recording.open(store.paths.recording(record.index, record.attempt))
+    images = scored_frames(recording.frames(*window), scored_geometry(sensor))
+    return median_image(images) if images else None

@@ -1,0 +1,1 @@
+"""Recordings: one crash-safe MCAP file an attempt."""

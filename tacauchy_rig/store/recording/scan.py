@@ -1,0 +1,162 @@
+"""Reading an MCAP file that may be unfinished or damaged: every whole message, and what is wrong.
+
+``mcap``'s own readers refuse an unfinished file, return short messages at a torn end, and stop at
+the first damaged byte.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from dataclasses import dataclass, field
+from io import BytesIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE
+from mcap.records import Channel, Footer, Header, Metadata, Statistics
+from mcap.writer import MCAP0_MAGIC
+
+from tacauchy_rig.store.recording.mcap_chunk import RECORD_HEADER, Entry, find_chunk, read_chunk
+
+_DATA_END_SIZE = RECORD_HEADER.size + 4
+_MESSAGE_INDEX = struct.Struct("<HI")
+
+
+@dataclass(slots=True)
+class Scan:
+    """What was found in a file.
+
+    Attributes:
+        size: Of the file [bytes].
+        has_magic: The file begins as every MCAP file does.
+        finished: The file was closed and its index is whole.
+        torn_bytes: Bytes at the end that are no whole message: what a killed writer leaves.
+        problems: Damage, in words; empty for a file that is only unfinished.
+    """
+
+    size: int
+    has_magic: bool = False
+    finished: bool = False
+    torn_bytes: int = 0
+    entries: list[Entry] = field(default_factory=list)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Summary:
+    data_end: int
+    channels: dict[int, Channel]
+    message_count: int
+
+
+def scan_file(descriptor: int) -> Scan:
+    """Find every whole message of an open file, in the order in which they were written."""
+    scan = Scan(size=os.fstat(descriptor).st_size)
+    scan.has_magic = os.pread(descriptor, len(MCAP0_MAGIC), 0) == MCAP0_MAGIC
+    if not scan.has_magic and scan.size:
+        scan.problems.append("the first bytes are not those of an MCAP file")
+    summary = _read_summary(descriptor, scan.size)
+    scan.finished = summary is not None
+    if summary is not None:
+        scan.channels.update(summary.channels)
+    _walk(descriptor, scan, limit=summary.data_end if summary else scan.size)
+    if summary is not None and summary.message_count > len(scan.entries):
+        lost = summary.message_count - len(scan.entries)
+        scan.problems.append(f"{lost} of {summary.message_count} messages are lost")
+    return scan
+
+
+def _walk(descriptor: int, scan: Scan, *, limit: int) -> None:
+    offset = len(MCAP0_MAGIC)
+    while offset < limit:
+        end = _read_record(descriptor, scan, offset, limit)
+        if end is not None:
+            offset = end
+            continue
+        following = find_chunk(descriptor, offset + 1, limit)
+        if following is None and not scan.finished:
+            scan.torn_bytes = limit - offset
+            return
+        following = limit if following is None else following
+        scan.problems.append(f"bytes {offset} to {following} are damaged")
+        offset = following
+
+
+def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | None:
+    """Take in the record at ``offset`` and return its end, or None if it is not whole."""
+    header = os.pread(descriptor, RECORD_HEADER.size, offset)
+    if len(header) < RECORD_HEADER.size:
+        return None
+    opcode, length = RECORD_HEADER.unpack(header)
+    start, end = offset + len(header), offset + len(header) + length
+    if end > limit:
+        return None
+    if opcode == Opcode.CHUNK:
+        chunk = read_chunk(descriptor, offset, limit)
+        if chunk is None:
+            return None
+        scan.entries.extend(chunk.entries)
+        scan.channels.update((channel.id, channel) for channel in chunk.channels)
+        return chunk.end
+    if opcode == Opcode.MESSAGE_INDEX:
+        body = os.pread(descriptor, _MESSAGE_INDEX.size, start)
+        is_whole = length >= len(body) and _MESSAGE_INDEX.unpack(body)[1] + len(body) == length
+        return end if is_whole else None
+    if opcode in (Opcode.METADATA, Opcode.HEADER):
+        return end if _read_description(os.pread(descriptor, length, start), scan, opcode) else None
+    if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - RECORD_HEADER.size:
+        scan.problems.append("the index at its end is damaged")
+        return limit
+    return None
+
+
+def _read_description(body: bytes, scan: Scan, opcode: int) -> bool:
+    """Take in a header or metadata record, which has no checksum; True if its sizes agree."""
+    stream = ReadDataStream(BytesIO(body))
+    try:
+        if opcode == Opcode.HEADER:
+            Header.read(stream)
+        else:
+            scan.metadata.update(Metadata.read(stream).metadata)
+    except (McapError, struct.error, UnicodeDecodeError):
+        return False
+    return stream.count == len(body)
+
+
+def _read_summary(descriptor: int, size: int) -> _Summary | None:
+    end = size - len(MCAP0_MAGIC) - FOOTER_SIZE
+    if end < 0:
+        return None
+    tail = os.pread(descriptor, size - end, end)
+    if tail[FOOTER_SIZE:] != MCAP0_MAGIC:
+        return None
+    if RECORD_HEADER.unpack_from(tail) != (Opcode.FOOTER, FOOTER_SIZE - RECORD_HEADER.size):
+        return None
+    footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEADER.size :])))
+    if not 0 < footer.summary_start <= end:
+        return None
+    body = os.pread(descriptor, end - footer.summary_start, footer.summary_start)
+    if zlib.crc32(tail[: FOOTER_SIZE - 4], zlib.crc32(body)) != footer.summary_crc:
+        return None
+    return _parse_summary(body, data_end=footer.summary_start - _DATA_END_SIZE)
+
+
+def _parse_summary(body: bytes, *, data_end: int) -> _Summary:
+    channels: dict[int, Channel] = {}
+    message_count = position = 0
+    while position < len(body):
+        opcode, length = RECORD_HEADER.unpack_from(body, position)
+        position += RECORD_HEADER.size
+        stream = ReadDataStream(BytesIO(body[position : position + length]))
+        if opcode == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            channels[channel.id] = channel
+        elif opcode == Opcode.STATISTICS:
+            message_count = Statistics.read(stream).message_count
+        position += length
+    return _Summary(data_end=data_end, channels=channels, message_count=message_count)

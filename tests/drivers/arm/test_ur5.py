@@ -1,0 +1,422 @@
+"""The driver with the real ur_rtde against the emulated controller, CB3 and e-Series.
+
+Every client is a process of its own (this file, run as a script): ur_rtde holds the interpreter
+lock in its constructors, and what hangs there must not take the tests with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.arm.ur5 import Ur5
+from drivers.arm.ur5_model import UrModel
+from drivers.emulators.arm.trace import read_events, read_trace, stop_after
+from drivers.emulators.faults import Device, send_fault
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from tacauchy_rig.errors import DeviceError, RigError, SafetyError
+
+_PRESS_M_S = 0.005
+_MODELS = list(UrModel)
+# Laxer than in a run, so that a test machine that is held up for 100 ms fails nothing.
+_WATCHDOG_HZ = 3.0
+_STALE_S = 0.25
+_TRAVEL_LIMIT_M = 3.0 * _PRESS_M_S / _WATCHDOG_HZ
+_ANSWERS = "TEST_UR5_ANSWERS"
+
+
+def _arm(host: str, model: str) -> Ur5:
+    return Ur5(
+        host=host,
+        model=UrModel(model),
+        max_speed=0.05,
+        tcp_offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0),
+        payload_kg=0.5,
+        watchdog_hz=_WATCHDOG_HZ,
+        stale_limit_s=_STALE_S,
+        simulated=True,
+    )
+
+
+def _say(**found: object) -> None:
+    # Not on stdout, where ur_rtde's own words may cut a line in two.
+    os.write(int(os.environ[_ANSWERS]), json.dumps(found).encode() + b"\n")
+
+
+def _leave() -> None:
+    # Without a farewell, as a crash would: closing politely is the first scenario's business.
+    os._exit(0)
+
+
+def client_normal(host: str, model: str, _folder: str) -> None:
+    """Connect, move, press, stop, read, close; say what was seen."""
+    arm = _arm(host, model)
+    identity = arm.connect()
+    home = arm.state().pose
+    allowed = [arm.is_pose_allowed(home), arm.is_pose_allowed(home.shifted(x=5.0))]
+    target = home.shifted(z=-0.01)
+    arm.start_move(target, speed=0.04, acceleration=0.4)
+    moved_at_once = arm.is_moving()
+    while arm.is_moving():
+        arm.state()
+        arm.kick_watchdog()
+        time.sleep(0.004)
+    time.sleep(0.02)  # The last state may be a packet behind the end of the move.
+    reached = arm.state().pose
+    arm.start_move(home, speed=0.04, acceleration=0.4)
+    for _ in range(20):
+        arm.state()
+        arm.kick_watchdog()
+        time.sleep(0.004)
+    arm.stop()
+    time.sleep(0.02)
+    halted = arm.state().velocity[2]
+    for _ in range(40):
+        arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+        time.sleep(0.004)
+        pressing = arm.state().velocity[2]
+    # Feeding at once after a new velocity must not swallow it.
+    arm.set_velocity((0.0, 0.0, 0.001, 0.0, 0.0, 0.0), acceleration=0.4)
+    for _ in range(100):
+        arm.kick_watchdog()
+        time.sleep(0.0005)
+    time.sleep(0.02)
+    fed = arm.state().velocity[2]
+    # A move right after a velocity: the driver ends the one before it starts the other.
+    arm.start_move(home, speed=0.04, acceleration=0.4)
+    arm.state()
+    arm.stop()
+    refusals = []
+    for speed in (0.06, math.nan, -0.01):
+        try:
+            arm.start_move(home, speed=speed, acceleration=0.1)
+        except SafetyError as error:
+            refusals.append(error.message)
+    times = [sample.controller_time_s for sample in arm.drain()]
+    drained_twice = len(arm.drain())
+    arm.stop()
+    arm.close()
+    arm.close()
+    try:
+        arm.state()
+    except DeviceError as error:
+        after = error.message
+    _say(
+        model=identity.model,
+        serial=identity.serial,
+        simulated=identity.simulated,
+        allowed=allowed,
+        moved_at_once=moved_at_once,
+        error_m=math.dist(reached.position, target.position),
+        halted=halted,
+        pressing=pressing,
+        fed=fed,
+        refusals=refusals,
+        times=times,
+        drained_twice=drained_twice,
+        after=after,
+    )
+
+
+def client_press(host: str, model: str, _folder: str, motion: str = "velocity") -> None:
+    """Press down for ever, or move down slowly; say so; tell the first error and leave."""
+    arm = _arm(host, model)
+    arm.connect()
+    home = arm.state().pose
+    try:
+        if motion == "line":
+            arm.start_move(home.shifted(z=-0.15), speed=_PRESS_M_S, acceleration=0.1)
+        turn = 0
+        while True:
+            if motion == "line":
+                arm.kick_watchdog()
+            else:
+                arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+            arm.state()
+            turn += 1
+            if turn == 20:
+                _say(pressing=True)
+            time.sleep(0.005)
+    except RigError as error:
+        arm.stop()
+        again = ""
+        try:
+            arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+        except DeviceError as second:
+            again = second.message
+        _say(message=error.message, remedy=error.remedy, again=again)
+    _leave()
+
+
+def client_protect(host: str, model: str, _folder: str) -> None:
+    """Trigger a protective stop while pressing."""
+    arm = _arm(host, model)
+    arm.connect()
+    for _ in range(20):
+        arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+        arm.state()
+        time.sleep(0.005)
+    arm.protective_stop()
+    try:
+        arm.state()
+    except DeviceError as error:
+        _say(message=error.message, remedy=error.remedy)
+    _leave()
+
+
+def client_idle(host: str, model: str, _folder: str) -> None:
+    """Set the arm moving, then feed nothing but look on."""
+    arm = _arm(host, model)
+    arm.connect()
+    arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+    try:
+        while True:
+            arm.state()
+            time.sleep(0.005)
+    except DeviceError as error:
+        _say(message=error.message, remedy=error.remedy)
+    _leave()
+
+
+def client_stalled(host: str, model: str, folder: str) -> None:
+    """Move an arm that is stuck, then stop it."""
+    arm = _arm(host, model)
+    arm.connect()
+    home = arm.state().pose
+    send_fault(Path(folder), Device.ROBOT, "stall")
+    time.sleep(0.1)
+    arm.start_move(home.shifted(z=-0.001), speed=0.01, acceleration=0.1)
+    for _ in range(60):
+        arm.kick_watchdog()
+        sample = arm.state()
+        time.sleep(0.005)
+    moving = arm.is_moving()
+    arm.stop()
+    _say(moving=moving, moved_m=math.dist(sample.pose.position, home.position))
+    _leave()
+
+
+class _Client:
+    """A client process, and the pipe on which it answers."""
+
+    def __init__(self, scenario: str, robot: Any, *more: str) -> None:
+        reading, writing = os.pipe()
+        self.process = subprocess.Popen(
+            [
+                sys.executable,
+                __file__,
+                scenario,
+                robot.host,
+                robot.model.value,
+                robot.folder,
+                *more,
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            pass_fds=[writing],
+            env=os.environ | {_ANSWERS: str(writing)},
+        )
+        os.close(writing)
+        self._answers = os.fdopen(reading)
+
+    def __enter__(self) -> _Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._answers.close()
+        self.process.kill()
+        self.process.wait()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+
+    def await_pressing(self) -> None:
+        """Return once the arm moves down."""
+        assert self.line() == {"pressing": True}
+
+    def line(self) -> dict[str, Any]:
+        """Return the next answer."""
+        line = self._answers.readline()
+        if not line:
+            self.process.wait()
+            assert self.process.stdout is not None
+            said = self.process.stdout.read().decode(errors="replace")
+            pytest.fail(f"the client ended with {self.process.returncode}: {said}")
+        return dict(json.loads(line))
+
+
+@pytest.mark.parametrize("model", _MODELS)
+def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+    """The whole interface does what it says on both generations."""
+    robot = emulate_ur(model)
+    with _Client("client_normal", robot) as client:
+        found = client.line()
+    assert found["model"] == f"UR5 {model.value}"
+    assert found["serial"].isdigit()
+    assert found["simulated"] is True
+    assert found["allowed"] == [True, False]
+    assert found["moved_at_once"] is True
+    assert found["error_m"] < 1e-9
+    assert found["halted"] == 0.0
+    assert found["pressing"] == pytest.approx(-_PRESS_M_S)
+    assert found["fed"] == pytest.approx(0.001)
+    assert [message.split(" mm/s")[0] for message in found["refusals"]] == [
+        f"robot {robot.host}: speed {speed}" for speed in ("60", "nan", "-10")
+    ]
+    times = found["times"]
+    assert len(times) > 20
+    assert times == sorted(set(times))
+    assert found["drained_twice"] == 0
+    assert "not connected" in found["after"]
+    names = [event["name"] for event in read_events(robot.folder)]
+    assert names == ["program-started", "program-ended"]
+    assert read_events(robot.folder)[-1]["reason"] == "stopped by the client"
+
+
+@pytest.mark.parametrize("motion", ["velocity", "line"])
+@pytest.mark.parametrize("model", _MODELS)
+def test_arm_stops_when_its_client_is_killed(
+    emulate_ur: Callable[..., Any], model: UrModel, motion: str
+) -> None:
+    """After SIGKILL of the client the watchdog ends the motion within a fraction of a mm."""
+    robot = emulate_ur(model)
+    with _Client("client_press", robot, motion) as client:
+        client.await_pressing()
+        client.process.send_signal(signal.SIGKILL)
+        killed_ns = time.monotonic_ns()
+    _await_event(robot.folder, "program-ended")
+    assert read_events(robot.folder)[-1]["reason"] == "watchdog"
+    time.sleep(0.2)
+    report = stop_after(read_trace(robot.folder), killed_ns)
+    assert report.speed_before_m_s == pytest.approx(_PRESS_M_S)
+    assert math.isfinite(report.stopped_after_s)
+    assert 0.0 < report.travelled_m < _TRAVEL_LIMIT_M
+
+
+def _await_event(folder: Path, name: str) -> None:
+    end_s = time.monotonic() + 10.0
+    while all(event["name"] != name for event in read_events(folder)):
+        if time.monotonic() > end_s:
+            pytest.fail(f"{name} never happened")
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("model", "fault", "message"),
+    [
+        (UrModel.E_SERIES, "protective-stop", "protective stop"),
+        (UrModel.E_SERIES, "emergency-stop", "emergency stop"),
+        (UrModel.E_SERIES, "freeze", "no new data for"),
+        (UrModel.E_SERIES, "delay", "no new data for"),
+        (UrModel.E_SERIES, "drop", "the connection broke"),
+        (UrModel.CB3, "protective-stop", "protective stop"),
+        (UrModel.CB3, "freeze", "no new data for"),
+        (UrModel.CB3, "drop", "the connection broke"),
+    ],
+)
+def test_a_fault_is_told_and_the_arm_stops(
+    emulate_ur: Callable[..., Any], model: UrModel, fault: str, message: str
+) -> None:
+    """Each fault while pressing gives its reason, stays, and ends the motion."""
+    robot = emulate_ur(model)
+    with _Client("client_press", robot) as client:
+        client.await_pressing()
+        before_ns = time.monotonic_ns()
+        send_fault(robot.folder, Device.ROBOT, fault, delay_s=0.6)
+        found = client.line()
+    assert f"robot {robot.host}: " in found["message"]
+    assert message in found["message"]
+    assert found["remedy"]
+    assert found["again"] == found["message"]
+    _await_event(robot.folder, "program-ended")
+    time.sleep(0.2)
+    report = stop_after(read_trace(robot.folder), before_ns)
+    assert math.isfinite(report.stopped_after_s)
+    assert report.travelled_m < _TRAVEL_LIMIT_M
+
+
+def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> None:
+    """Connections that break for a moment are a loss, although the library would come back."""
+    robot = emulate_ur()
+    with _Client("client_press", robot) as client:
+        client.await_pressing()
+        send_fault(robot.folder, Device.ROBOT, "drop", 0.005)
+        found = client.line()
+    assert "the connection broke" in found["message"]
+    assert found["again"] == found["message"]
+
+
+@pytest.mark.parametrize("model", _MODELS)
+def test_unfed_arm_ends_its_program(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+    """Reading the state feeds nothing: the watchdog bites, and the message says why."""
+    robot = emulate_ur(model)
+    with _Client("client_idle", robot) as client:
+        found = client.line()
+    assert "the program on the controller ended (runtime state stopped)" in found["message"]
+    assert "not fed for 333 ms" in found["remedy"]
+
+
+@pytest.mark.parametrize("model", _MODELS)
+def test_protective_stop_is_triggered(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+    """The guard's last means works, and the state says what happened."""
+    robot = emulate_ur(model)
+    with _Client("client_protect", robot) as client:
+        found = client.line()
+    assert "protective stop" in found["message"]
+    assert "never automatically" in found["remedy"]
+
+
+def test_a_stalled_arm_keeps_moving_on_paper(emulate_ur: Callable[..., Any]) -> None:
+    """A move that gets nowhere stays a move, its pose stands, and it can be stopped."""
+    robot = emulate_ur()
+    with _Client("client_stalled", robot) as client:
+        assert client.line() == {"moving": True, "moved_m": 0.0}
+
+
+def test_second_client_is_refused(emulate_ur: Callable[..., Any]) -> None:
+    """A second program is told that the robot is taken; the first goes on."""
+    robot = emulate_ur()
+    with _Client("client_press", robot) as client:
+        client.await_pressing()
+        with pytest.raises(DeviceError, match="another program already controls it"):
+            _arm(robot.host, robot.model.value).connect()
+        time.sleep(0.2)
+        assert client.process.poll() is None
+        assert [event["name"] for event in read_events(robot.folder)] == ["program-started"]
+
+
+def test_a_killed_controller_is_noticed(emulate_ur: Callable[..., Any]) -> None:
+    """When the emulated controller dies, the client is told and the world stays readable."""
+    robot = emulate_ur()
+    with _Client("client_press", robot) as client:
+        client.await_pressing()
+        robot.process.process.kill()
+        found = client.line()
+    assert "the connection broke" in found["message"]
+    state = SharedWorld.open(robot.folder / WORLD_FILE).read()
+    assert state.pose.position[2] < 0.2
+
+
+def test_calls_before_connecting_say_so() -> None:
+    """Without a connection, motion is refused plainly and stopping is harmless."""
+    arm = _arm("127.0.0.1", "cb3")
+    arm.stop()
+    arm.close()
+    for call in (arm.state, arm.kick_watchdog, arm.protective_stop):
+        with pytest.raises(DeviceError, match=r"robot 127\.0\.0\.1: not connected"):
+            call()
+    assert not arm.is_moving()
+    assert arm.drain() == []
+
+
+if __name__ == "__main__":
+    globals()[sys.argv[1]](*sys.argv[2:])

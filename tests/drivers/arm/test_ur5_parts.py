@@ -1,0 +1,197 @@
+"""The driver's parts that need no controller: deadlines, judgement, caps, words."""
+
+from __future__ import annotations
+
+import math
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.arm.ur5_caps import MotionCaps
+from drivers.arm.ur5_commander import Commander
+from drivers.arm.ur5_health import ArmHealth
+from drivers.arm.ur5_model import UrModel
+from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit, safety_reason
+from drivers.arm.ur5_sockets import RtdeSockets
+from drivers.arm.ur5_wire import RTDE_PORT
+from tacauchy_rig.errors import DeviceError, SafetyError
+from tacauchy_rig.run import ArmSample, Pose
+
+_HANG_HOLDING_THE_LOCK = """
+import ctypes, threading
+from drivers.ur5_guardian import Guardian
+
+with Guardian("robot 10.0.0.9: connecting", timeout_s=30.0):
+    pass
+print("still alive", flush=True)
+with Guardian("robot 10.0.0.9: connecting", timeout_s=0.3):
+    ctypes.PyDLL(None).sleep(60)
+print("never printed", flush=True)
+"""
+
+
+def test_guardian_ends_a_process_whose_native_call_hangs() -> None:
+    """A call that holds the interpreter lock for ever is ended from outside, with the reason."""
+    result = subprocess.run(
+        [sys.executable, "-c", _HANG_HOLDING_THE_LOCK],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30,
+    )
+    assert result.returncode == -signal.SIGKILL
+    assert result.stdout.split("\n") == ["still alive", ""]
+    assert "robot 10.0.0.9: connecting: no answer within 0.3 s" in result.stderr
+
+
+def test_commander_returns_and_reports() -> None:
+    """Results and the library's errors come through, with what was being done."""
+    commander = Commander("robot x")
+    assert commander.call("adding", lambda: 1 + 1, deadline_s=5.0) == 2
+    with pytest.raises(DeviceError, match="robot x: reading failed: no such register"):
+        commander.call("reading", _fail, deadline_s=5.0)
+    commander.close()
+
+
+def test_commander_gives_up_for_good() -> None:
+    """A call past its deadline fails, and so does every later one, at once."""
+    commander = Commander("robot x")
+    release = threading.Event()
+    with pytest.raises(DeviceError, match=r"moving got no answer within 0\.02 s"):
+        commander.call("moving", release.wait, deadline_s=0.02)
+    with pytest.raises(DeviceError, match="stopping is not possible, moving still waits"):
+        commander.call("stopping", lambda: None, deadline_s=60.0)
+    assert commander.is_stuck
+    release.set()
+    commander.close()
+
+
+def _fail() -> None:
+    raise RuntimeError("no such register")
+
+
+def _sample(
+    *,
+    time_s: float = 1.0,
+    safety_bits: int = SafetyBit.NORMAL,
+    runtime_state: int = RuntimeState.PLAYING,
+    robot_mode: int = RobotMode.RUNNING,
+) -> ArmSample:
+    return ArmSample(
+        stamp_ns=0,
+        controller_time_s=time_s,
+        pose=Pose(position=(0.0, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0)),
+        velocity=(0.0,) * 6,
+        runtime_state=runtime_state,
+        safety_bits=safety_bits,
+        robot_mode=robot_mode,
+    )
+
+
+@pytest.mark.parametrize(
+    ("sample", "message"),
+    [
+        (_sample(safety_bits=SafetyBit.PROTECTIVE_STOP), "protective stop"),
+        (_sample(safety_bits=0xC0 | 0x400), r"emergency stop \(button"),
+        (_sample(safety_bits=SafetyBit.SAFEGUARD_STOP), "safeguard stop"),
+        (_sample(robot_mode=RobotMode.IDLE), r"not running \(idle\)"),
+        (_sample(runtime_state=RuntimeState.STOPPED), r"ended \(runtime state stopped\)"),
+        (_sample(runtime_state=99), "unknown state 99"),
+    ],
+)
+def test_a_stop_is_named_and_stays(sample: ArmSample, message: str) -> None:
+    """The reason is told in the pendant's words, and a lost arm stays lost."""
+    health = ArmHealth("robot x", stale_limit_s=0.1, watchdog_hz=10.0)
+    health.require_running(_sample())
+    with pytest.raises(DeviceError, match=message) as caught:
+        health.require_running(sample)
+    assert caught.value.remedy
+    assert health.is_lost
+    with pytest.raises(DeviceError, match=message):
+        health.require_alive()
+
+
+def test_an_earlier_loss_outlives_a_later_one() -> None:
+    """What went wrong first is what the operator is told."""
+    health = ArmHealth("robot x", stale_limit_s=0.1, watchdog_hz=10.0)
+    health.broken()
+    with pytest.raises(DeviceError, match="the connection broke"):
+        health.require_running(_sample(safety_bits=SafetyBit.PROTECTIVE_STOP))
+
+
+def test_a_standing_time_stamp_is_a_loss() -> None:
+    """Data are judged by the controller's clock, not by their being there."""
+    health = ArmHealth("robot x", stale_limit_s=UrModel.E_SERIES.stale_limit_s, watchdog_hz=10.0)
+    assert health.note(_sample(time_s=1.0))
+    assert not health.note(_sample(time_s=1.0))
+    assert health.note(_sample(time_s=1.008))
+    health.require_fresh()
+    time.sleep(UrModel.E_SERIES.stale_limit_s * 1.5)
+    assert health.looked_away()
+    with pytest.raises(DeviceError, match=r"no new data for \d+ ms \(limit 50 ms\)"):
+        health.require_fresh()
+
+
+@given(bits=st.integers(0, 0xFFF))
+def test_no_stop_goes_unnamed(bits: int) -> None:
+    """Every bit but normal, reduced and the three-position switch means that something stopped."""
+    harmless = SafetyBit.NORMAL | SafetyBit.REDUCED | (1 << 11)
+    assert (safety_reason(bits) is None) == (bits & ~harmless == 0)
+
+
+_speed = st.floats(-0.1, 0.1) | st.sampled_from([math.nan, math.inf])
+
+
+@given(velocity=st.tuples(*[_speed] * 6), acceleration=_speed)
+def test_nothing_beyond_a_cap_passes(velocity: tuple[float, ...], acceleration: float) -> None:
+    """Whatever passes is finite and within every cap."""
+    caps = MotionCaps(speed=0.02, turn_speed=0.05, acceleration=0.08)
+    x, y, z, a, b, c = velocity
+    within = (
+        math.hypot(x, y, z) <= caps.speed
+        and math.hypot(a, b, c) <= caps.turn_speed
+        and 0.0 <= acceleration <= caps.acceleration
+    )
+    try:
+        caps.require_velocity("robot x", (x, y, z, a, b, c), acceleration)
+    except SafetyError:
+        assert not within
+    else:
+        assert math.hypot(x, y, z) <= caps.speed * (1.0 + 1e-6)
+        assert math.hypot(a, b, c) <= caps.turn_speed * (1.0 + 1e-6)
+        assert 0.0 <= acceleration <= caps.acceleration * (1.0 + 1e-6)
+
+
+def test_caps_name_the_value_and_the_limit() -> None:
+    """A refusal says what was asked and what is allowed, with units."""
+    caps = MotionCaps(speed=0.02, turn_speed=0.05, acceleration=0.1)
+    with pytest.raises(SafetyError, match=r"speed 30 mm/s is beyond the limit of 20 mm/s"):
+        caps.require_line("robot x", (0.0,) * 6, 0.03, 0.1)
+    with pytest.raises(SafetyError, match="is not a pose"):
+        caps.require_line("robot x", (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01, 0.1)
+
+
+def test_a_replaced_connection_is_noticed() -> None:
+    """Closing a connection, or one new in its place, is seen at once."""
+    with socket.socket() as listener:
+        listener.bind((f"127.7.{time.monotonic_ns() % 250}.9", RTDE_PORT))
+        listener.listen()
+        host = listener.getsockname()[0]
+        sockets = RtdeSockets()
+        link = socket.create_connection((host, RTDE_PORT))
+        sockets.remember(host)
+        assert sockets.count == 1
+        assert sockets.are_unchanged()
+        number = link.fileno()
+        link.close()
+        assert not sockets.are_unchanged()
+        with socket.create_connection((host, RTDE_PORT)) as again:
+            assert again.fileno() == number
+            assert not sockets.are_unchanged()

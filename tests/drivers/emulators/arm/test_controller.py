@@ -1,0 +1,246 @@
+"""The emulated controller, as the real ur_rtde sees it when nobody hides its traps."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rtde_control import RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+
+from drivers.arm.ur5_model import UrModel
+from drivers.emulators.arm.settings import parse_arguments
+from drivers.emulators.arm.trace import read_events, read_trace, stop_after
+from drivers.emulators.launch import free_loopback_host
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldWriter
+from tacauchy_rig.run import Vector6
+
+_MODELS = list(UrModel)
+
+
+def _control(host: str, model: str) -> Any:
+    flags = RTDEControlInterface.FLAG_UPLOAD_SCRIPT
+    if model == UrModel.CB3:
+        flags |= RTDEControlInterface.FLAG_NO_EXT_FT
+    return RTDEControlInterface(host, -1.0, flags)
+
+
+def _receive(host: str, *more: Any) -> Any:
+    return RTDEReceiveInterface(host, *more)
+
+
+def client_everything(host: str, model: str) -> dict[str, object]:
+    """Use all interfaces at once, several receivers included, with every default."""
+    full, slow = _receive(host), _receive(host, 10.0, ["timestamp", "actual_TCP_pose"])
+    control, outputs = _control(host, model), RTDEIOInterface(host)
+    home = full.getActualTCPPose()
+    target = [home[0], home[1], home[2] - 0.005, *home[3:]]
+    answers = {
+        "program": control.isProgramRunning(),
+        "tcp": control.setTcp([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
+        "payload": control.setPayload(0.7, [0.0, 0.0, 0.05]),
+        "zero": control.zeroFtSensor(),
+        "steady": control.isSteady(),
+        "blocking_move": control.moveL(target, 0.05, 0.5),
+        "outside": control.isPoseWithinSafetyLimits([9.0, 0, 0, 0, 0, 0]),
+        "output": outputs.setStandardDigitalOut(1, True),
+        "contact": control.moveUntilContact([0.0, 0.0, -0.01, 0.0, 0.0, 0.0]),
+    }
+    composed = control.poseTrans([1.0, 0, 0, 0, 0, 0], [0, 2.0, 0, 0, 0, 0])
+    time.sleep(0.15)
+    rates = []
+    for receiver in (full, slow):
+        seen, end_s = set(), time.monotonic() + 0.5
+        while time.monotonic() < end_s:
+            seen.add(receiver.getTimestamp())
+            time.sleep(0.0005)
+        rates.append(len(seen) / 0.5)
+    return {
+        **answers,
+        "composed": composed,
+        "reached_m": abs(full.getActualTCPPose()[2] - target[2]),
+        "slow_pose_equal": slow.getActualTCPPose() == full.getActualTCPPose(),
+        "bits": [full.getSafetyStatusBits(), full.getRobotMode(), full.getRuntimeState()],
+        "robot_status": full.getRobotStatus(),
+        "payload_kg": full.getPayload(),
+        "joints": len(full.getActualQ()),
+        "rates": rates,
+    }
+
+
+def client_conflict(host: str, model: str) -> dict[str, object]:
+    """Command a velocity during a move, as a careless program would."""
+    control = _control(host, model)
+    receiver = _receive(host)
+    pose = receiver.getActualTCPPose()
+    pose[2] -= 0.05
+    control.moveL(pose, 0.01, 0.1, True)
+    time.sleep(0.1)
+    control.speedL([0.0, 0.0, 0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
+    time.sleep(0.2)
+    return {"runtime_state": receiver.getRuntimeState()}
+
+
+def client_leave_moving(host: str, model: str) -> dict[str, object]:
+    """Set a velocity without a watchdog and vanish."""
+    control = _control(host, model)
+    control.speedL([0.0, 0.0, -0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
+    time.sleep(0.1)
+    return {}
+
+
+def client_stop_l_then_speed(host: str, model: str) -> dict[str, object]:
+    """End a velocity by stopL, which does not end the thread that drives it."""
+    control, receiver = _control(host, model), _receive(host)
+    control.speedL([0.0, 0.0, -0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
+    time.sleep(0.2)
+    control.stopL(1.0)
+    time.sleep(0.3)
+    after_stop_l = receiver.getActualTCPSpeed()[2]
+    control.speedStop(1.0)
+    time.sleep(0.1)
+    return {"after_stop_l": after_stop_l, "after_speed_stop": receiver.getActualTCPSpeed()[2]}
+
+
+def _run(scenario: str, robot: Any) -> dict[str, Any]:
+    answer = robot.folder / f"{scenario}.json"
+    result = subprocess.run(
+        [sys.executable, __file__, scenario, robot.host, robot.model.value, answer],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert result.returncode == 0, result.stderr
+    return dict(json.loads(answer.read_text()))
+
+
+@pytest.mark.parametrize("model", _MODELS)
+def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+    """Control, two receivers at their own rates and the outputs interface work together."""
+    found = _run("client_everything", emulate_ur(model))
+    for name in ("program", "tcp", "payload", "zero", "steady", "blocking_move", "output"):
+        assert found[name] is True, name
+    assert found["contact"] is True, "a CB3 says so too, and does nothing"
+    assert found["outside"] is False
+    assert found["composed"] == pytest.approx([1.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    assert found["reached_m"] < 1e-9
+    assert found["slow_pose_equal"] is True
+    assert found["bits"] == [1, 7, 2]
+    assert found["robot_status"] == 3
+    assert found["payload_kg"] == 0.7
+    assert found["joints"] == 6
+    fast, slow = found["rates"]
+    assert fast > 2 * slow
+
+
+def test_two_threads_on_one_arm_end_the_program(emulate_ur: Callable[..., Any]) -> None:
+    """A velocity during a move is a runtime error of the controller, not a choice."""
+    robot = emulate_ur()
+    assert _run("client_conflict", robot) == {"runtime_state": 1}
+    assert read_events(robot.folder)[-1]["reason"] == "runtime error"
+
+
+def test_without_a_watchdog_the_arm_goes_on(emulate_ur: Callable[..., Any]) -> None:
+    """As on a real arm: the client is gone and nothing stops the motion."""
+    robot = emulate_ur()
+    _run("client_leave_moving", robot)
+    gone_ns = time.monotonic_ns()
+    time.sleep(0.5)
+    report = stop_after(read_trace(robot.folder), gone_ns)
+    assert report.stopped_after_s == float("inf")
+    assert report.descended_m > 0.0005
+
+
+def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
+    """After stopL the arm drives on; speedStop is what ends speedL."""
+    found = _run("client_stop_l_then_speed", emulate_ur())
+    assert found["after_stop_l"] == pytest.approx(-0.005)
+    assert found["after_speed_stop"] == 0.0
+
+
+def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
+    """The true pose is in the shared world before any client came."""
+    robot = emulate_ur(UrModel.CB3, "--home", "0.1,-0.4,0.15,3.14,0,0", "--seed", "3")
+    state = SharedWorld.open(robot.folder / WORLD_FILE).read()
+    while state.sequence == 0:
+        state = SharedWorld.open(robot.folder / WORLD_FILE).read()
+    assert state.pose.position == (0.1, -0.4, 0.15)
+    assert state.writer is WorldWriter.EMULATED_ARM
+    assert state.writer_pid == robot.process.process.pid
+
+
+def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
+    """A second controller at an address says which, and what to do."""
+    robot = emulate_ur()
+    result = subprocess.run(
+        [
+            *(sys.executable, "-m", "drivers.emulators.arm.controller"),
+            *("--host", robot.host, "--folder", str(tmp_path / "second")),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=30,
+    )
+    assert result.returncode == 2
+    assert f"emulated robot at {robot.host}: Address already in use" in result.stderr
+    assert "choose a free one" in result.stderr
+
+
+def test_ends_with_its_parent(tmp_path: Path) -> None:
+    """An emulator whose parent was killed does not stay behind."""
+    host = free_loopback_host()
+    starter = (
+        "import os, subprocess, sys\n"
+        "child = subprocess.Popen([sys.executable, '-m', 'drivers.emulators.arm.controller',\n"
+        "    '--host', sys.argv[1], '--folder', sys.argv[2], '--parent-pid', str(os.getpid())],\n"
+        "    stdout=subprocess.PIPE)\n"
+        "child.stdout.readline()\n"
+        "print(child.pid, flush=True)\n"
+        "os._exit(0)\n"
+    )
+    started = subprocess.run(
+        [sys.executable, "-c", starter, host, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=30,
+    )
+    process_id = int(started.stdout)
+    end_s = time.monotonic() + 20.0
+    while _lives(process_id):
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+
+
+def _lives(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    # A zombie that nobody waits for counts as ended.
+    return Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def test_arguments_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    """A home that is not a pose is refused in words."""
+    settings = parse_arguments(["--folder", "x", "--home=-0.1,0,0.2,0,0,0", "--model", "cb3"])
+    expected: Vector6 = (-0.1, 0.0, 0.2, 0.0, 0.0, 0.0)
+    assert settings.home.as_vector() == expected
+    assert settings.model is UrModel.CB3
+    with pytest.raises(SystemExit):
+        parse_arguments(["--folder", "x", "--home", "1,2,3"])
+    assert "six numbers" in capsys.readouterr().err
+
+
+if __name__ == "__main__":
+    Path(sys.argv[4]).write_text(json.dumps(globals()[sys.argv[1]](*sys.argv[2:4])))
+    os._exit(0)

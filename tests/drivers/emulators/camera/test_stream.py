@@ -1,0 +1,277 @@
+"""The emulated camera as its clients see it: real cv2.VideoCapture, raw packets, faults."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.emulators.camera.faults import FaultyOutput
+from drivers.emulators.camera.frames import FrameFactory, PressKey
+from drivers.emulators.camera.jpeg import JpegMosaic
+from drivers.emulators.camera.stamp import draw_number, read_number
+from drivers.emulators.faults import Device, Fault, FaultKind, send_fault
+from drivers.emulators.plant.gel.gel import Geometry, Plant
+from drivers.emulators.plant.gel.tips import CylinderTip
+from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.still import render_press
+from drivers.emulators.plant.truth import draw_truth
+from drivers.emulators.shared_world import SharedWorld
+from tacauchy_rig.run import Pose
+
+SURFACE_Z = 0.2
+TRUTH = draw_truth(7)
+PUNCH = CylinderTip(diameter_m=5e-3)
+UNLOADED = PressKey(depth=0, x=0, y=0, light=0)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_number_survives_jpeg(number: int) -> None:
+    """What is drawn is read back after compression, whatever the bits."""
+    image = np.full((240, 320, 3), 128, np.uint8)
+    draw_number(image, number)
+    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    assert read_number(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)) == number
+
+
+def test_no_number_is_read_where_none_is() -> None:
+    """A picture without blocks, or too small for them, has no number."""
+    assert read_number(np.full((240, 320), 128, np.uint8)) is None
+    assert read_number(np.zeros((8, 8), np.uint8)) is None
+
+
+@pytest.mark.parametrize(("width", "height"), [(320, 240), (640, 480), (808, 606)])
+def test_a_spliced_frame_decodes_like_a_whole_one(width: int, height: int) -> None:
+    """Tiles of blocks encoded apart give the picture that one encoding gives, bit for bit."""
+    image = np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
+    mosaic = JpegMosaic(width, height, quality=85)
+    whole = mosaic.tiles(image)
+    part = mosaic.tiles(image[32:96, mosaic.tile_width : 3 * mosaic.tile_width])
+    assert [row[1:3] for row in whole[2:6]] == part
+    decoded = cv2.imdecode(np.frombuffer(mosaic.splice(whole), np.uint8), cv2.IMREAD_COLOR)
+    _, plain = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    assert np.array_equal(decoded, cv2.imdecode(plain, cv2.IMREAD_COLOR))
+
+
+@pytest.fixture(scope="module")
+def factory() -> FrameFactory:
+    """Return a factory of 640x480 frames."""
+    plant = Plant(TRUTH, case_for(PUNCH, TRUTH.poisson), Geometry(surface=(0.0, 0.0, SURFACE_Z)))
+    return FrameFactory(plant, 640, 480)
+
+
+def _decoded(jpeg: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+
+
+def test_frames_show_the_press_without_seams(factory: FrameFactory) -> None:
+    """A spliced frame is the picture that is rendered whole, to within noise and JPEG."""
+    key = PressKey(depth=125, x=20, y=-30, light=0)
+    factory.prepare(key)
+    assert factory.is_ready(key)
+    frame = _decoded(factory.compose(key, 7))
+    expected = render_press(
+        TRUTH, PUNCH, 0.5e-3, (640, 480), centre_m=(2e-4, -3e-4), noise_seed=None
+    )
+    difference = cv2.GaussianBlur(frame.astype(np.float32) - expected, (0, 0), 4)[32:]
+    assert np.abs(difference).max() < 2.5
+    assert read_number(frame) == 7
+
+
+def test_consecutive_frames_differ_by_noise(factory: FrameFactory) -> None:
+    """Temporal noise is real: no two frames are equal, and the difference has its size."""
+    frames = [_decoded(factory.compose(UNLOADED, 0)).astype(float)[16:] for _ in range(6)]
+    changes = [np.std(b - a) for a, b in itertools.pairwise(frames)]
+    assert min(changes) > 0.3
+    assert max(changes) < 2.0 * TRUTH.image_noise_levels
+
+
+def test_the_unloaded_gel_is_renewed(factory: FrameFactory) -> None:
+    """After all rows were renewed in dimmer light, the frame is dimmer."""
+    before = _decoded(factory.compose(UNLOADED, 0)).mean()
+    factory.prepare(PressKey(depth=0, x=0, y=0, light=-20))
+    for _ in range(4 * factory.mosaic.rows):
+        factory.renew()
+    after = _decoded(factory.compose(UNLOADED, 0)).mean()
+    assert after == pytest.approx(before * 0.96 ** (1 / 2.2), rel=0.01)
+    factory.prepare(UNLOADED)
+
+
+def _fault(kind: FaultKind, **parameters: float) -> Fault:
+    return Fault(device=Device.CAMERA, kind=kind, parameters=parameters)
+
+
+def test_frozen_frames_repeat_and_then_go_on() -> None:
+    """Freeze repeats one frame; the next frame after it is a new one."""
+    output = FaultyOutput(0)
+    freeze = [_fault(FaultKind.FREEZE)]
+    assert output.frames(b"a", freeze, now_s=0.0) == [b"a"]
+    assert output.frames(b"b", freeze, now_s=1.0) == [b"a"]
+    assert output.frames(b"c", [], now_s=2.0) == [b"c"]
+
+
+def test_dropped_and_stalled_frames_never_come() -> None:
+    """Dropping loses the share asked for; stalling loses everything."""
+    output = FaultyOutput(0)
+    dropping = [_fault(FaultKind.DROP, fraction=0.5)]
+    sent = sum(len(output.frames(b"a", dropping, now_s=i)) for i in range(400))
+    assert 150 < sent < 250
+    assert output.frames(b"a", [_fault(FaultKind.STALL)], now_s=1e3) == []
+
+
+def test_delayed_frames_come_late_in_order() -> None:
+    """A delay keeps frames back and loses none, also when it ends."""
+    output = FaultyOutput(0)
+    late = [_fault(FaultKind.DELAY, delay_s=0.25)]
+    sent = [output.frames(bytes([i]), late if i < 5 else [], now_s=0.1 * i) for i in range(12)]
+    assert sent[0] == []
+    assert b"".join(frame for frames in sent for frame in frames) == bytes(range(12))
+
+
+def test_garbled_frames_are_damaged() -> None:
+    """Garbling changes bytes and cuts the end off."""
+    whole = bytes(range(256)) * 40
+    garbled = FaultyOutput(0).frames(whole, [_fault(FaultKind.GARBLE, fraction=1.0)], now_s=0.0)[0]
+    assert len(garbled) < len(whole)
+    assert garbled != whole[: len(garbled)]
+
+
+@dataclass(frozen=True, slots=True)
+class RunningCamera:
+    """An emulated camera in its own process."""
+
+    process: subprocess.Popen[bytes]
+    folder: Path
+    ready: dict[str, Any]
+    world: SharedWorld
+
+    def press(self, depth_m: float) -> None:
+        """Put the arm where the tip is ``depth_m`` deep in the gel."""
+        z = SURFACE_Z + TRUTH.surface_error_m - depth_m
+        pose = Pose(position=(0.0, 0.0, z), rotation_vector=(0.0, math.pi, 0.0))
+        self.world.publish(pose, (0.0,) * 6, time.monotonic_ns())
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Iterator[RunningCamera]:
+    """Start an emulated camera of 640x480 at 25 fps."""
+    world = SharedWorld.create(tmp_path / "world.bin")
+    with (
+        (tmp_path / "camera.log").open("wb") as log,
+        subprocess.Popen(
+            [
+                *(sys.executable, "-m", "drivers.emulators.camera.stream"),
+                *("--folder", str(tmp_path), "--seed", "7", f"--surface-m=0,0,{SURFACE_Z}"),
+            ],
+            stdout=subprocess.PIPE,
+            stderr=log,
+        ) as process,
+    ):
+        assert process.stdout is not None
+        ready = json.loads(process.stdout.readline())
+        yield RunningCamera(process, tmp_path, ready, world)
+        process.terminate()
+        assert process.wait(10) == 0
+    world.close()
+
+
+@pytest.fixture
+def capture(camera: RunningCamera) -> Iterator[cv2.VideoCapture]:
+    """Open the camera with OpenCV, as the driver does."""
+    capture = cv2.VideoCapture(
+        camera.ready["url"], cv2.CAP_FFMPEG, [cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1500]
+    )
+    assert capture.isOpened()
+    yield capture
+    capture.release()
+
+
+def test_opencv_reads_every_frame(camera: RunningCamera, capture: cv2.VideoCapture) -> None:
+    """Two seconds through cv2.VideoCapture: size as asked, frame numbers without a gap."""
+    frames = [capture.read()[1] for _ in range(50)]
+    numbers = [read_number(frame) for frame in frames]
+    assert frames[0].shape == (480, 640, 3)
+    assert np.all(np.diff(np.array(numbers, dtype=float)) == 1.0)
+    now_ns = time.monotonic_ns()
+    behind_s = (now_ns - camera.ready["first_capture_ns"]) * 1e-9 - numbers[-1] / 25.0
+    assert behind_s > camera.ready["latency_s"]
+
+
+def test_a_press_becomes_visible(camera: RunningCamera, capture: cv2.VideoCapture) -> None:
+    """The gel is unloaded until the arm's pose presses it, and recovers when it leaves."""
+
+    def frame_after(depth_m: float) -> np.ndarray:
+        camera.press(depth_m)
+        return [capture.read()[1] for _ in range(12)][-1].astype(float)
+
+    rest, pressed, left = (frame_after(depth) for depth in (-1e-3, 0.5e-3, -1e-3))
+    assert np.abs(pressed - rest).max() > 40.0
+    assert np.abs(left - rest)[16:].max() < 25.0
+    first = (camera.folder / "camera_trace.jsonl").read_text().splitlines()[0]
+    assert {"number", "capture_ns", "depth_true_m", "depth_shown_m"} == set(json.loads(first))
+
+
+def test_raw_packets_are_what_was_sent(camera: RunningCamera) -> None:
+    """CAP_PROP_FORMAT -1 hands out the bytes of the HTTP parts, untouched."""
+    raw = cv2.VideoCapture(camera.ready["url"], cv2.CAP_FFMPEG)
+    assert raw.set(cv2.CAP_PROP_FORMAT, -1)
+    with urllib.request.urlopen(camera.ready["url"], timeout=5) as response:  # noqa: S310
+        packets, sent = set(), set()
+        for _ in range(20):
+            packets.add(raw.read()[1].tobytes())
+            head = b"".join(iter(response.readline, b"\r\n"))
+            length = int(re.search(rb"Content-Length: (\d+)", head)[1])  # type: ignore[index]
+            sent.add(response.read(length))
+            response.readline()
+    raw.release()
+    both = packets & sent
+    assert len(both) >= 10
+    assert all(jpeg.startswith(b"\xff\xd8") and jpeg.endswith(b"\xff\xd9") for jpeg in both)
+
+
+def test_faults_reach_a_running_camera(camera: RunningCamera, capture: cv2.VideoCapture) -> None:
+    """Freeze repeats a number, saturation is bright, and unplugging closes the port for good."""
+    send_fault(camera.folder, Device.CAMERA, FaultKind.FREEZE, 0.5)
+    numbers = [read_number(capture.read()[1]) for _ in range(20)]
+    assert len(set(numbers)) < 15
+    send_fault(camera.folder, Device.CAMERA, FaultKind.SATURATE, 0.5)
+    assert max(capture.read()[1].mean() for _ in range(15)) > 225.0
+    send_fault(camera.folder, Device.CAMERA, FaultKind.UNPLUG, 0.2)
+    assert not all(capture.read()[0] for _ in range(50))
+    address = re.search(r"//(.*):(\d+)/", camera.ready["url"])
+    assert address is not None
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((address[1], int(address[2])), timeout=2)
+    assert camera.process.poll() is None
+
+
+def test_a_taken_port_is_said(camera: RunningCamera, tmp_path: Path) -> None:
+    """The message names the address and the remedy; no traceback."""
+    port = camera.ready["url"].rsplit(":", 1)[1].split("/")[0]
+    command = [sys.executable, "-m", "drivers.emulators.camera.stream", "--port", port]
+    found = subprocess.run(
+        [*command, "--folder", str(tmp_path / "other")],
+        capture_output=True,
+        check=False,
+        env=os.environ,
+    )
+    assert found.returncode == 2
+    assert f"127.0.0.1:{port} cannot be listened on" in found.stderr.decode()
+    assert "Traceback" not in found.stderr.decode()

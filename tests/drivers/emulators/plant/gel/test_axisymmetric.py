@@ -1,0 +1,79 @@
+"""The gel's finite elements against solutions that other methods and other people found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from drivers.emulators.plant.gel.axisymmetric import GelSolver
+from drivers.emulators.plant.gel.neo_hookean import NeoHookean
+from drivers.emulators.plant.gel.quad_mesh import GelDisc, Grading, mesh_disc
+from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip
+from tacauchy_rig.errors import ConvergenceError
+
+PUNCH_RADIUS = 2.5e-3
+LAYER = GelDisc(radius_m=12e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)
+RIM = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=2.5e-5)
+
+
+def test_bonded_punch_agrees_with_two_other_codes() -> None:
+    """Finite strain, E 0.3 MPa, nu 0.45: felupe 11.3 and CalculiX 2.20, extrapolated in h."""
+    reference = {0.1e-3: 0.36350, 0.3e-3: 1.11033, 0.6e-3: 2.29093}  # depth [m]: force [N]
+    coarse = Grading(fine_from_m=2.3e-3, fine_to_m=2.7e-3, fine_size_m=4e-5)
+    mesh = mesh_disc(LAYER, coarse)
+    solver = GelSolver(mesh, NeoHookean(poisson=0.45))
+    top = mesh.top_nodes
+    patch = top[mesh.nodes[top, 0] <= PUNCH_RADIUS + 1e-9]
+    state = np.zeros_like(mesh.nodes)
+    for depth in (0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.6e-3):
+        found = solver.press_tied(patch, depth, state)
+        state = found.displacement
+        if depth in reference:
+            assert found.force * 0.3e6 == pytest.approx(reference[depth], rel=0.008)
+
+
+@pytest.mark.parametrize(("poisson", "kappa"), [(0.45, 1.930), (0.49, 2.048)])
+def test_flat_punch_agrees_with_the_finite_layer(poisson: float, kappa: float) -> None:
+    """F = 2 a E d kappa / (1 - nu^2), frictionless, a/h = 0.5556 (Hayes et al. 1972)."""
+    wide = GelDisc(radius_m=24e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)
+    sharp = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=1e-5, top_size_m=1e-5)
+    solver = GelSolver(mesh_disc(wide, sharp), NeoHookean(poisson=poisson))
+    depth = 5e-6
+    tip = CylinderTip(diameter_m=2 * PUNCH_RADIUS, fillet_m=0.0)
+    found = solver.press(tip, wide.thickness_m - depth, np.zeros_like(solver.mesh.nodes))
+    expected = 2 * PUNCH_RADIUS * depth * kappa / (1 - poisson**2)
+    assert found.force == pytest.approx(expected, rel=0.005)
+    assert found.contact_radius_m == pytest.approx(PUNCH_RADIUS, rel=0.01)
+
+
+def test_small_ball_agrees_with_hertz() -> None:
+    """F = 4/3 E/(1 - nu^2) sqrt(R) d^(3/2) while the contact is small against the layer."""
+    grading = Grading(fine_from_m=0.0, fine_to_m=0.2e-3, fine_size_m=1e-5, top_size_m=1e-5)
+    solver = GelSolver(mesh_disc(LAYER, grading), NeoHookean(poisson=0.45))
+    ball = SphereTip(diameter_m=2e-3)
+    state = np.zeros_like(solver.mesh.nodes)
+    for depth in (1e-6, 3e-6):
+        found = solver.press(ball, LAYER.thickness_m - depth, state)
+        state = found.displacement
+    hertz = 4 / 3 / (1 - 0.45**2) * math.sqrt(1e-3) * depth**1.5
+    assert found.force == pytest.approx(hertz, rel=0.015)
+    assert found.contact_radius_m == pytest.approx(math.sqrt(1e-3 * depth), rel=0.05)
+
+
+def test_out_of_contact_nothing_moves() -> None:
+    """A tip above the gel leaves it exactly as it was."""
+    solver = GelSolver(mesh_disc(LAYER, RIM), NeoHookean(poisson=0.48))
+    found = solver.press(
+        CylinderTip(diameter_m=5e-3), LAYER.thickness_m + 1e-6, np.zeros_like(solver.mesh.nodes)
+    )
+    assert found.force == 0.0
+    assert not found.displacement.any()
+
+
+def test_a_hopeless_step_is_refused() -> None:
+    """Pressing through the base in one step ends in a message, not in numbers."""
+    solver = GelSolver(mesh_disc(LAYER, RIM), NeoHookean(poisson=0.48))
+    with pytest.raises(ConvergenceError, match="emulated gel"):
+        solver.press(CylinderTip(diameter_m=5e-3), 1e-4, np.zeros_like(solver.mesh.nodes))

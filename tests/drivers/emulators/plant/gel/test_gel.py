@@ -1,0 +1,130 @@
+"""The plant: pose in, wrench and surface out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.emulators.plant.force_channel import ForceChannel
+from drivers.emulators.plant.gel.gel import Geometry, Plant
+from drivers.emulators.plant.gel.tips import CylinderTip
+from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from tacauchy_rig.run import Pose
+
+SURFACE = (0.0, -0.4, 0.2)
+DOWN = (0.0, math.pi, 0.0)
+TRUTH = draw_truth(7)
+
+
+def _plant(truth: PlantTruth = TRUTH) -> Plant:
+    return Plant(
+        truth, case_for(CylinderTip(diameter_m=5e-3), truth.poisson), Geometry(surface=SURFACE)
+    )
+
+
+def _pose(depth: float, *, x: float = 0.0, y: float = 0.0) -> Pose:
+    """Return a pose about ``depth`` below the real surface of the world of TRUTH."""
+    return Pose(
+        position=(x, SURFACE[1] + y, SURFACE[2] + TRUTH.surface_error_m - depth),
+        rotation_vector=DOWN,
+    )
+
+
+@given(st.floats(0.0, 0.1))
+def test_zero_force_out_of_contact(height: float) -> None:
+    """Above the gel there is exactly nothing, and the surface is the gel at rest."""
+    plant = _plant()
+    assert plant.wrench(_pose(-height), 0) == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert plant.surface(_pose(-height)).contact_radius == 0.0
+
+
+def test_beside_the_pad_there_is_nothing_to_press() -> None:
+    """Off the pad the tip meets no gel at any depth."""
+    assert _plant().wrench(_pose(1e-3, x=15e-3), 0)[0] == (0.0, 0.0, 0.0)
+
+
+def test_the_force_pushes_the_indenter_up() -> None:
+    """A press gives a few newtons along +z, little sideways, and a moment from the pose error."""
+    force, torque = _plant().wrench(_pose(0.5e-3), 0)
+    assert 2.5 < force[2] < 4.5
+    assert math.hypot(*force[:2]) < 0.01 * force[2]
+    arm_x, arm_y = TRUTH.pose_error_m
+    assert torque[0] == pytest.approx(arm_y * force[2], abs=1e-4)
+    assert torque[1] == pytest.approx(-arm_x * force[2], abs=1e-4)
+
+
+def test_force_decays_during_a_dwell() -> None:
+    """Pressed at 0.3 mm/s and held, the force falls by a few per cent and never rises."""
+    plant = _plant()
+    for i in range(200):
+        plant.wrench(_pose(0.3e-3 * i * 0.01), i * 10_000_000)
+    held = [plant.wrench(_pose(0.6e-3), (200 + i) * 10_000_000)[0][2] for i in range(1000)]
+    assert np.all(np.diff(held) <= 0.0)
+    assert 0.01 < 1.0 - held[-1] / held[0] < 0.06
+
+
+def test_modulus_scales_the_force() -> None:
+    """Twice the modulus is twice the force: the table holds force over modulus."""
+    stiff = _plant(replace(TRUTH, young_pa=2.0 * TRUTH.young_pa))
+    assert stiff.relaxed_force(4e-4) == pytest.approx(2.0 * _plant().relaxed_force(4e-4))
+
+
+def test_beyond_the_table_the_gel_stiffens_without_a_jump() -> None:
+    """Force goes on smoothly past the deepest row and bends upwards, so a guard must bite."""
+    plant = _plant()
+    last = float(plant.table.depths[-1])
+    below, at, above = (plant.relaxed_force(last + shift) for shift in (-1e-7, 0.0, 1e-7))
+    assert at - below == pytest.approx(above - at, rel=1e-2)
+    step = 2e-4
+    first = plant.relaxed_force(last + step) - plant.relaxed_force(last)
+    second = plant.relaxed_force(last + 2 * step) - plant.relaxed_force(last + step)
+    assert second > 1.3 * first
+
+
+def test_force_does_not_depend_on_how_often_it_is_asked() -> None:
+    """100 Hz and 500 Hz see the same force at the same moment."""
+    slow, fast = _plant(), _plant()
+    for i in range(101):
+        coarse = slow.wrench(_pose(5e-6 * i), i * 10_000_000)
+    for i in range(501):
+        fine = fast.wrench(_pose(1e-6 * i), i * 2_000_000)
+    assert coarse[0][2] == pytest.approx(fine[0][2], rel=1e-4)
+
+
+def test_the_surface_follows_the_flat_face() -> None:
+    """Inside the contact the gel is the tip's face; far away it keeps its own shape."""
+    profile = _plant().surface_at(0.5e-3, (0.0, 0.0))
+    inside = profile.radius < 0.9 * profile.contact_radius
+    np.testing.assert_allclose(profile.height[inside], -0.5e-3, atol=1e-6)
+    assert np.all(np.diff(profile.radius) >= 0.0)
+    assert 2.4e-3 < profile.contact_radius <= 2.51e-3
+
+
+def test_a_lying_robot_presses_beside_the_spot() -> None:
+    """The contact is seen where the indenter really is, not where the robot says."""
+    assert _plant().surface(_pose(1e-4)).centre == pytest.approx(TRUTH.pose_error_m)
+
+
+def test_the_sensor_reads_compression_as_positive() -> None:
+    """Offset, drift and cross talk come on top of the wrench; Fz rises when pressed."""
+    quiet = replace(TRUTH, force_noise_n=0.0, torque_noise_nm=0.0)
+    channel = ForceChannel(quiet, start_ns=0)
+    idle = channel.reading((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), DOWN, 0)
+    assert idle[:3] == pytest.approx(TRUTH.force_offset_n)
+    pressed = channel.reading((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), DOWN, 100_000_000_000)
+    assert pressed[2] - idle[2] == pytest.approx(3.0 + 100.0 * TRUTH.force_drift_n_s)
+    assert pressed[0] - idle[0] == pytest.approx(3.0 * TRUTH.cross_talk[0])
+
+
+def test_sensor_noise_has_the_drawn_size() -> None:
+    """A thousand idle samples scatter as the truth says."""
+    channel = ForceChannel(TRUTH, start_ns=0)
+    zero = (0.0, 0.0, 0.0)
+    fz = [channel.reading(zero, zero, DOWN, 0)[2] for _ in range(1000)]
+    assert np.std(fz) == pytest.approx(TRUTH.force_noise_n, rel=0.1)

@@ -1,0 +1,152 @@
+"""Frames of the force sensor's box: the manual's example, damage, gaps and any chunking."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.force_sensor.sri_frame import FrameParser, encode_frame, frame_length
+from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.run import Vector6
+
+MANUAL = bytes.fromhex("AA55001BC4C7016AF4C0EF7D33C04962C9C0A25CC6BDA6198FBDAFDA693E6E")
+MANUAL_VALUES = (-7.637940, -2.804561, -6.293248, -0.096856, -0.069873, 0.228373)
+ONES: Vector6 = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+
+values6 = st.tuples(*(st.floats(-1e3, 1e3, width=32) for _ in range(6)))
+checksums = st.sampled_from(list(Checksum))
+
+
+def test_manual_example_decodes() -> None:
+    """The one frame the manual prints gives its package number and six values."""
+    (frame,) = FrameParser().feed(MANUAL)
+    assert frame.counter == 50375
+    assert frame.values == pytest.approx(MANUAL_VALUES, abs=5e-7)
+
+
+def test_manual_example_encodes_back() -> None:
+    """Encoding the decoded example gives the manual's bytes."""
+    (frame,) = FrameParser().feed(MANUAL)
+    assert encode_frame(frame.counter, frame.values) == MANUAL
+
+
+@pytest.mark.parametrize(("checksum", "length", "field"), [("SUM", 31, 27), ("CRC32", 34, 30)])
+def test_length_field_of_each_checksum(checksum: str, length: int, field: int) -> None:
+    """The length field counts what follows it, as the manual gives it for both forms."""
+    data = encode_frame(1, ONES, checksum=Checksum(checksum))
+    assert len(data) == frame_length(Checksum(checksum)) == length
+    assert int.from_bytes(data[2:4], "big") == field
+
+
+@settings(deadline=None)
+@given(st.lists(values6, min_size=1, max_size=20), checksums, st.data())
+def test_any_chunking_gives_the_same_frames(
+    values: list[Vector6], checksum: Checksum, data: st.DataObject
+) -> None:
+    """However the bytes are cut, the same frames and counts come out."""
+    stream = b"".join(encode_frame(65530 + i, v, checksum=checksum) for i, v in enumerate(values))
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=12)))
+    parser = FrameParser(checksum=checksum)
+    frames = []
+    for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        frames += parser.feed(stream[start:end])
+    assert [frame.values for frame in frames] == values
+    assert [frame.counter for frame in frames] == [65530 + i for i in range(len(values))]
+    assert (parser.lost_count, parser.corrupt_frame_count, parser.leading_byte_count) == (0, 0, 0)
+
+
+garbage = st.binary(max_size=70).filter(lambda data: b"\xaa" not in data)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(garbage, values6), min_size=2, max_size=12), checksums)
+def test_garbage_between_frames_loses_none(
+    pieces: list[tuple[bytes, Vector6]], checksum: Checksum
+) -> None:
+    """Bytes between frames are counted and cost no valid frame."""
+    parser = FrameParser(checksum=checksum)
+    stream = b"".join(
+        junk + encode_frame(i, v, checksum=checksum) for i, (junk, v) in enumerate(pieces)
+    )
+    frames = parser.feed(stream)
+    assert [frame.values for frame in frames] == [v for _, v in pieces]
+    assert parser.leading_byte_count == len(pieces[0][0])
+    assert parser.corrupt_byte_count == sum(len(junk) for junk, _ in pieces[1:])
+
+
+@settings(deadline=None)
+@given(st.integers(1, 40), st.integers(0, 30), st.integers(1, 255))
+def test_one_flipped_byte_costs_one_frame(index: int, offset: int, flip: int) -> None:
+    """Damage inside one frame loses that frame only; a damaged number loses none."""
+    frames = [bytearray(encode_frame(i, ONES)) for i in range(43)]
+    frames[index][offset] ^= flip
+    parser = FrameParser()
+    found = parser.feed(b"".join(frames))
+    if offset in (4, 5):  # the package number is outside the checksum
+        assert len(found) == 43
+        assert found[index + 1].counter == index + 1
+        assert (parser.lost_count, parser.restart_count) == (0, 0)
+        assert parser.corrupt_frame_count == 1
+        return
+    assert len(found) == 42
+    assert parser.lost_count == 1
+    assert parser.corrupt_frame_count == 1
+    assert parser.corrupt_byte_count == 31
+
+
+def test_header_inside_a_float_is_not_a_frame() -> None:
+    """AA 55 00 1B as the bytes of a float is skipped, even when joined just before it."""
+    disguised = bytes.fromhex("AA55001B")
+    values: Vector6 = (*(struct.unpack("<f", disguised) * 5), 0.0)
+    stream = b"".join(encode_frame(i, values) for i in range(4))
+    assert disguised * 5 in stream
+    frames = FrameParser().feed(stream[5:])
+    assert [frame.counter for frame in frames] == [1, 2, 3]
+    assert all(frame.values == values for frame in frames)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 65535), st.integers(1, 32766))
+def test_gap_is_counted_across_the_wrap(first: int, gap: int) -> None:
+    """Missing package numbers are lost frames, also where the number wraps."""
+    parser = FrameParser()
+    numbers = (first, first + gap + 1, first + gap + 2)
+    frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
+    assert [frame.counter for frame in frames] == list(numbers)
+    assert (parser.lost_count, parser.restart_count, parser.corrupt_frame_count) == (gap, 0, 0)
+
+
+@settings(deadline=None)
+@given(st.sets(st.integers(1, 198)))
+def test_any_pattern_of_losses_is_counted(missing: set[int]) -> None:
+    """Whatever frames are missing, counters stay true and the losses add up."""
+    kept = [number for number in range(202) if number not in missing]
+    parser = FrameParser()
+    frames = parser.feed(b"".join(encode_frame(65500 + number, ONES) for number in kept))
+    assert [frame.counter for frame in frames] == [65500 + number for number in kept]
+    assert parser.lost_count == len(missing)
+    assert (parser.restart_count, parser.corrupt_frame_count) == (0, 0)
+
+
+@pytest.mark.parametrize("second", [100, 7])
+def test_number_that_repeats_or_runs_backwards_is_a_restart(second: int) -> None:
+    """A power cycle of the box is not mistaken for 65000 lost frames."""
+    parser = FrameParser()
+    numbers = (100, second, second + 1)
+    frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
+    assert [frame.counter for frame in frames] == [100, 101, 102]
+    assert (parser.lost_count, parser.restart_count) == (0, 1)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_non_finite_values_are_corrupt(bad: float) -> None:
+    """NaN and infinity never become a sample, and are not called lost as well."""
+    parser = FrameParser()
+    broken: Vector6 = (0.0, 0.0, bad, 0.0, 0.0, 0.0)
+    frames = parser.feed(encode_frame(1, ONES) + encode_frame(2, broken) + encode_frame(3, ONES))
+    assert [frame.counter for frame in frames] == [1, 3]
+    assert (parser.corrupt_frame_count, parser.lost_count) == (1, 0)

@@ -1,0 +1,303 @@
+"""The force sensor's driver: real pyserial against the emulated box on a pseudo-terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.device_file import device_holders
+from drivers.emulators.faults import Device, FaultKind, send_fault
+from drivers.force_sensor.sri_m3733c import SriM3733c
+from drivers.force_sensor.sri_port import explain_open_error
+from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.run import ForceSample
+
+RunBox = Callable[..., AbstractContextManager[str]]
+
+
+@pytest.fixture(scope="module")
+def box(run_box: RunBox, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """One emulated box for the tests that leave it as it was: its folder and its port."""
+    folder = tmp_path_factory.mktemp("box")
+    with run_box(folder) as port:
+        yield folder, port
+
+
+@contextmanager
+def connected(port: str, **arguments: object) -> Iterator[SriM3733c]:
+    """Yield a connected driver and close it."""
+    sensor = SriM3733c(port, **arguments)  # type: ignore[arg-type]
+    try:
+        sensor.connect()
+        yield sensor
+    finally:
+        sensor.close()
+
+
+def wait_until(condition: Callable[[], bool], *, give_up_s: float = 10.0) -> None:
+    """Wait for a condition."""
+    deadline = time.monotonic() + give_up_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def collect(
+    sensor: SriM3733c, until: Callable[[list[ForceSample]], bool], *, give_up_s: float = 10.0
+) -> list[ForceSample]:
+    """Drain until the condition holds."""
+    samples: list[ForceSample] = []
+    deadline = time.monotonic() + give_up_s
+    while not until(samples):
+        assert time.monotonic() < deadline, f"only {len(samples)} samples, {sensor.health()}"
+        time.sleep(0.005)
+        samples += sensor.drain()
+    return samples
+
+
+def test_streams_with_consecutive_counters_and_arrival_stamps(box: tuple[Path, str]) -> None:
+    """A hundred frames arrive in order, none lost, stamped by the monotonic clock."""
+    before = time.monotonic_ns()
+    with connected(box[1]) as sensor:
+        samples = collect(sensor, lambda found: len(found) >= 100)
+        health = sensor.health()
+    counters = [sample.counter for sample in samples]
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
+    stamps = [sample.stamp_ns for sample in samples]
+    assert stamps == sorted(stamps)
+    assert before < stamps[0] < stamps[-1] <= time.monotonic_ns()
+    assert (health.lost_count, health.corrupt_count) == (0, 0)
+    mean = sum(sample.wrench.force[2] for sample in samples) / len(samples)
+    assert mean == pytest.approx(3.0, abs=0.002)
+
+
+def test_identity_records_what_was_set(box: tuple[Path, str]) -> None:
+    """The identity says what the box was told and what it acknowledged."""
+    sensor = SriM3733c(box[1], rate_hz=200)
+    identity = sensor.connect()
+    sensor.close()
+    assert identity.simulated  # a pseudo-terminal is no sensor, whatever it was opened as
+    assert identity.address == box[1]
+    assert identity.settings["SMPF"] == "200"
+    assert identity.settings["DCKMD"] == "SUM"
+
+
+def test_crc32_frames(box: tuple[Path, str]) -> None:
+    """The other checksum is set and understood."""
+    with connected(box[1], checksum=Checksum.CRC32) as sensor:
+        assert collect(sensor, lambda found: len(found) >= 10)
+
+
+def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
+    """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
+    with run_box(tmp_path, "--rate-command", "SMPR", "--replies", "bare-ok") as port:
+        sensor = SriM3733c(port)
+        identity = sensor.connect()
+        sensor.close()
+    assert identity.settings["SMPR"] == "100"
+    assert "SMPF" not in identity.settings
+
+
+def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
+    """Missing acknowledgements are recorded and not fatal where frames arrive."""
+    with run_box(tmp_path, "--replies", "silent") as port:
+        sensor = SriM3733c(port, connect_timeout_s=10.0)
+        identity = sensor.connect()
+        sensor.close()
+    assert identity.settings["DCKMD"] == "SUM (not acknowledged)"
+
+
+def test_close_and_open_again(box: tuple[Path, str]) -> None:
+    """The same box serves a second client, and a stream left on is no obstacle."""
+    with connected(box[1]) as first:
+        collect(first, lambda found: len(found) >= 3)
+    descriptor = os.open(box[1], os.O_RDWR | os.O_NOCTTY)
+    os.write(descriptor, b"AT+GSD\r\n")  # as a killed program would leave it
+    os.close(descriptor)
+    with connected(box[1]) as second:
+        assert collect(second, lambda found: len(found) >= 3)
+        assert second.health().lost_count == 0
+
+
+def test_close_twice_and_before_connect() -> None:
+    """Closing is always allowed."""
+    sensor = SriM3733c("/dev/never-opened")
+    sensor.close()
+    sensor.close()
+
+
+def test_freeze_is_seen_as_repeats(box: tuple[Path, str]) -> None:
+    """Equal samples with a moving counter raise the repeat count and nothing else."""
+    with connected(box[1]) as sensor:
+        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.FREEZE, 0.5)
+        collect(sensor, lambda _: sensor.health().repeat_count >= 20)
+        assert sensor.health().lost_count == 0
+
+
+def test_dropped_frames_are_counted(box: tuple[Path, str]) -> None:
+    """Gaps in the package number are lost frames; counters keep them visible."""
+    with connected(box[1]) as sensor:
+        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.DROP, 0.8, fraction=0.5)
+        samples = collect(sensor, lambda _: sensor.health().lost_count >= 20)
+        last = samples[-1].counter - samples[0].counter + 1
+        assert last - len(samples) == pytest.approx(sensor.health().lost_count, abs=3)
+        assert sensor.health().corrupt_count == 0
+
+
+def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -> None:
+    """Damaged frames show as corrupt; what is delivered holds the true load."""
+    with connected(box[1]) as sensor:
+        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.GARBLE, 0.8, fraction=0.4)
+        samples = collect(sensor, lambda _: sensor.health().corrupt_count >= 20)
+    wrong = [s for s in samples if abs(s.wrench.force[2] - 3.0) > 0.05]
+    assert len(wrong) <= 1  # one in 256 damaged frames has a right sum by chance
+
+
+def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
+    """A saturated channel reads the full scale, and comes back."""
+    with run_box(tmp_path, "--full-scale-n", "40") as port, connected(port) as sensor:
+        send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.SATURATE, 0.2)
+        samples = collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] == 40)
+        samples += collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] < 4)
+    assert {round(s.wrench.force[2]) for s in samples} == {3, 40}
+
+
+@pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.DELAY])
+def test_silence_shows_as_age(box: tuple[Path, str], kind: FaultKind) -> None:
+    """While nothing comes the age grows and draining does not block."""
+    with connected(box[1]) as sensor:
+        send_fault(box[0], Device.FORCE_SENSOR, kind, 0.4)
+        collect(sensor, lambda _: sensor.health().age_s > 0.1)
+        assert sensor.drain() == []
+        assert collect(sensor, lambda found: len(found) >= 5)
+
+
+def test_unplug_raises_after_the_last_sample(run_box: RunBox, tmp_path: Path) -> None:
+    """Samples that came before the plug was pulled are returned first, then the error."""
+    with run_box(tmp_path) as port, connected(port) as sensor:
+        send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.UNPLUG)
+        wait_until(lambda: not Path(port).exists())
+        wait_until(lambda: sensor.health().age_s > 0.2)
+        assert sensor.drain()
+        for _ in range(2):
+            with pytest.raises(DeviceError, match="is gone"):
+                sensor.drain()
+
+
+def test_box_that_hangs_holds_up_neither_drain_nor_close(run_box: RunBox, tmp_path: Path) -> None:
+    """With the box's process stopped, draining, closing and a new connect return."""
+    with run_box(tmp_path) as port, connected(port) as sensor:
+        ready = json.loads((tmp_path / "ready.json").read_text())
+        os.kill(ready["pid"], signal.SIGSTOP)
+        collect(sensor, lambda _: sensor.health().age_s > 0.1)
+        assert sensor.drain() == []
+        sensor.close()
+        second = SriM3733c(port, connect_timeout_s=0.1)
+        with pytest.raises(DeviceError, match="silent"):
+            second.connect()
+        os.kill(ready["pid"], signal.SIGKILL)
+
+
+def test_second_owner_is_refused(box: tuple[Path, str]) -> None:
+    """The port is open for one owner alone."""
+    with connected(box[1]) as sensor:
+        with pytest.raises(DeviceError, match="in use"):
+            SriM3733c(box[1]).connect()
+        assert collect(sensor, lambda found: len(found) >= 3)
+
+
+def test_other_program_is_named(box: tuple[Path, str]) -> None:
+    """A program that holds the port without locking it is found and named."""
+    with Path(box[1]).open("rb", buffering=0) as other:
+        program = subprocess.Popen(["sleep", "30"], stdin=other)
+    try:
+        assert device_holders(box[1]) == [f"sleep (pid {program.pid})"]
+        with pytest.raises(DeviceError, match=rf"in use by sleep \(pid {program.pid}\)"):
+            SriM3733c(box[1]).connect()
+    finally:
+        program.kill()
+        program.wait()
+
+
+def test_absent_port() -> None:
+    """A port that is not there is named, with where to look."""
+    with pytest.raises(DeviceError, match="/dev/ttyUSB77 does not exist") as caught:
+        SriM3733c("/dev/ttyUSB77").connect()
+    assert "/dev/serial/by-id" in caught.value.remedy
+
+
+def test_no_permission(run_box: RunBox, tmp_path: Path) -> None:
+    """A port that this user may not open names the group to join."""
+    with run_box(tmp_path) as port:
+        Path(port).chmod(0)
+        user = os.geteuid()
+        try:
+            if user == 0:
+                os.seteuid(65534)
+            with pytest.raises(DeviceError, match="no permission") as caught:
+                SriM3733c(port).connect()
+        finally:
+            os.seteuid(user)
+    assert "dialout" in caught.value.remedy
+
+
+def test_plain_file_is_no_port(tmp_path: Path) -> None:
+    """A path that is no serial port says so."""
+    path = tmp_path / "file"
+    path.write_bytes(b"")
+    with pytest.raises(DeviceError, match="cannot be used as a serial port"):
+        SriM3733c(str(path)).connect()
+
+
+def test_unexplained_error_keeps_its_text() -> None:
+    """An error of an unknown kind is passed on in words."""
+    assert "odd parity" in str(explain_open_error("/dev/x", ValueError("odd parity")))
+
+
+@contextmanager
+def raw_terminal() -> Iterator[tuple[int, str]]:
+    """Yield the device end of a pseudo-terminal and the path of the other."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    try:
+        yield master, os.ttyname(slave)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_silent_port_names_the_deadline() -> None:
+    """A port with nothing behind it fails at the deadline and says what to check."""
+    with raw_terminal() as (_, port), pytest.raises(DeviceError, match="silent") as caught:
+        SriM3733c(port, connect_timeout_s=2.5).connect()
+    assert "115200 baud" in caught.value.remedy
+
+
+def test_other_device_shows_what_it_said() -> None:
+    """A device that talks something else is quoted."""
+    with raw_terminal() as (master, port):
+        chatter = subprocess.Popen(["yes", "$GPGGA,nothing"], stdout=master)
+        try:
+            with pytest.raises(DeviceError, match="no SUM frame") as caught:
+                SriM3733c(port, connect_timeout_s=3.0).connect()
+        finally:
+            chatter.kill()
+            chatter.wait()
+    assert "baud_rate" in caught.value.remedy
+
+
+def test_rate_that_does_not_fit_the_line() -> None:
+    """More frames than the baud rate carries is refused before anything is opened."""
+    with pytest.raises(DeviceError, match="500 Hz needs 155000 baud"):
+        SriM3733c("/dev/ttyUSB77", rate_hz=500.0).connect()

@@ -1,0 +1,52 @@
+"""A run that begins where a fault has left the arm: with the indenter in the gel."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocols.guard.breach import BreachError
+from protocols.steps.leave_gel import leave_gel
+from protocols.steps.preflight import run_preflight
+
+BIAS_N = 1.4  # of the mock world's Fz
+
+
+def put_tip(laboratory, height_m):
+    """Place the tip above the gel's expected surface and let the force follow."""
+    world = laboratory.world
+    z = laboratory.config.sensor.surface[2] + height_m
+    world.pose = world.pose.shifted(z=z - world.pose.position[2])
+    world.clock.sleep(0.05)
+    world.catch_up()
+
+
+def test_preflight_takes_the_indenter_off_the_gel_before_it_weighs_nothing(laboratory):
+    """Pressed in by 0.6 mm: up to the approach height, and the zero is that of the free sensor."""
+    place = laboratory()
+    put_tip(place, -0.0006)
+    assert place.world.force_n > 1.5
+    tare = run_preflight(place.cycle)
+    height_m = place.world.pose.position[2] - place.config.sensor.surface[2]
+    assert height_m == pytest.approx(place.config.protocol.approach_height, abs=5e-5)
+    assert tare.mean[2] == pytest.approx(BIAS_N, abs=0.05)
+    assert place.bench.arm.fastest_m_s <= 0.00201
+
+
+def test_nothing_moves_where_the_tip_is_clear(laboratory):
+    """At home there is nothing to leave."""
+    place = laboratory()
+    before = place.world.pose
+    leave_gel(place.cycle)
+    assert place.world.pose == before
+
+
+def test_a_tip_that_sticks_stops_the_way_up(laboratory):
+    """A sideways force on the way up is a breach, as always."""
+    place = laboratory()
+    put_tip(place, -0.0006)
+    place.world.when(
+        lambda: place.world.velocity[2] > 0.0,
+        lambda: setattr(place.world, "disturbance", (3.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    )
+    with pytest.raises(BreachError, match=r"limits\.lateral_force"):
+        run_preflight(place.cycle)

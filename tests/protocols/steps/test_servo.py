@@ -1,0 +1,55 @@
+"""The force servo against springs it does not know."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.mock.gel import Gel
+from protocols.steps.servo import ForceServo
+
+PERIOD_S = 0.01
+CAP_M_S = 0.0003
+
+
+def hold(stiffness, target_n, *, delay_s, noise_n=0.0, duration_s=25.0):
+    """Return forces of a servo that holds ``target_n`` on a relaxing gel."""
+    gel = Gel(stiffness_n_m=stiffness)
+    source = random.Random(3)  # noqa: S311 - noise, not a secret
+    servo = ForceServo(
+        target_n=target_n, speed_cap=CAP_M_S, period_s=PERIOD_S, contact_force_n=0.05
+    )
+    late = deque([0.0] * max(1, round(delay_s / PERIOD_S)))
+    contact_m = 0.05 / stiffness
+    depth_m = contact_m
+    forces = []
+    for _ in range(round(duration_s / PERIOD_S)):
+        force_n = gel.press(depth_m, duration_s=PERIOD_S)
+        forces.append(force_n)
+        felt_n = force_n + source.gauss(0.0, noise_n)
+        late.append(servo.update(felt_n, depth_m=depth_m - contact_m))
+        speed = late.popleft()
+        assert abs(speed) <= CAP_M_S
+        depth_m += speed * PERIOD_S
+    return forces
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    stiffness=st.floats(1_000, 15_000), target_n=st.floats(1.0, 5.0), delay_s=st.floats(0.0, 0.1)
+)
+def test_any_gel_is_held_without_overshoot(stiffness, target_n, delay_s):
+    """Whatever the stiffness and the delay, force stays below target + 0.03 N and arrives."""
+    forces = hold(stiffness, target_n, delay_s=delay_s)
+    assert max(forces) < target_n + 0.03
+    dwell = forces[-100:]
+    assert abs(sum(dwell) / len(dwell) - target_n) < 0.01
+
+
+def test_noise_does_not_shake_the_arm():
+    """With 0.01 N of noise the true force stays within 0.02 N of the target."""
+    forces = hold(4000.0, 3.0, delay_s=0.05, noise_n=0.01)
+    assert max(abs(force - 3.0) for force in forces[-500:]) < 0.02

@@ -1,0 +1,132 @@
+"""Frames, curves and timing from raw streams."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from reports.evidence.evidence import ImageGeometry
+from reports.evidence.extraction import (
+    crop_and_resize,
+    decode_frame,
+    depth_curve,
+    force_curve,
+    median_image,
+    stream_timing,
+    trial_images,
+)
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import ImageFrame
+
+GEOMETRY = ImageGeometry()
+
+
+def frame(image: np.ndarray, counter: int = 0) -> ImageFrame:
+    """Return an RGB image as the camera would send it."""
+    done, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])
+    assert done
+    return ImageFrame(
+        stamp_ns=counter,
+        counter=counter,
+        device_stamp_s=None,
+        width=image.shape[1],
+        height=image.shape[0],
+        jpeg=data.tobytes(),
+    )
+
+
+def flat(color: tuple[int, int, int], shape: tuple[int, int] = (480, 640)) -> np.ndarray:
+    """Return an image of one colour."""
+    return np.broadcast_to(np.array(color, np.uint8), (*shape, 3)).copy()
+
+
+def test_colours_come_out_as_rgb() -> None:
+    """Red stays red through JPEG and OpenCV's channel order."""
+    decoded = decode_frame(frame(flat((200, 30, 10))))
+    assert decoded is not None
+    assert np.allclose(decoded[5, 5], (200, 30, 10), atol=3)
+
+
+def test_crop_takes_the_border_of_each_side() -> None:
+    """A painted border of 15 % is gone, and not a pixel more of the middle."""
+    image = flat((255, 255, 255))
+    image[72:408, 96:544] = 0
+    image[71, :] = image[408, :] = 255
+    cropped = crop_and_resize(image, GEOMETRY)
+    assert cropped.shape == (240, 320, 3)
+    assert cropped.max() == 0
+    wider = crop_and_resize(image, ImageGeometry(crop_fraction=0.14))
+    assert wider[0].min() > 0
+
+
+def test_resize_averages_areas() -> None:
+    """The scored image keeps the mean of fine stripes instead of aliasing."""
+    image = flat((0, 0, 0), (960, 1280))
+    image[:, ::2] = 200
+    assert np.allclose(crop_and_resize(image, GEOMETRY), 100, atol=36)
+    assert crop_and_resize(image, GEOMETRY).mean() == pytest.approx(100, abs=1.0)
+
+
+def test_small_frames_are_refused() -> None:
+    """A frame that would have to be enlarged is refused with a remedy."""
+    with pytest.raises(RecordError, match="400x300 px") as caught:
+        crop_and_resize(flat((0, 0, 0), (300, 400)), GEOMETRY)
+    assert "camera mode" in caught.value.remedy
+
+
+def test_median_ignores_an_outlier() -> None:
+    """One flash among five frames leaves no trace."""
+    frames = [flat((100, 100, 100), (4, 4)) for _ in range(4)] + [flat((255, 255, 255), (4, 4))]
+    assert np.all(median_image(frames) == 100)
+
+
+def test_trial_images_split_the_dwell_and_skip_broken_frames() -> None:
+    """Halves come from the two ends of the dwell; bytes that are no image are left out."""
+    dwell = [frame(flat((90 + k, 90, 90)), k) for k in range(6)]
+    broken = ImageFrame(
+        stamp_ns=9, counter=9, device_stamp_s=None, width=640, height=480, jpeg=b"\xff\xd8junk"
+    )
+    images = trial_images([*dwell, broken], [frame(flat((50, 50, 50)))], GEOMETRY)
+    assert images is not None
+    assert images.frame_count == 6
+    assert images.first_half is not None
+    assert images.second_half is not None
+    difference = images.second_half.astype(int) - images.first_half.astype(int)
+    assert difference[..., 0].mean() == pytest.approx(3.0, abs=1.0)
+    assert images.reference.mean() == pytest.approx(50, abs=2)
+
+
+def test_too_few_frames() -> None:
+    """Three frames make an image but no halves; none in either window makes nothing."""
+    dark = [frame(flat((50, 50, 50)))]
+    images = trial_images(dark * 3, dark, GEOMETRY)
+    assert images is not None
+    assert images.first_half is None
+    assert trial_images([], dark, GEOMETRY) is None
+    assert trial_images(dark, [], GEOMETRY) is None
+
+
+def test_force_is_tared_and_positive_in_compression() -> None:
+    """A sensor that reads -3.2 N when pressed and 0.8 N unloaded felt 4 N."""
+    wrench = np.array([[0, 0, 0.8, 0, 0, 0], [0, 0, -3.2, 0, 0, 0]], dtype=np.float64)
+    stamps = np.array([10_000_000_000, 10_010_000_000])
+    curve = force_curve(stamps, wrench, tare_fz_n=0.8, sign=-1, zero_ns=10_000_000_000)
+    assert curve.value == pytest.approx([0.0, 4.0])
+    assert curve.time_s == pytest.approx([0.0, 0.01])
+
+
+def test_depth_grows_downwards() -> None:
+    """Half a millimetre below first contact is a depth of 0.5 mm."""
+    pose = np.array([[0, 0, 0.2005, 0, 0, 0], [0, 0, 0.1995, 0, 0, 0]])
+    curve = depth_curve(np.array([0, 1]), pose, contact_z_m=0.2, zero_ns=0)
+    assert curve.value == pytest.approx([-0.5e-3, 0.5e-3])
+
+
+def test_losses_are_counted_from_the_native_counter() -> None:
+    """Counters 5, 6, 9 lack two samples; a stream without a counter says nothing."""
+    stamps = np.array([0, 10_000_000, 40_000_000])
+    timing = stream_timing("force", stamps, counter=np.array([5, 6, 9]))
+    assert timing.lost_count == 2
+    assert timing.intervals_s == pytest.approx([0.01, 0.03])
+    assert stream_timing("arm", stamps).lost_count is None

@@ -1,0 +1,196 @@
+"""The files of a report: readable by strict readers, whole in one page, and marked."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import struct
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from reports.page.html import number, plain, signed, words
+from reports.page.plain_values import to_plain
+from reports.page.summary import build_summary
+from reports.page.tables import junit_xml, metrics_csv
+from reports.page.writing import ReportPaths, write_report
+from reports.results import ValidationReport
+from tacauchy_rig.errors import RecordError
+
+METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}
+
+
+def read_strictly(path: Path) -> dict[str, Any]:
+    """Read JSON and refuse NaN and infinity, as other readers do."""
+
+    def refuse(name: str) -> None:
+        raise ValueError(f"{name} in {path.name}")
+
+    content: dict[str, Any] = json.loads(path.read_text("utf-8"), parse_constant=refuse)
+    return content
+
+
+def test_summary_has_the_agreed_keys(written: ReportPaths) -> None:
+    """Keys that other programs rely on are there, and the numbers are finite."""
+    summary = read_strictly(written.summary)
+    assert summary["simulated"] is True
+    assert summary["passed"] is True
+    assert set(summary["provenance"]) >= {"versions", "config_hash", "seed"}
+    assert len(summary["trials"]) == 6
+    for trial in summary["trials"]:
+        assert set(trial) >= {
+            "force_target_n",
+            "force_measured_n",
+            "force_simulated_n",
+            "depth_simulated_m",
+            "passed",
+        }
+        assert set(trial["metrics"]) == METRICS
+        assert set(trial["floors"]["no_contact"]) == METRICS
+        assert set(trial["floors"]["wrong_force"]) == METRICS
+        assert abs(trial["force_simulated_n"] - trial["force_measured_n"]) <= 0.08
+
+
+def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
+    """The replay's own settings and its neighbours stand in one table, the unknown as a dash."""
+    page = written.html.read_text("utf-8")
+    table = page[page.index("What this accuracy cost, chosen to keep 2% of F_z") :]
+    table = table[: table.index("</table>")]
+    assert re.search(r"this replay</td>.*balanced</td><td>1\.23</td><td>1\.00</td>", table)
+    assert re.search(r"next cheaper</td>.*fast</td><td>3\.21</td><td>0\.25</td>", table)
+    assert re.search(r"next better</td>.*accurate</td><td>–</td><td>2\.50</td>", table)
+    assert "alternatives" not in page.replace(table, "")
+
+
+def test_incomplete_run_is_written_without_nan(
+    incomplete: ValidationReport, tmp_path: Path
+) -> None:
+    """Numbers that do not exist are null, in the trials that lack them only."""
+    paths = write_report(incomplete, tmp_path / "report")
+    trials = read_strictly(paths.summary)["trials"]
+    assert trials[3]["metrics"] == dict.fromkeys(METRICS)
+    assert trials[3]["floors"]["wrong_force"] == {}
+    assert trials[0]["metrics"]["ssim"] > 0.9
+    page = paths.html.read_text("utf-8")
+    assert "What was missed, and what to do" in page
+    assert "tacauchy-rig resume RUN" in page
+    assert "Trial 4 was not pressed" in page
+    assert "camera &lt;went&gt; away" in page
+    assert "SIMULATED" not in page
+
+
+class LinkFinder(HTMLParser):
+    """Collects every address that a page would load or lead to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note addresses."""
+        self.tags.add(tag)
+        self.found += [v or "" for k, v in attrs if k in ("src", "href", "data", "action")]
+
+
+def test_page_is_one_file_without_network(written: ReportPaths) -> None:
+    """Every address is a data URL, nothing runs, and nothing is imported by the style."""
+    page = written.html.read_text("utf-8")
+    finder = LinkFinder()
+    finder.feed(page)
+    assert finder.found
+    assert all(address.startswith("data:image/png;base64,") for address in finder.found)
+    assert not finder.tags & {"script", "link", "iframe", "object"}
+    assert "://" not in re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", page)
+    assert "@import" not in page
+    assert "url(" not in page
+
+
+def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> None:
+    """The mark and the verdict come before anything else; the mark repeats in print."""
+    page = written.html.read_text("utf-8")
+    body = page[page.index("<body>") :]
+    assert body.index("SIMULATED") < body.index("Passed: all 6") < body.index("<img")
+    assert page.count("SIMULATED: this run used emulated devices") == 2
+    assert page.count('<img src="data:image/png') == 18 + 8
+
+
+def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths) -> None:
+    """Each figure is there twice; its PDF embeds TrueType fonts and no Type 3."""
+    names = [f["name"] for f in read_strictly(written.summary)["figures"]]
+    assert names[:3] == ["images", "similarities", "errors"]
+    assert len(names) == 9
+    for name in names:
+        pdf = (written.figures / f"{name}.pdf").read_bytes()
+        assert pdf.startswith(b"%PDF")
+        assert b"/FontFile2" in pdf
+        assert b"/Type3" not in pdf
+        assert (written.figures / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("name", "width_in"), [("images", 7.16), ("force-depth", 3.5)])
+def test_figures_have_ieee_widths(written: ReportPaths, name: str, width_in: float) -> None:
+    """Double and single columns at 300 dpi."""
+    header = (written.figures / f"{name}.png").read_bytes()[16:24]
+    assert struct.unpack(">II", header)[0] == pytest.approx(300 * width_in, abs=1)
+
+
+def test_junit_has_one_case_per_trial_and_criterion(
+    written: ReportPaths, incomplete: ValidationReport
+) -> None:
+    """Counts agree with the cases, and a failure carries its remedy."""
+    root = ET.fromstring(written.junit.read_text("utf-8"))  # noqa: S314 (our own file)
+    assert len(root.findall(".//testcase")) == 6 * 3 == int(root.attrib["tests"])
+    assert root.attrib["failures"] == "0"
+    assert "SIMULATED" in root.attrib["name"]
+    failed = ET.fromstring(junit_xml(build_summary(incomplete)))  # noqa: S314
+    failures = failed.findall(".//failure")
+    assert len(failures) == int(failed.attrib["failures"]) == 7
+    assert all(f.text for f in failures)
+
+
+def test_csv_has_one_line_per_trial(written: ReportPaths) -> None:
+    """The table reads back with the numbers of the summary."""
+    with written.metrics.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    trials = read_strictly(written.summary)["trials"]
+    assert len(rows) == 6
+    for row, trial in zip(rows, trials, strict=True):
+        assert row["simulated"] == "True"
+        assert float(row["metrics.ssim"]) == trial["metrics"]["ssim"]
+        assert float(row["floors.no_contact.ncc"]) == trial["floors"]["no_contact"]["ncc"]
+
+
+def test_csv_keeps_columns_that_only_some_trials_have() -> None:
+    """A missing value is an empty field, never a shifted one."""
+    text = metrics_csv({"simulated": False, "trials": [{"a": None}, {"a": 1.0, "b": {"c": 2}}]})
+    assert text == "simulated,a,b.c\nFalse,,\nFalse,1.0,2\n"
+
+
+def test_unwritable_folder_is_named(report: ValidationReport, tmp_path: Path) -> None:
+    """A folder that cannot be made gives a message with a remedy."""
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(RecordError, match="cannot be written") as caught:
+        write_report(report, tmp_path / "taken")
+    assert "tacauchy-rig report" in caught.value.remedy
+
+
+def test_plain_values_refuse_what_has_no_form() -> None:
+    """Non-finite numbers become null; objects without a form are an error."""
+    assert to_plain({"a": float("nan"), "b": (1, float("inf"))}) == {"a": None, "b": [1, None]}
+    with pytest.raises(TypeError, match="Path"):
+        to_plain(Path("x"))
+
+
+def test_numbers_are_written_for_people() -> None:
+    """True minus, no negative zero, dashes for what is unknown, units out of keys."""
+    assert number(-0.00001, 3) == "0.000"
+    assert number(-1.5, 1) == "−1.5"
+    assert signed(0.25, 2) == "+0.25"
+    assert signed(None) == number(None) == plain(None) == "–"
+    assert words("force_rate_hz") == "force rate (Hz)"
+    assert words("control_loop_ms_p99") == "control loop p99 (ms)"

@@ -1,0 +1,96 @@
+"""Contact scores on a punch mark whose place, size and strength are known."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from reports.scores.contact import contact_footprint, footprint_radius, image_change, score_contact
+
+
+def test_identical_contact(made: SimpleNamespace) -> None:
+    """A perfect simulation scores 1, 0, 1, 0."""
+    pressed = made.to_image(made.background() + made.contact_change(4.0))
+    reference = made.to_image(made.background())
+    scores = score_contact(pressed, pressed, reference)
+    assert scores is not None
+    assert scores.zncc == pytest.approx(1.0)
+    assert scores.relative_residual == 0.0
+    assert scores.mask_iou == 1.0
+    assert scores.centroid_error_px == 0.0
+    assert scores.centroid_error_mm is None
+
+
+def test_half_the_amplitude_is_half_unexplained(made: SimpleNamespace) -> None:
+    """A contact of half the strength keeps place and shape and leaves half of the norm."""
+    reference = made.to_image(made.background())
+    real = made.to_image(made.background() + made.contact_change(4.0))
+    weak = made.to_image(made.background() + made.contact_change(2.0))
+    scores = score_contact(real, weak, reference)
+    assert scores is not None
+    assert scores.relative_residual == pytest.approx(0.5, abs=0.02)
+    assert scores.zncc > 0.99
+    assert scores.mask_iou > 0.95
+
+
+@pytest.mark.parametrize("shift", [(6.0, 0.0), (-3.0, 4.0)])
+def test_distance_of_a_shifted_contact(made: SimpleNamespace, shift: tuple[float, float]) -> None:
+    """The centroids lie apart by the shift, in pixels and in mm."""
+    reference = made.to_image(made.background())
+    center = (160.0 + shift[0], 120.0 + shift[1])
+    real = made.to_image(made.background() + made.contact_change(4.0, center_px=center))
+    simulated = made.to_image(made.background() + made.contact_change(4.0))
+    scores = score_contact(real, simulated, reference, scale_mm_px=(0.06, 0.06))
+    assert scores is not None
+    assert scores.centroid_error_px == pytest.approx(math.hypot(*shift), abs=0.4)
+    assert scores.centroid_error_mm == pytest.approx(0.06 * math.hypot(*shift), abs=0.03)
+
+
+def test_no_contact_leaves_everything_unexplained(made: SimpleNamespace) -> None:
+    """The no-contact frame in place of the simulation leaves the whole norm, overlap 0."""
+    reference = made.to_image(made.background())
+    real = made.to_image(made.background() + made.contact_change(4.0))
+    scores = score_contact(real, reference, reference)
+    assert scores is not None
+    assert scores.relative_residual == 1.0
+    assert scores.mask_iou == 0.0
+    assert math.isnan(scores.centroid_error_px)
+
+
+def test_noise_is_no_contact(made: SimpleNamespace) -> None:
+    """Camera noise and a change of the light alone show no footprint."""
+    rng = np.random.default_rng(2)
+    reference = made.to_image(made.background())
+    noisy = made.to_image(1.03 * made.background() + rng.normal(0, 2, reference.shape))
+    assert contact_footprint(image_change(noisy, reference)) is None
+    assert score_contact(noisy, reference, reference) is None
+
+
+def test_footprint_survives_noise_and_light(made: SimpleNamespace) -> None:
+    """The footprint under noise and 3 % more light has the radius of the clean one."""
+    rng = np.random.default_rng(3)
+    reference = made.to_image(made.background())
+    pressed = made.background() + made.contact_change(3.0)
+    clean = contact_footprint(image_change(made.to_image(pressed), reference))
+    noisy_image = made.to_image(1.03 * pressed + rng.normal(0, 1.5, reference.shape))
+    noisy = contact_footprint(image_change(noisy_image, reference))
+    assert clean is not None
+    assert noisy is not None
+    assert footprint_radius(noisy) == pytest.approx(footprint_radius(clean), abs=2.0)
+    assert footprint_radius(clean) == pytest.approx(made.PUNCH_RADIUS_PX, abs=12.0)
+
+
+def test_region_comes_from_the_real_image(made: SimpleNamespace) -> None:
+    """A simulated mark elsewhere cannot move the region away from where it fails."""
+    reference = made.to_image(made.background())
+    real = made.to_image(made.background() + made.contact_change(4.0, center_px=(110.0, 120.0)))
+    elsewhere = made.to_image(
+        made.background() + made.contact_change(4.0, center_px=(240.0, 120.0))
+    )
+    scores = score_contact(real, elsewhere, reference)
+    assert scores is not None
+    assert scores.relative_residual > 0.9
+    assert abs(scores.zncc) < 0.3

@@ -1,0 +1,191 @@
+"""Floors, ceilings and the wrong-force matrix."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from reports.comparison import compare
+from reports.evidence.evidence import RunEvidence
+from reports.results import ValidationReport
+from reports.scores.floors import (
+    CONTACT_RESIDUAL,
+    CeilingKind,
+    SkillStatus,
+    flat_mean_image,
+    skill,
+    trial_ceiling,
+    trial_floors,
+    wrong_force_matrices,
+)
+from reports.scores.metrics import Metric, score
+
+
+def test_no_contact_is_scored_like_any_image(evidence: RunEvidence) -> None:
+    """The no-contact floor is the score of the reference frame, no more."""
+    images = evidence.trials[0].images
+    assert images is not None
+    assert trial_floors(images, []).no_contact == score(images.real, images.reference)
+
+
+def test_full_frame_ssim_hardly_sees_the_contact(report: ValidationReport) -> None:
+    """Without any contact SSIM stays above 0.95 here: the reason why floors are shown."""
+    for trial in report.trials:
+        assert trial.floors is not None
+        assert trial.floors.no_contact.ssim > 0.95
+
+
+def test_flat_mean_keeps_the_mean_colour(evidence: RunEvidence) -> None:
+    """The flat floor is one colour: the real image's mean, rounded."""
+    images = evidence.trials[0].images
+    assert images is not None
+    flat = flat_mean_image(images.real)
+    assert len(np.unique(flat.reshape(-1, 3), axis=0)) == 1
+    assert np.allclose(flat[0, 0], images.real.reshape(-1, 3).mean(axis=0), atol=0.5)
+
+
+def test_wrong_force_floor_is_the_hardest(report: ValidationReport) -> None:
+    """Per score it is the best off-diagonal value of the trial's row."""
+    for matrix in report.matrices[:5]:
+        pick = max if matrix.larger_is_better else min
+        for k, trial in enumerate(report.trials):
+            assert trial.floors is not None
+            assert trial.floors.wrong_force is not None
+            row = [v for j, v in enumerate(matrix.values[k]) if j != k]
+            assert trial.floors.wrong_force.value(Metric(matrix.metric)) == pick(row)
+
+
+def clean(evidence: RunEvidence, made: SimpleNamespace) -> RunEvidence:
+    """Return the run with images that are right but for their rounding."""
+    reference = made.to_image(made.background())
+    return replace(
+        evidence,
+        trials=tuple(
+            replace(
+                trial,
+                images=replace(
+                    trial.images,
+                    real=made.to_image(made.background() + made.contact_change(force)),
+                    reference=reference,
+                ),
+                simulated_image=made.to_image(made.background() + made.contact_change(force)),
+            )
+            for trial, force in zip(evidence.trials, made.FORCES_N, strict=True)
+        ),
+    )
+
+
+def test_diagonal_wins_for_a_perfect_simulator(
+    evidence: RunEvidence, made: SimpleNamespace
+) -> None:
+    """With the right images the right force wins every row of every score."""
+    matrices = wrong_force_matrices(clean(evidence, made).trials)
+    assert [m.metric for m in matrices] == [*(m.value for m in Metric), CONTACT_RESIDUAL]
+    for matrix in matrices:
+        assert all(matrix.diagonal_wins), matrix.metric
+
+
+def test_diagonal_loses_when_the_images_are_swapped(
+    evidence: RunEvidence, made: SimpleNamespace
+) -> None:
+    """Two swapped simulated images lose exactly their two rows."""
+    trials = list(clean(evidence, made).trials)
+    first, last = trials[0].simulated_image, trials[5].simulated_image
+    trials[0], trials[5] = (
+        replace(trials[0], simulated_image=last),
+        replace(trials[5], simulated_image=first),
+    )
+    for matrix in wrong_force_matrices(trials):
+        assert matrix.diagonal_wins == (False, True, True, True, True, False)
+
+
+def test_ties_do_not_win(evidence: RunEvidence) -> None:
+    """The same simulated image for every force wins no row."""
+    third = evidence.trials[2]
+    trials = [replace(third, index=k, force_target_n=float(k)) for k in (1, 2, 3)]
+    for matrix in wrong_force_matrices(trials):
+        assert not any(matrix.diagonal_wins)
+
+
+def test_light_between_trials_does_not_pass_for_force(
+    evidence: RunEvidence, made: SimpleNamespace
+) -> None:
+    """Where all replays show one press, lamps that warm up between trials win no row."""
+    simulated = made.contact_change(3.0)
+    trials = []
+    for k, trial in enumerate(evidence.trials):
+        light = (1.0 + 0.02 * k) * made.background()
+        reference, real = made.to_image(light), made.to_image(light + made.contact_change(3.0))
+        trials.append(
+            replace(
+                trial,
+                images=replace(trial.images, real=real, reference=reference),
+                simulated_image=made.to_image(reference + simulated),
+            )
+        )
+    for matrix in wrong_force_matrices(trials):
+        assert not any(matrix.diagonal_wins), matrix.metric
+
+
+def test_repeats_are_not_wrong_forces(evidence: RunEvidence) -> None:
+    """A repeat of the press may score as well; only other targets can beat it."""
+    first = evidence.trials[0]
+    repeat = replace(first, index=7)
+    for matrix in wrong_force_matrices([first, repeat, evidence.trials[5]]):
+        if matrix.metric != "histogram_correlation":
+            assert matrix.diagonal_wins[:2] == (True, True), matrix.metric
+
+
+def test_one_trial_has_no_wrong_force(evidence: RunEvidence) -> None:
+    """A single press cannot be compared with another force."""
+    report = compare(replace(evidence, trials=evidence.trials[:1]))
+    assert report.matrices == ()
+    assert report.trials[0].floors is not None
+    assert report.trials[0].floors.wrong_force is None
+
+
+def test_ceiling_says_where_it_comes_from(evidence: RunEvidence) -> None:
+    """Two halves of a dwell are called noise; another press to the same force a repeat."""
+    first, second = evidence.trials[:2]
+    noise = trial_ceiling(first, [second])
+    assert noise is not None
+    assert noise.kind is CeilingKind.NOISE
+    repeated = replace(second, force_target_n=first.force_target_n)
+    ceiling = trial_ceiling(first, [repeated])
+    assert ceiling is not None
+    assert ceiling.kind is CeilingKind.REPEAT
+    assert trial_ceiling(replace(first, images=None), [second]) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "ceiling", "noise", "larger", "expected", "status"),
+    [
+        (0.95, 1.0, 0.001, True, 0.5, SkillStatus.STATED),
+        (0.90, 1.0, 0.001, True, 0.0, SkillStatus.STATED),
+        (0.80, 1.0, 0.001, True, -1.0, SkillStatus.STATED),
+        (1.05, 1.0, 0.001, True, 1.5, SkillStatus.ABOVE_CEILING),
+        (0.95, 1.0, 0.05, True, None, SkillStatus.NOT_DISCRIMINATING),
+        (0.95, 0.85, 0.001, True, None, SkillStatus.NOT_DISCRIMINATING),
+        (0.50, 0.1, 0.001, False, 0.5, SkillStatus.STATED),
+        (0.50, 2.0, 0.001, False, None, SkillStatus.NOT_DISCRIMINATING),
+        (math.nan, 1.0, 0.001, True, None, SkillStatus.NOT_DISCRIMINATING),
+        (0.95, math.inf, 0.001, True, None, SkillStatus.NOT_DISCRIMINATING),
+        (0.95, None, 0.001, True, None, SkillStatus.NO_CEILING),
+    ],
+)
+def test_skill(
+    value: float,
+    ceiling: float | None,
+    noise: float,
+    larger: bool,
+    expected: float | None,
+    status: SkillStatus,
+) -> None:
+    """Skill is stated only between a floor of 0.9 and a ceiling that stands out from it."""
+    found = skill(value, 0.9, ceiling, noise=noise, larger_is_better=larger)
+    assert found.status is status
+    assert found.value == (None if expected is None else pytest.approx(expected))

@@ -1,0 +1,102 @@
+"""Force-matched and force-predicted are different numbers with a stated uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reports.evidence.evidence import RunEvidence
+from reports.scores.force_agreement import (
+    TermGroup,
+    compare_force,
+    depth_at_force,
+    force_at_depth,
+    merge_histories,
+)
+
+CURVE = np.array([[0.0, 0.0], [1e-4, 1.0], [2e-4, 3.0]])
+
+
+def test_force_is_interpolated_and_never_extrapolated() -> None:
+    """Between two depths linear; outside of what was simulated nothing is said."""
+    assert force_at_depth(CURVE, 1.5e-4) == pytest.approx(2.0)
+    assert force_at_depth(CURVE, 2.1e-4) is None
+    assert force_at_depth(CURVE, -1e-6) is None
+    assert force_at_depth(CURVE[:1], 0.0) is None
+
+
+def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
+    """A press that calls contact at 0.0707 N is 10 um deep already on a 7.07 kN/m simulator."""
+    trial = evidence.trials[2]
+    assert trial.record is not None
+    assert trial.record.depth_measured_m is not None
+    force = compare_force(trial, tolerance_n=0.08, model={}, contact_force_n=0.0707)
+    assert force.touch_depth_m == pytest.approx(1e-5)
+    assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
+    height = next(t for t in force.budget if t.name == "height of first contact")
+    assert height.value_n == pytest.approx(0.5 * 0.0707)
+    assert depth_at_force(CURVE, 2.0) == pytest.approx(1.5e-4)
+    assert depth_at_force(CURVE, 3.1) is None
+
+
+def test_histories_of_all_trials_are_one_curve() -> None:
+    """Evaluations are sorted by depth, start at rest, and repeated ones count once."""
+    merged = merge_histories([((2e-4, 3.0), (1e-4, 1.0)), ((1e-4, 1.0),)])
+    assert merged is not None
+    assert np.array_equal(merged, CURVE)
+    assert merge_histories([(), ()]) is None
+
+
+def test_one_depth_counts_once() -> None:
+    """Trials that pass one depth, the solver's tolerance apart, leave a curve with a slope."""
+    merged = merge_histories([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
+    assert merged is not None
+    assert np.array_equal(merged[:, 0], [0.0, 1e-4, 2e-4])
+    assert np.isfinite(np.gradient(merged[:, 1], merged[:, 0])).all()
+
+
+def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:
+    """Matched: 1 % by construction of the made-up trial; predicted: from the measured depth."""
+    trial = evidence.trials[3]
+    assert trial.record is not None
+    assert trial.record.force_measured_n is not None
+    assert trial.record.depth_measured_m is not None
+    force = compare_force(trial, tolerance_n=0.08, model={})
+    assert force.mismatch_n == pytest.approx(0.01 * trial.record.force_measured_n)
+    assert force.force_predicted_n == pytest.approx(
+        1.01 * 7000.0 * trial.record.depth_measured_m, rel=1e-9
+    )
+    assert force.prediction_error_n == pytest.approx(
+        force.force_predicted_n - trial.record.force_measured_n
+    )
+
+
+def test_unknown_terms_stay_unknown(evidence: RunEvidence) -> None:
+    """Known terms add in squares; unknown ones are named and make the sum a lower bound."""
+    force = compare_force(evidence.trials[0], tolerance_n=0.08, model={})
+    known = [t.value_n for t in force.budget if t.value_n is not None]
+    assert force.known_uncertainty_n == pytest.approx(math.sqrt(sum(v * v for v in known)))
+    assert not force.budget_complete
+    assert {t.group for t in force.budget} == set(TermGroup)
+    assert all(t.basis for t in force.budget)
+
+
+def test_stated_modulus_uncertainty_enters(evidence: RunEvidence) -> None:
+    """5 % of modulus is 5 % of force."""
+    trial = evidence.trials[0]
+    assert trial.replay is not None
+    force = compare_force(trial, tolerance_n=0.08, model={"young_uncertainty_relative": 0.05})
+    modulus = next(t for t in force.budget if "modulus" in t.name)
+    assert modulus.value_n == pytest.approx(0.05 * trial.replay.force_simulated_n)
+
+
+def test_missing_replay_says_nothing(evidence: RunEvidence) -> None:
+    """Without a replay there is no mismatch, no prediction and no invented uncertainty."""
+    trial = replace(evidence.trials[0], replay=None, force_depth_simulated=None)
+    force = compare_force(trial, tolerance_n=0.08, model={})
+    assert force.mismatch_n is None
+    assert force.prediction_error_n is None
+    assert force.budget[0].value_n is None

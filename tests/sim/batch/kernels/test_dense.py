@@ -1,0 +1,57 @@
+"""The layout of the shared matrix, checked by doing on the host what the GPU's lanes do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+
+from sim.batch.kernels.dense import DenseProduct, packed, padded_columns, padded_rows, tiling
+from sim.device import Device
+
+
+def test_a_lane_finds_its_entries() -> None:
+    """Lane 4 g + m takes rows g and g + 8, and of the columns those it takes of a vector."""
+    rng = np.random.default_rng(0)
+    matrix = rng.integers(-500, 500, (2, 288, 288)).astype(np.float16)
+    found = packed(matrix)
+    for which, tile, step, half, group, member in rng.integers([2, 18, 9, 2, 8, 4], size=(50, 6)):
+        row, column = 16 * tile + group, 32 * step + 8 * member + 4 * half
+        wanted = [
+            matrix[which, row + upper, column + low + odd]
+            for low in (0, 2)
+            for upper in (0, 8)
+            for odd in (0, 1)
+        ]
+        assert found[which, tile, step, half, 4 * group + member].tolist() == wanted
+
+
+@pytest.mark.parametrize("count", [1, 8, 9, 60, 64, 65, 256, 257, 1024])
+def test_paddings_are_what_blocks_divide(count: int) -> None:
+    """Columns and rows hold a whole number of blocks, and no fewer than asked."""
+    columns = padded_columns(count)
+    chosen = tiling(columns)
+    assert count <= columns < count + 128
+    assert columns % chosen.columns == 0
+    assert padded_rows(1000) % chosen.rows == 0
+    assert padded_rows(1000) % 32 == 0
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("columns", [1, 8, 32, 64, 256, 320])
+def test_product(columns: int) -> None:
+    """The product is NumPy's to float16."""
+    rng = np.random.default_rng(2)
+    matrices = 1e5 * rng.standard_normal((2, 300, 300)).astype(np.float32)
+    matrices += np.swapaxes(matrices, 1, 2)
+    on = Device("cuda:0")
+    product = DenseProduct(matrices, device=on)
+    product.select(1)
+    columns = padded_columns(columns)
+    right = np.zeros((columns, product.row_count), dtype=np.float16)
+    right[:, :300] = rng.standard_normal((columns, 300))
+    out = on.zeros(right.shape, wp.float32)
+    product.apply(on.array(right, wp.float16), out)
+    wanted = right[:, :300].astype(np.float64) @ matrices[1]
+    error = np.abs(product.unit * out.numpy()[:, :300] - wanted).max()
+    assert error <= 2e-3 * np.abs(wanted).max()

@@ -1,0 +1,167 @@
+"""The plan: what is left out changes F_z by less than was said, and is not launched."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+import warp as wp
+
+from sim.effects.plan import plan_effects
+from sim.press import press
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.material import LawName, Layer, Material, RelaxationTerm
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
+from tacauchy_rig.errors import ConfigError
+
+GEL = Material(young_pa=4e5, poisson=0.48)
+PAD = DiscPad(radius_m=8e-3, height_m=4e-3)
+PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
+BALL = Sphere(diameter_m=10e-3)
+
+
+def scene(indenter: Indenter = BALL, *, depth_m: float = 0.1e-3, material: Material = GEL) -> Scene:
+    """Return a shallow press on the coarsest mesh."""
+    return Scene(
+        pad=PAD,
+        material=material,
+        indenter=indenter,
+        target=Target(depth_m=depth_m),
+        preset=Preset.FAST,
+    )
+
+
+RUBBED = replace(scene(), contact=ContactMode.FRICTION, friction=0.5)
+SCENES = {
+    "shallow ball": (scene(), {Effect.FINITE_STRAIN}),
+    "ball with friction": (RUBBED, {Effect.FRICTION, Effect.FINITE_STRAIN}),
+    "heavy gel": (
+        scene(material=replace(GEL, young_pa=2e4, density_kg_m3=1500.0)),
+        {Effect.GRAVITY, Effect.FINITE_STRAIN},
+    ),
+    "gel that has relaxed": (
+        scene(material=replace(GEL, relaxation=(RelaxationTerm(share=0.2, time_s=0.05),))),
+        {Effect.VISCOELASTICITY, Effect.FINITE_STRAIN},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_left_out_stays_within_the_tolerance(name: str) -> None:
+    """F_z under the plan against F_z with everything that was left out switched on."""
+    planned_scene, doubtful = SCENES[name]
+    plan = plan_effects(planned_scene)
+    left_out = [effect for effect in doubtful if not plan.is_on(effect)]
+    assert left_out
+    everything = replace(planned_scene, effects=tuple((effect, True) for effect in left_out))
+    planned, full = press(planned_scene).force_n[2], press(everything).force_n[2]
+    assert planned != full
+    assert planned == pytest.approx(full, rel=plan.tolerance)
+    assert plan.estimated_error <= plan.tolerance
+
+
+@pytest.mark.parametrize(
+    ("changes", "effect", "on"),
+    [
+        ({"duration_s": 3e-4}, Effect.INERTIA, True),
+        ({"duration_s": 3e-3}, Effect.INERTIA, False),
+        ({"target": Target(depth_m=1e-3)}, Effect.FINITE_STRAIN, True),
+        ({"material": replace(GEL, law=LawName.PAPER_EQ4)}, Effect.FINITE_STRAIN, True),
+        ({"target": Target(force_n=4.7)}, Effect.FINITE_STRAIN, True),
+        ({"contact": ContactMode.FRICTION, "tolerance": 1e-3}, Effect.FRICTION, True),
+        (
+            {"contact": ContactMode.FRICTION, "motion": Motion(shift_m=(1e-4, 0.0))},
+            Effect.FRICTION,
+            True,
+        ),
+        ({"motion": Motion(twist_rad=0.1)}, Effect.SYMMETRY, False),
+        ({"centre_m": (1e-3, 0.0)}, Effect.SYMMETRY, False),
+        ({}, Effect.SYMMETRY, True),
+        ({}, Effect.LOCKING_FREE_ELEMENT, True),
+        (
+            {"material": replace(GEL, poisson=0.3), "tolerance": 0.1},
+            Effect.LOCKING_FREE_ELEMENT,
+            True,
+        ),
+        (
+            {"material": replace(GEL, poisson=0.3), "tolerance": 0.4},
+            Effect.LOCKING_FREE_ELEMENT,
+            False,
+        ),
+        ({"preset": Preset.PAPER}, Effect.LOCKING_FREE_ELEMENT, False),
+        (
+            {"layers": (Layer(share=0.5, material=GEL), Layer(share=0.5, material=GEL))},
+            Effect.SECOND_LAYER,
+            True,
+        ),
+        ({"outputs": frozenset({Output.MARKERS})}, Effect.MARKERS, True),
+        ({}, Effect.SELF_CONTACT, False),
+    ],
+)
+def test_a_scene_gets_what_it_calls_for(
+    changes: dict[str, object], effect: Effect, on: bool
+) -> None:
+    """Scenes that differ in one thing differ in its effect."""
+    changed = replace(scene(), **changes)  # type: ignore[arg-type]
+    row = next(row for row in plan_effects(changed).effects if row.effect is effect)
+    assert row.on is on
+    assert row.reason
+
+
+def test_what_is_off_is_not_launched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction, relaxation and their memory exist only in a press that has them."""
+    launched: Counter[str] = Counter()
+    launch = wp.launch
+
+    def counted(kernel: object, *args: object, **kwargs: object) -> object:
+        launched[f"{kernel.module.name}.{kernel.key}"] += 1  # type: ignore[attr-defined]
+        return launch(kernel, *args, **kwargs)
+
+    monkeypatch.setattr(wp, "launch", counted)
+    result = press(RUBBED)
+    assert not [name for name in launched if "friction" in name or "relaxation" in name]
+    assert result.point is not None
+    assert result.point.state.grip is None
+    assert result.model.relaxation is None
+    launched.clear()
+    press(replace(RUBBED, effects=((Effect.FRICTION, True),)))
+    assert sum(count for name, count in launched.items() if "friction" in name) > 10
+
+
+def test_symmetry_changes_nothing_but_the_size() -> None:
+    """A quarter gives the force of the whole."""
+    part = press(scene(PUNCH))
+    whole = press(replace(scene(PUNCH), effects=((Effect.SYMMETRY, False),)))
+    assert whole.tet_count == 4 * part.tet_count
+    assert part.force_n[2] == pytest.approx(whole.force_n[2], rel=1e-6)
+
+
+def test_what_cannot_be_added_is_refused() -> None:
+    """Self-contact is not simulated, and says so."""
+    with pytest.raises(ConfigError, match="gel against gel is not simulated"):
+        plan_effects(replace(scene(), effects=((Effect.SELF_CONTACT, True),)))
+
+
+def test_a_quick_press_is_stepped_in_time() -> None:
+    """Inertia that is called for is simulated: the gel pushes back with its mass as well."""
+    slow, quick = press(scene()), press(replace(scene(), duration_s=3e-4))
+    assert slow.force_balance_relative < 1e-6
+    assert quick.force_balance_relative > 1e-3
+    assert quick.force_n[2] != pytest.approx(slow.force_n[2], rel=1e-3)
+    with pytest.raises(ConfigError, match="calls for inertia"):
+        press(replace(scene(), duration_s=3e-4, target=Target(force_n=0.1)))
+
+
+@pytest.mark.parametrize("indenter", [BALL, PUNCH], ids=["ball", "punch"])
+def test_what_relaxation_costs_is_bounded(indenter: Indenter) -> None:
+    """Leaving a Prony series out costs no more than expected, and not much less."""
+    lossy = replace(GEL, relaxation=(RelaxationTerm(share=0.3, time_s=0.2),))
+    full = replace(scene(indenter, material=lossy), duration_s=0.5, tolerance=0.0)
+    row = next(row for row in plan_effects(full).effects if row.effect is Effect.VISCOELASTICITY)
+    slow = press(replace(full, effects=((Effect.VISCOELASTICITY, False), (Effect.INERTIA, False))))
+    whole = press(replace(full, effects=((Effect.INERTIA, False),)))
+    excess = whole.force_n[2] / slow.force_n[2] - 1.0
+    assert row.estimated_error is not None
+    assert excess <= row.estimated_error <= 1.3 * excess

@@ -1,0 +1,119 @@
+"""Traction where layers meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.fields.interface import InterfaceTraction, interface_traction
+from sim.material.laws.catalogue import law
+from sim.material.per_element import element_constants
+from sim.mesh.elements import ElementOrder
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
+from sim.scene.indenter import Sphere
+from sim.scene.material import LawName, Material
+from sim.scene.pad import DiscPad
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.model import Model
+from sim.studies.verification.against_solutions.interface import interface_press, interface_scene
+
+PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
+
+
+def layered_model(
+    ratio: float, *, size_m: float = 1e-3, sectors: int = 12, order: ElementOrder = ElementOrder.P2
+) -> Model:
+    """Return a disc whose upper half is ``ratio`` times as stiff as its lower."""
+    base = Material(young_pa=1e5, poisson=0.3)
+    top = Material(young_pa=1e5 * ratio, poisson=0.3)
+    grading = Grading(start_m=0.0, end_m=1.5e-3, size_m=size_m, growth=1.3, size_max_m=2.0 * size_m)
+    mesh = revolved_mesh(
+        PAD,
+        grading,
+        centre_m=(0.0, 0.0),
+        sector_count=sectors,
+        name="test",
+        interface_shares=(0.5,),
+    )
+    young, poisson = element_constants(mesh, [base, top])
+    return Model(mesh, order=order, law=law(LawName.LINEAR), young_pa=young, poisson=poisson)
+
+
+def pressed(model: Model) -> tuple[InterfaceTraction, float, float]:
+    """Press a sphere in; return the interface, the indenter's and the base's force [N]."""
+    point = LoadingPath(model, Sphere(diameter_m=16e-3)).advance(0.15e-3)
+    (interface,) = interface_traction(model, point.state.positions)
+    clamped = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    return interface, point.force_n[2], -model.mesh.fold.whole_force(clamped)[2]
+
+
+@pytest.mark.parametrize("order", list(ElementOrder))
+def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> None:
+    """Uniform strain in each half, M e the same: no jump, and t_z = M e on both sides."""
+    model = layered_model(5.0, order=order)
+    positions = model.nodes.copy()
+    strain, middle = -1e-3, 0.5 * PAD.height_m
+    z = model.nodes[:, 2]
+    positions[:, 2] += strain * np.minimum(z, middle)
+    positions[:, 2] += strain / 5.0 * np.maximum(z - middle, 0.0)
+    (interface,) = interface_traction(model, positions)
+    modulus = 1e5 * 0.7 / (1.3 * 0.4)
+    expected = modulus * strain / (1.0 + strain)
+    smooth = (interface.smooth_below_pa, interface.smooth_above_pa)
+    for side in (interface.below_pa, interface.above_pa, *smooth):
+        assert side[..., 2] == pytest.approx(expected, rel=5e-3)
+    assert interface.jump_relative < 1e-2
+    assert interface.smooth_jump_relative < 1e-2
+    assert interface.areas_m2.sum() * model.mesh.fold.copies == pytest.approx(
+        np.pi * PAD.radius_m**2, rel=0.1
+    )
+
+
+@pytest.mark.parametrize("ratio", [1.0, 10.0, 1e4])
+def test_what_goes_through_is_what_is_pressed(ratio: float) -> None:
+    """The interface's force is the indenter's and the base's to 1e-6; so is the recovered one's."""
+    model = layered_model(ratio)
+    interface, force, base = pressed(model)
+    assert interface.force_n[2] == pytest.approx(force, rel=1e-6)
+    assert interface.force_n[2] == pytest.approx(-base, rel=1e-6)
+    assert np.hypot(*interface.force_n[:2]) < 1e-9 * force
+    assert len(interface.recovered_pa) == len(interface.nodes)
+    assert np.allclose(model.nodes[interface.nodes, 2], 2e-3)
+    assert interface.recovered_jump_relative < 1e-6
+
+
+def test_jump_shrinks_with_refinement() -> None:
+    """Half the edge: the jump and the integrals' gaps to the force shrink."""
+    coarse, force, _ = pressed(layered_model(10.0))
+    fine, fine_force, _ = pressed(layered_model(10.0, size_m=0.5e-3, sectors=24))
+    assert fine.jump_relative < 0.75 * coarse.jump_relative
+    assert fine.smooth_jump_relative < 0.6 * coarse.smooth_jump_relative
+    assert fine.smooth_jump_relative < fine.jump_relative
+    assert fine.force_smooth_below_n[2] == pytest.approx(fine_force, rel=0.03)
+    assert fine.force_smooth_above_n[2] == pytest.approx(fine_force, rel=0.03)
+    assert abs(fine.force_below_n[2] / fine_force - 1.0) < abs(coarse.force_below_n[2] / force - 1)
+
+
+def test_9dtact_carries_the_press_through_its_interface() -> None:
+    """A ball on the sensor itself: one traction by nodal forces, and two that come together."""
+    coarse, fine = (interface_press(interface_scene(), refinement=factor) for factor in (1.0, 1.5))
+    for found in (coarse, fine):
+        assert found.interface.recovered_jump_relative < 1e-6
+        assert found.interface.force_n[2] == pytest.approx(found.force_n, rel=1e-6)
+    assert fine.interface.smooth_jump_relative < 0.8 * coarse.interface.smooth_jump_relative
+    assert fine.interface.jump_relative < 0.6 * coarse.interface.jump_relative
+    assert max(map(abs, fine.sums_relative)) < 0.5 * max(map(abs, coarse.sums_relative))
+
+
+def test_one_layer_has_no_interface() -> None:
+    """Nothing is returned."""
+    mesh = revolved_mesh(
+        PAD,
+        Grading(start_m=0.0, end_m=1e-3, size_m=1e-3, growth=2.0),
+        centre_m=(0.0, 0.0),
+        sector_count=8,
+        name="test",
+    )
+    model = Model(mesh, order=ElementOrder.P1, law=law(LawName.LINEAR), young_pa=1e5, poisson=0.3)
+    assert interface_traction(model, model.nodes) == ()

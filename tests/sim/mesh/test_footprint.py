@@ -1,0 +1,252 @@
+"""Meshes fine under the contact's edge: where it lies, what is refined, which scene gets which."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim.effects.footprint_presets import FOOTPRINT_RESOLUTIONS, footprint_mesh
+from sim.effects.mesh_choice import MeshKind, mesh_choice
+from sim.effects.plan import plan_effects
+from sim.effects.presets import build_model, mesh_for
+from sim.mesh.bisection import bisected
+from sim.mesh.elements import boundary_faces
+from sim.mesh.footprint import footprint
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
+from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.scene.layers import interface_shares
+from sim.scene.material import Material
+from sim.scene.pad import BoxPad
+from sim.scene.scene import Effect, Motion, Preset, Scene, Target
+from sim.scene.tetwild_options import Filling
+from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
+from sim.scene.triangle_indenter import mesh_indenter
+from sim.scene.triangle_surface import closed_surface
+from sim.sensor.sensor import load_sensor, sensor_names
+from sim.solve.load_steps.path import LoadingPath
+from tacauchy_rig.errors import ConfigError
+
+PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
+PUNCH = Cylinder(diameter_m=5e-3)
+BALL = Sphere(diameter_m=8e-3)
+UPRIGHT = np.eye(3)
+SCENE = Scene(
+    pad=PAD,
+    material=Material(young_pa=4e5, poisson=0.48),
+    indenter=PUNCH,
+    target=Target(depth_m=0.4e-3),
+    preset=Preset.FAST,
+)
+
+
+def stl_punch() -> Indenter:
+    """Return the punch as triangles."""
+    return mesh_indenter(*cylinder_triangles(PUNCH), name="punch")
+
+
+def upright(indenter: Indenter) -> TurnedIndenter:
+    """Return an indenter that is not turned."""
+    return TurnedIndenter(indenter=indenter, rotation=UPRIGHT)
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_built_in_sensors_bring_their_coarse_mesh(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A footprint mesh on a built-in sensor's pad asks nothing of fTetWild."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sensor = load_sensor(name)
+    scene = replace(
+        SCENE, pad=sensor.pad, layers=sensor.layers, filling=sensor.filling, sensor=name
+    )
+    mesh = footprint_mesh(scene, shares=interface_shares(sensor.layers))
+    assert len(mesh.tets) > 500
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("indenter", [PUNCH, stl_punch()])
+def test_edge_of_a_punch_is_its_rim(indenter: Indenter) -> None:
+    """On a circle of the punch's radius, whether it is a formula or triangles."""
+    found = footprint(PAD, upright(indenter), centre_m=(1e-3, -0.5e-3), depth_m=0.3e-3)
+    away = np.hypot(found.rim[:, 0] - 1e-3, found.rim[:, 1] + 0.5e-3)
+    np.testing.assert_allclose(away, PUNCH.radius_m, rtol=2e-4)
+    np.testing.assert_allclose(found.rim[:, 2], PAD.height_m)
+    assert found.radius_m == pytest.approx(PUNCH.radius_m, rel=0.01)
+
+
+def test_ball_has_no_sharp_edge() -> None:
+    """It is touched within sqrt(1.5 R d), and there is no rim."""
+    found = footprint(PAD, upright(BALL), centre_m=(0.0, 0.0), depth_m=0.3e-3)
+    assert not len(found.edge)
+    assert not len(found.rim)
+    assert found.radius_m == pytest.approx(math.sqrt(1.5 * 4e-3 * 0.3e-3), rel=0.04)
+
+
+def test_pads_own_edge_is_no_rim() -> None:
+    """Half off the pad only the half of the rim over the gel counts."""
+    found = footprint(PAD, upright(PUNCH), centre_m=(6e-3, 0.0), depth_m=0.3e-3)
+    assert found.rim[:, 0].max() <= 6e-3
+    np.testing.assert_allclose(
+        np.hypot(found.rim[:, 0] - 6e-3, found.rim[:, 1]), PUNCH.radius_m, rtol=1e-6
+    )
+    assert found.area_m2 == pytest.approx(0.5 * math.pi * PUNCH.radius_m**2, rel=0.02)
+
+
+@pytest.mark.parametrize("indenter", [PUNCH, BALL, stl_punch()])
+def test_beside_the_pad_is_refused(indenter: Indenter) -> None:
+    """The message says where the indenter is, the remedy where the pad ends."""
+    with pytest.raises(ConfigError, match="beside the pad") as caught:
+        footprint(PAD, upright(indenter), centre_m=(11e-3, 0.0), depth_m=0.3e-3)
+    assert "6 mm" in caught.value.remedy
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(about_x=st.floats(-0.2, 0.2), about_y=st.floats(-0.2, 0.2))
+def test_tilted_shapes_agree_with_their_triangles(about_x: float, about_y: float) -> None:
+    """The tilted plane and ball are those of the formulas, turned point by point."""
+    turn = tilted(about_x, about_y)
+    x, y = np.meshgrid(np.linspace(-1e-3, 1e-3, 5), np.linspace(-1e-3, 1e-3, 5))
+    plane = TurnedIndenter(indenter=Plane(), rotation=turn).lower_surface(x, y)
+    points = np.stack([x, y, plane], axis=-1) @ turn
+    np.testing.assert_allclose(points[..., 2], 0.0, atol=1e-15)
+    ball = TurnedIndenter(indenter=BALL, rotation=turn).lower_surface(x, y)
+    points = np.stack([x, y, ball], axis=-1) @ turn - [0.0, 0.0, BALL.radius_m]
+    np.testing.assert_allclose(np.linalg.norm(points, axis=-1), BALL.radius_m, rtol=1e-9)
+
+
+def test_tilted_punch_touches_on_one_side() -> None:
+    """Tilted by 10 degrees about y, 0.2 mm deep, a narrow segment of the face touches."""
+    turned = TurnedIndenter(indenter=PUNCH, rotation=tilted(0.0, math.radians(10.0)))
+    found = footprint(PAD, turned, centre_m=(0.0, 0.0), depth_m=0.2e-3)
+    assert found.inside[:, 0].min() > 1e-3
+    assert found.area_m2 < 0.2 * math.pi * PUNCH.radius_m**2
+
+
+def test_cylinder_triangles_close() -> None:
+    """A closed body of a cylinder's volume, with and without a fillet."""
+    for fillet in (0.0, 0.3e-3):
+        cylinder = Cylinder(diameter_m=5e-3, fillet_m=fillet)
+        vertices, faces = cylinder_triangles(cylinder)
+        surface = closed_surface(vertices, faces, name="cylinder")
+        a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+        volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+        assert volume == pytest.approx(math.pi * 2.5e-3**2 * 10e-3, rel=2e-3)
+
+
+def coarse() -> TetMesh:
+    """Return a small mesh without fTetWild."""
+    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=1.5e-3, growth=2.0)
+    return revolved_mesh(
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", folded=False
+    )
+
+
+def test_halving_keeps_the_pad_and_meets_the_field() -> None:
+    """Same volume, no hanging node, every edge short enough, nothing changed where it was."""
+
+    def size_at(points: np.ndarray) -> np.ndarray:
+        return np.asarray(0.4e-3 + 0.5 * np.linalg.norm(points - [2e-3, 1e-3, 4e-3], axis=1))
+
+    before, mesh = coarse(), bisected(coarse(), size_at)
+    corners = [m.vertices[m.tets] for m in (before, mesh)]
+    volumes = [np.linalg.det(c[:, 1:] - c[:, :1]) / 6.0 for c in corners]
+    assert volumes[1].min() > 0.0
+    assert volumes[1].sum() == pytest.approx(volumes[0].sum(), rel=1e-12)
+    areas = []
+    for m in (before, mesh):
+        a, b, c = (m.vertices[boundary_faces(m.tets)[0]][:, k] for k in range(3))
+        areas.append(float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()))
+    assert areas[1] == pytest.approx(areas[0], rel=1e-12)
+    pairs = mesh.tets[:, [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]].reshape(-1, 2)
+    ends = mesh.vertices[pairs]
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    assert np.all(lengths <= 1.5 * size_at(ends.mean(axis=1)))
+    assert mesh.content_hash == bisected(coarse(), size_at).content_hash
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ({}, MeshKind.REVOLVED),
+        ({"indenter": BALL, "centre_m": (1e-3, 2e-3)}, MeshKind.REVOLVED),
+        ({"preset": Preset.PAPER, "centre_m": (6e-3, 0.0)}, MeshKind.PAPER),
+        ({"centre_m": (4e-3, 0.0)}, MeshKind.FOOTPRINT),
+        ({"indenter": stl_punch()}, MeshKind.FOOTPRINT),
+        ({"motion": Motion(tilt_rad=(0.0, 0.02))}, MeshKind.REVOLVED),
+        ({"motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.FOOTPRINT),
+        ({"indenter": BALL, "motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.REVOLVED),
+        ({"motion": Motion(shift_m=(4e-3, 0.0))}, MeshKind.FOOTPRINT),
+    ],
+)
+def test_which_scene_gets_which_mesh(change: dict[str, object], kind: MeshKind) -> None:
+    """Revolved where the indenter is round, upright and on the pad; else a footprint's."""
+    scene = replace(SCENE, **change)
+    choice = mesh_choice(scene)
+    assert choice.kind is kind
+    assert choice.reason
+    symmetric = plan_effects(scene).is_on(Effect.SYMMETRY)
+    assert not (symmetric and kind is not MeshKind.REVOLVED)
+
+
+def test_footprint_mesh_has_nodes_on_the_rim() -> None:
+    """Half off the pad: nodes on the rim, a good angle everywhere, the same mesh every time."""
+    scene = replace(SCENE, centre_m=(6e-3, 0.0))
+    mesh = mesh_for(scene)
+    away = np.hypot(mesh.vertices[:, 0] - 6e-3, mesh.vertices[:, 1])
+    on_rim = (np.abs(away - PUNCH.radius_m) < 1e-8) & (mesh.vertices[:, 2] == PAD.height_m)
+    assert on_rim.sum() > 15
+    assert mesh_statistics(mesh).dihedral_min_deg > 5.0
+    assert mesh.content_hash == mesh_for(scene).content_hash
+    finer = mesh_for(scene, refinement=1.5)
+    assert len(finer.tets) > 1.5 * len(mesh.tets)
+
+
+def test_every_preset_that_needs_one_has_a_resolution() -> None:
+    """All but the paper's, each finer than the one before."""
+    edges = [row.edge_share for row in FOOTPRINT_RESOLUTIONS.values()]
+    assert set(FOOTPRINT_RESOLUTIONS) == set(Preset) - {Preset.PAPER}
+    assert edges == sorted(edges, reverse=True)
+
+
+def test_triangles_press_like_the_formula() -> None:
+    """On one mesh a punch of 256 sides gives the round one's force within 0.5 %."""
+    linear = ((Effect.LOCKING_FREE_ELEMENT, False),)
+    scene = replace(SCENE, effects=linear, target=Target(depth_m=0.1e-3))
+    mesh = footprint_mesh(scene)
+    forces = [
+        LoadingPath(build_model(scene, mesh=mesh), indenter).advance(0.1e-3).force_n[2]
+        for indenter in (PUNCH, stl_punch())
+    ]
+    assert forces[1] == pytest.approx(forces[0], rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        ("l_r", 0.0),
+        ("l_r", 0.6),
+        ("epsilon_r", 0.1),
+        ("stop_energy", 2.0),
+        ("dihedral_min_rad", 1.0),
+    ],
+)
+def test_impossible_mesh_settings_are_refused(setting: str, value: float) -> None:
+    """The message names the setting and its range."""
+    with pytest.raises(ConfigError, match="mesh setting") as caught:
+        Filling(**{setting: value})
+    assert setting.removesuffix("_rad") in caught.value.message
+
+
+def test_least_angle_is_held_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mesh that misses the angle asked for is refused, not pressed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(ConfigError, match="less than the 35 deg"):
+        footprint_mesh(replace(SCENE, filling=Filling(dihedral_min_rad=math.radians(35.0))))

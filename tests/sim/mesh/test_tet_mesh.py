@@ -1,0 +1,153 @@
+"""Meshes: orientation, numbers, storage, and that fTetWild works at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim.effects.presets import PAPER_SIZING, mesh_for
+from sim.mesh.graded_plane import Grading
+from sim.mesh.pad_surface import pad_surface
+from sim.mesh.revolved import revolved_mesh
+from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
+from sim.mesh.tet_mesh import mesh_statistics, oriented
+from sim.mesh.tetwild import WildSizing, edge_length_at, wild_mesh
+from sim.scene.indenter import Cylinder
+from sim.scene.pad import BoxPad, DiscPad, Pad
+from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.errors import ConfigError, RecordError
+
+BOX = BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3)
+
+
+def volume(vertices: np.ndarray, tets: np.ndarray) -> float:
+    """Return the volume of a mesh [m^3]; negative tetrahedra would subtract."""
+    corners = vertices[tets]
+    return float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(
+    x=st.floats(-5e-3, 5e-3),
+    y=st.floats(-5e-3, 5e-3),
+    sectors=st.integers(4, 20),
+    growth=st.floats(1.4, 2.2),
+)
+def test_revolved_box_fills_the_box(x: float, y: float, sectors: int, growth: float) -> None:
+    """Wherever the axis stands: positive tetrahedra that fill the box, and nodes on the rim."""
+    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3, growth=growth)
+    mesh = revolved_mesh(
+        BOX, grading, centre_m=(x, y), sector_count=sectors, name="box", folded=False
+    )
+    corners = mesh.vertices[mesh.tets]
+    assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0.0
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3, rel=1e-9)
+    top = mesh.vertices[mesh.vertices[:, 2] > 4e-3 - 1e-9, :2]
+    radius = np.hypot(top[:, 0] - x, top[:, 1] - y)
+    assert np.sum(np.abs(radius - 2e-3) < 1e-9) >= 8
+
+
+def test_folded_mesh_is_a_quarter() -> None:
+    """The quarter's volume is a quarter's, and it lies in the first quadrant."""
+    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
+    mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 0.0), sector_count=16, name="box")
+    assert mesh.fold.copies == 4
+    assert mesh.vertices.min() >= 0.0
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 4, rel=1e-9)
+
+
+def test_half_is_meshed_when_the_axis_lies_on_one_plane() -> None:
+    """Off centre along y only: x = 0 still mirrors."""
+    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
+    mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 2e-3), sector_count=16, name="box")
+    assert (mesh.fold.mirror_x, mesh.fold.mirror_y) == (True, False)
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 2, rel=1e-9)
+
+
+def test_negative_tetrahedra_are_turned() -> None:
+    """FTetWild's orientation is the other one; unused vertices go."""
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
+    mesh = oriented(vertices, np.array([[0, 2, 1, 3]]), name="one")
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(1.0 / 6.0)
+    assert len(mesh.vertices) == 4
+
+
+@pytest.mark.parametrize("pad", [BOX, DiscPad(radius_m=8e-3, height_m=3e-3)])
+def test_pad_surface_is_closed(pad: Pad) -> None:
+    """Every edge belongs to two faces, and the volume is positive."""
+    vertices, faces = pad_surface(pad, spacing_m=1e-3)
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    assert set(counts) == {2}
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    assert np.sum(np.cross(a, b) * c) > 0.0
+
+
+def test_sizing_field_is_the_papers() -> None:
+    """Fine in the middle of the contact surface, coarse at its edge and below it."""
+    points = np.array([[0.0, 0, 4e-3], [9.9e-3, 0, 4e-3], [0, 0, 3.3e-3], [5e-3, 0, 4e-3]])
+    lengths = edge_length_at(points, BOX, WildSizing())
+    assert lengths == pytest.approx([0.8e-3, 3.2e-3, 3.2e-3, 2.0e-3])
+
+
+def test_paper_mesh_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The GelSight Mini's paper mesh comes with the program: no fTetWild run, no cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sensor = load_sensor("gelsight-mini")
+    scene = Scene(
+        pad=sensor.pad,
+        material=sensor.material,
+        indenter=Cylinder(diameter_m=5e-3),
+        target=Target(depth_m=1e-3),
+        preset=Preset.PAPER,
+    )
+    statistics = mesh_statistics(mesh_for(scene))
+    assert 1000 < statistics.tet_count < 3000
+    assert 0.6e-3 < statistics.centre_edge_m < 1.0e-3
+    assert statistics.dihedral_min_deg > 10.0
+    assert not cache_folder().exists()
+
+
+def test_meshing_works_and_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FTetWild meshes a small pad once; the second time the file answers."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    pad = BoxPad(size_x_m=6e-3, size_y_m=6e-3, height_m=3e-3)
+    mesh = stored_mesh("small", "key", lambda: wild_mesh(pad, PAPER_SIZING, name="small"))
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(6e-3 * 6e-3 * 3e-3, rel=0.05)
+    again = stored_mesh("small", "key", lambda: pytest.fail("meshed twice"))
+    assert again.content_hash == mesh.content_hash
+
+
+def test_damaged_mesh_file_is_named(tmp_path: Path) -> None:
+    """A changed or torn file is refused with what to do."""
+    mesh = revolved_mesh(
+        BOX,
+        Grading(start_m=2e-3, end_m=2e-3, size_m=0.5e-3),
+        centre_m=(0.0, 0.0),
+        sector_count=8,
+        name="box",
+    )
+    path = tmp_path / "mesh.npz"
+    write_mesh(path, mesh)
+    assert read_mesh(path).content_hash == mesh.content_hash
+    np.savez(
+        path, vertices=mesh.vertices * 2, tets=mesh.tets, name="x", content_hash=mesh.content_hash
+    )
+    with pytest.raises(RecordError, match="damaged"):
+        read_mesh(path)
+    path.write_bytes(b"torn")
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_mesh(path)
+
+
+def test_impossible_pads_are_refused() -> None:
+    """Negative lengths and domes that cut through the pad."""
+    with pytest.raises(ConfigError, match="not positive"):
+        DiscPad(radius_m=-1e-3, height_m=1e-3)
+    with pytest.raises(ConfigError, match="corner"):
+        BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=2e-3, dome_radius_x_m=20e-3)

@@ -1,0 +1,59 @@
+"""Gel profiles from simulated presses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.optics.calibrate.presses.gel_profile import RadialProfile
+from sim.optics.calibrate.presses.pressed_profile import PressedProfiles, radial_profile
+from sim.optics.height.height_map import height_maps
+from sim.scene.indenter import Sphere
+from tacauchy_rig.errors import ConfigError
+from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, pressed_surface
+from tests.sim.optics.exponential_skirt import ExponentialSkirt
+
+BALL_M = 2.35e-3
+
+
+def test_radial_profile_of_a_pressed_ball() -> None:
+    """Contact radius, tilt under the ball and depth come out of the height maps."""
+    tip = APEX_M - 8e-4
+    surface = pressed_surface(
+        lambda x, y: ball_press(x, y, ball_radius_m=BALL_M, contact_radius_m=1.2e-3, tip_z_m=tip),
+        indenter=Sphere(diameter_m=2 * BALL_M),
+        tip=(0.0, 0.0, tip),
+        edge_m=2e-4,
+    )
+    fine = camera(
+        width=400, height=400, scale_x_m=2e-5, scale_y_m=2e-5, centre_x_px=199.5, centre_y_px=199.5
+    )
+    contact_radius, profile = radial_profile(height_maps(surface, fine, contact_gap_m=1e-6), fine)
+    assert contact_radius == pytest.approx(1.2e-3, rel=0.05)
+    under = profile.radius_m < 1.1e-3
+    np.testing.assert_allclose(profile.tilt[under], profile.radius_m[under] / BALL_M, atol=0.01)
+    assert profile.indentation_m[0] == pytest.approx(8e-4, rel=0.01)
+    assert 0.0 < profile.indentation_m[-1] < 1e-4
+
+
+@pytest.mark.parametrize("contact_radius", [0.7e-3, 1.0e-3, 1.25e-3, 1.6e-3])
+def test_pressed_profiles_interpolate_between_presses(contact_radius: float) -> None:
+    """Between and just beyond the presses the ball stays a ball and the skirt stays close."""
+    exact = ExponentialSkirt(ball_radius_m=BALL_M, decay_m=1e-3)
+    profiles = PressedProfiles([(a, exact(a)) for a in (1.5e-3, 0.8e-3, 1.1e-3)])
+    found, expected = profiles(contact_radius), exact(contact_radius)
+    under = found.radius_m < 0.98 * contact_radius
+    np.testing.assert_allclose(found.tilt[under], found.radius_m[under] / BALL_M, atol=2e-3)
+    skirt = np.interp(found.radius_m, expected.radius_m, expected.tilt, right=0.0)
+    assert np.abs(found.tilt - skirt).max() < 0.05
+
+
+def test_profiles_without_contact_are_refused() -> None:
+    """A press that does not touch cannot give a profile."""
+    nothing = RadialProfile(
+        radius_m=np.array([0.0, 1.0]), tilt=np.zeros(2), indentation_m=np.zeros(2)
+    )
+    with pytest.raises(ConfigError, match="1 simulated presses give no gel profile"):
+        PressedProfiles([(0.0, nothing)])
+    with pytest.raises(ConfigError, match="0 simulated presses"):
+        PressedProfiles([])

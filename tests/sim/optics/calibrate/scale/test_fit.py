@@ -1,0 +1,74 @@
+"""Scale, rotation and centre from presses at known positions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.optics.calibrate.scale.fit import fit_scale, read_positions
+from sim.optics.camera_geometry import CameraGeometry
+from tacauchy_rig.errors import ConfigError
+
+PLACES = np.random.default_rng(3).uniform(-6e-3, 6e-3, (12, 2))
+
+
+@given(
+    scale_x=st.floats(3e-5, 1e-4),
+    scale_y=st.floats(3e-5, 1e-4),
+    rotation=st.floats(-3.0, 3.0),
+    mirrored=st.booleans(),
+    column=st.floats(100.0, 220.0),
+)
+def test_any_geometry_is_recovered(
+    scale_x: float, scale_y: float, rotation: float, mirrored: bool, column: float
+) -> None:
+    """Exact centres give the geometry back, mirrored or not."""
+    true = CameraGeometry(
+        width=320,
+        height=240,
+        scale_x_m=scale_x,
+        scale_y_m=scale_y,
+        centre_x_px=column,
+        centre_y_px=117.0,
+        rotation_rad=rotation,
+        mirrored=mirrored,
+    )
+    fit = fit_scale(PLACES, true.to_pixels(PLACES), width=320, height=240)
+    assert fit.residual_px < 1e-6
+    assert fit.geometry.mirrored is mirrored
+    assert fit.geometry.to_pixels(PLACES) == pytest.approx(true.to_pixels(PLACES), abs=1e-6)
+
+
+def test_presses_on_a_line_are_refused() -> None:
+    """A line fixes no second scale."""
+    line = np.column_stack([np.linspace(0, 1e-3, 9), np.linspace(0, 1e-3, 9)])
+    with pytest.raises(ConfigError, match="one line"):
+        fit_scale(line, line * 1e5, width=320, height=240)
+
+
+def test_too_few_presses_are_refused() -> None:
+    """Three points leave nothing to judge the fit by."""
+    with pytest.raises(ConfigError, match="3 presses"):
+        fit_scale(PLACES[:3], PLACES[:3] * 1e4, width=320, height=240)
+
+
+def test_places_on_one_line_are_refused() -> None:
+    """Pixels all over the image, but places that the table gives on one line."""
+    pixels = np.array([(10.0, 20.0), (200.0, 30.0), (50.0, 180.0), (220.0, 200.0), (120.0, 90.0)])
+    places = np.column_stack([np.linspace(-1e-3, 1e-3, 5), np.zeros(5)])
+    with pytest.raises(ConfigError, match="all places lie on one line on the gel"):
+        fit_scale(places, pixels, width=320, height=240)
+    with pytest.raises(ConfigError, match="all places lie on one line on the gel"):
+        fit_scale(np.zeros((5, 2)), pixels, width=320, height=240)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_place_that_is_none_is_refused(tmp_path: Path, value: str) -> None:
+    """The message names the line."""
+    (tmp_path / "positions.csv").write_text(f"image,x_m,y_m\na.png,{value},0\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"positions.csv, line 2: .*is no place"):
+        read_positions(tmp_path / "positions.csv")

@@ -1,0 +1,81 @@
+"""The camera's blur from ball presses, and pixels that gather the light of their whole area."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from sim.optics.calibrate.blur import fit_blur
+from sim.optics.calibrate.colours import Calibration, calibrate_optics
+from sim.optics.calibrate.sensor_fit import calibrate_presses, exponents_for
+from sim.optics.render.photometric.model import normalised_positions
+from sim.optics.render.render import TactileRenderer
+from sim.sensor.sensor import load_sensor
+from tests.sim.optics.analytic_surface import APEX_M, camera
+from tests.sim.optics.surface_tilt import surface_tilt
+from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
+
+
+@pytest.mark.parametrize(("blur_px", "low", "high"), [(0.0, 0.0, 0.3), (1.2, 0.5, 1.5)])
+def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
+    """Sharp presses need no blur; of a blur the model itself takes up a part, no more."""
+    scene = press_scene()
+    found = [
+        replace(press, image=_seen_through(press.image, scene.background, blur_px))
+        for press in presses(8, noise=0.5)[0]
+    ]
+    calibration = calibrate_optics(found, scene, exponents=EXPONENTS)
+    assert low <= fit_blur(found, calibration) <= high
+
+
+def test_colours_are_fitted_to_the_sharp_gel() -> None:
+    """Told of the blur, the fit takes less of it for the gel's own colours."""
+    scene = press_scene()
+    labelled, circles, _ = presses(12, noise=0.5)
+    seen = [
+        replace(press, image=_seen_through(press.image, scene.background, 1.2))
+        for press in labelled
+    ]
+    sensor = load_sensor("gelsight-mini")
+    plain = calibrate_optics(seen, scene, exponents=exponents_for(sensor))
+    told = calibrate_presses(seen, scene, sensor)
+
+    def off(found: Calibration) -> float:
+        sharp, true = scene.whole_image(found.model), scene.whole_image(true_model())
+        apart = [sharp.predict(circle) - true.predict(circle) for circle in circles]
+        return float(np.abs(apart).mean())
+
+    assert off(told) < 0.8 * off(plain)
+    assert abs(told.blur_px - 1.2) < abs(fit_blur(seen, plain) - 1.2)
+    assert told.blur_px == pytest.approx(1.2, abs=0.25)
+
+
+def _seen_through(image: np.ndarray, background: np.ndarray, blur_px: float) -> np.ndarray:
+    if blur_px == 0.0:
+        return image
+    change = cv2.GaussianBlur(image - background, (0, 0), blur_px)
+    return np.clip(np.rint(background + change), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("samples", [2, 3])
+def test_a_pixel_shows_the_mean_colour_of_its_area(samples: int) -> None:
+    """A ridge narrower than a pixel is half as strong where it covers half of the pixel."""
+    geometry = camera()
+    fine = geometry.refined(samples)
+    x, _ = fine.pad_grid()
+    rest = np.full(x.shape, APEX_M)
+    loaded = rest - 2e-5 * np.exp(-((x / geometry.scale_x_m) ** 2))
+    background = np.full((geometry.height, geometry.width, 3), 128, np.uint8)
+    renderer = TactileRenderer(background, rest, true_model(), geometry, samples=samples)
+    tilt = surface_tilt(loaded, fine).reshape(2, -1)
+    places = normalised_positions(geometry.height, geometry.width)
+    places = places.reshape(2, geometry.height, geometry.width)
+    places = places.repeat(samples, axis=1).repeat(samples, axis=2).reshape(2, -1)
+    change = true_model().evaluate(tilt, places, (rest - loaded).astype(np.float32).ravel())
+    split = change.reshape(3, geometry.height, samples, geometry.width, samples)
+    expected = 128.0 + split.mean(axis=(2, 4)).transpose(1, 2, 0)
+    assert np.abs(renderer.render(loaded) - expected).max() < 0.6
+    np.testing.assert_array_equal(renderer.render(rest), background)

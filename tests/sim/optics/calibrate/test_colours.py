@@ -1,0 +1,181 @@
+"""Calibration from ball presses with known optics, labels and light."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.optics.calibrate.colours import Calibration, calibrate_optics
+from sim.optics.calibrate.cross_validation import check_presses, cross_validate
+from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.ridge_fit import fit_ridge
+from sim.optics.render.photometric.model import load_photometric
+from tacauchy_rig.errors import ConfigError
+from tests.sim.optics.exponential_skirt import ExponentialSkirt
+from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
+
+
+def test_fit_recovers_the_coefficients() -> None:
+    """From samples without noise, some of them not known, the fit gives the model back."""
+    rng = np.random.default_rng(2)
+    tilt = rng.uniform(-0.6, 0.6, (2, 4000))
+    position = rng.uniform(-1, 1, (2, 4000))
+    depth = rng.uniform(0, 1e-3, 4000)
+    change = true_model().evaluate(tilt, position, depth).T
+    change[::7, 1] = -300.0
+    counts = change > -300.0
+    samples = PhotometricSamples(
+        tilt=tilt, position=position, indentation_m=depth, change=change, counts=counts
+    )
+    fitted = fit_photometric(samples, exponents=EXPONENTS, ridge=1e-12)
+    np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
+    assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
+    assert fitted.indentation_limit_m == pytest.approx(depth.max())
+
+
+def test_too_few_pixels_are_refused() -> None:
+    """A fit with fewer samples than terms says so."""
+    few = PhotometricSamples(
+        tilt=np.zeros((2, 5)),
+        position=np.zeros((2, 5)),
+        indentation_m=np.zeros(5),
+        change=np.zeros((5, 3)),
+        counts=np.ones((5, 3), dtype=np.bool_),
+    )
+    with pytest.raises(ConfigError, match="5 pixels cannot fix the"):
+        fit_photometric(few, exponents=EXPONENTS)
+
+
+def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
+    return partial(calibrate_optics, scene=scene, exponents=EXPONENTS)
+
+
+def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
+    """Good labels, steady light: held-out error is the noise of the pixels alone."""
+    scene = press_scene()
+    scores, rendered = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
+    noise_mae = np.sqrt(2 / np.pi) * np.hypot(1.0, np.sqrt(2 / 12))
+    assert scores.raw.mae < 1.25 * noise_mae
+    assert scores.raw.r2 > 0.99
+    assert scores.raw.mae_no_contact > 10.0
+    assert len(rendered) == scores.raw.press_count == 12
+
+
+def test_circles_and_light_are_recovered() -> None:
+    """Clicks off by 2 px and frames off by 10 levels: both come back, and the score with them."""
+    labelled, circles, offsets = presses(14, noise=1.0, click_px=2.0, light=10.0, seed=1)
+    calibration = calibrate_optics(labelled, press_scene(), exponents=EXPONENTS)
+
+    def misses(found: list[Circle]) -> np.ndarray:
+        return np.array(
+            [
+                (a.x_px - b.x_px, a.y_px - b.y_px, a.radius_px - b.radius_px)
+                for a, b in zip(found, circles, strict=True)
+            ]
+        )
+
+    before = np.sqrt(np.mean(misses([press.circle for press in labelled]) ** 2))
+    after = misses(list(calibration.circles))
+    spread = np.sqrt(np.mean((after - after.mean(axis=0)) ** 2))
+    assert before > 1.5
+    assert spread < 0.25 * before
+    np.testing.assert_allclose(calibration.lights[:, 0], offsets, atol=1.0)
+    np.testing.assert_allclose(calibration.lights[:, 1:], 0.0, atol=1.0)
+    unseen = presses(6, noise=1.0, click_px=2.0, light=10.0, seed=9)[0]
+    scores, rendered = check_presses(unseen, calibration, press_scene())
+    assert [item.press.name for item in rendered] == [press.name for press in unseen]
+    assert scores.nudged.mae < 1.3
+    assert scores.nudged.r2 > 0.99 > scores.raw.r2
+    assert scores.light_matched.mae < scores.raw.mae
+    assert scores.light_rms == pytest.approx(10.0, rel=0.4)
+
+
+def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
+    """Presses that change nothing score about as well without a rendering as with one.
+
+    Not quite: this no-contact frame has no noise, and that averaged over three frames has some.
+    """
+    scene = press_scene()
+    frame = scene.background.astype(np.uint8)
+    circle = Circle(x_px=90.0, y_px=75.0, radius_px=15.0)
+    noisy = [
+        BallPress(
+            name=f"{i}.png",
+            image=np.clip(frame + np.random.default_rng(i).normal(0, 3, frame.shape), 0, 255)
+            .round()
+            .astype(np.uint8),
+            circle=circle,
+        )
+        for i in range(4)
+    ]
+    scores, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
+    assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.03)
+    assert scores.raw.mae == pytest.approx(scores.raw.mae_no_contact, rel=0.05)
+    assert scores.raw.r2 < 0.1
+
+
+def test_calibration_survives_its_file(tmp_path: Path) -> None:
+    """A fitted model renders the same after saving and loading."""
+    model = calibrate_optics(presses(3)[0], press_scene(), exponents=EXPONENTS, rounds=1).model
+    model.save(tmp_path / "calibration.npz")
+    loaded = load_photometric(tmp_path / "calibration.npz")
+    probe = (np.array([[0.2], [0.1]]), np.array([[0.5], [-0.5]]), np.array([3e-4]))
+    np.testing.assert_array_equal(loaded.evaluate(*probe), model.evaluate(*probe))
+    assert loaded.provenance["press_count"] == 3
+
+
+def test_refusals() -> None:
+    """No presses, too many folds and images of another size each say what is wrong."""
+    scene = press_scene()
+    with pytest.raises(ConfigError, match="no ball press"):
+        calibrate_optics([], scene)
+    with pytest.raises(ConfigError, match="3 presses cannot be cross-validated in 7 folds"):
+        cross_validate(presses(3)[0], scene, fit=_fit(scene))
+    small = BallPress(
+        name="small.png",
+        image=np.zeros((10, 20, 3), np.uint8),
+        circle=Circle(x_px=5, y_px=5, radius_px=3),
+    )
+    with pytest.raises(ConfigError, match=r"small.png is 20 x 10 px, .* 180 x 150 px"):
+        calibrate_optics([small], scene)
+
+
+def test_skirt_continues_the_ball() -> None:
+    """Tilt is that of the ball inside and continuous at the rim; indentation ends at zero."""
+    profile = ExponentialSkirt(ball_radius_m=2e-3, decay_m=1e-3)(1.2e-3)
+    inside = profile.radius_m < 1.2e-3
+    np.testing.assert_allclose(profile.tilt[inside], profile.radius_m[inside] / 2e-3)
+    assert np.abs(np.diff(profile.tilt)).max() < 0.01
+    cap = profile.indentation_m[0] - np.interp(1.2e-3, profile.radius_m, profile.indentation_m)
+    assert cap == pytest.approx(2e-3 - np.sqrt(2e-3**2 - 1.2e-3**2), rel=1e-3)
+    assert profile.indentation_m[-1] == 0.0
+    assert (np.diff(profile.indentation_m) < 0.0).all()
+
+
+def test_rounds_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    """Long fits say how far they are."""
+    with caplog.at_level(logging.DEBUG, logger="sim.optics.calibrate.colours"):
+        calibrate_optics(presses(2)[0], press_scene(), exponents=EXPONENTS, rounds=2)
+    assert "round 2 of 2" in caplog.text
+
+
+def test_noise_holds_a_fit_back() -> None:
+    """Noisy presses choose a stronger hold on the fine terms than clean ones do."""
+    scene = press_scene()
+
+    def ridge(noise: float) -> float:
+        shown, circles, _ = presses(12, noise=noise, seed=8)
+        parts = [
+            scene.samples(press, circle, np.zeros((3, 3)), None)
+            for press, circle in zip(shown, circles, strict=True)
+        ]
+        return fit_ridge(parts, exponents=BALL_EXPONENTS, terms=None)
+
+    assert ridge(20.0) > ridge(0.3)

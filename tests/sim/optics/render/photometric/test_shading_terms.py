@@ -1,0 +1,104 @@
+"""Near lamps and creases beside the photometric polynomial."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.optics.calibrate.lamp_fit import fit_terms
+from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.render.photometric.model import PhotometricModel, load_photometric
+from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
+from sim.optics.render.render import TactileRenderer
+from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
+
+TERMS = ShadingTerms(
+    lamps=tuple(
+        NearLamp(azimuth_rad=azimuth, elevation_rad=0.2, distance=1.5)
+        for azimuth in (-1.6, 0.4, 2.5)
+    ),
+    softness=0.05,
+    aspect=0.75,
+    crease_limit=1e4,
+)
+
+
+def _random_surface(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    angle, sine = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.0, 0.6, count)
+    tilt = np.stack([sine * np.cos(angle), sine * np.sin(angle)])
+    return tilt, rng.uniform(-1, 1, (2, count)), rng.uniform(-2e3, 2e3, count)
+
+
+def test_level_gel_is_as_in_the_no_contact_frame() -> None:
+    """Without slope and crease every term vanishes, wherever in the image."""
+    _, position, _ = _random_surface(50)
+    values = TERMS.values(np.zeros((2, 50)), position, np.zeros(50))
+    np.testing.assert_allclose(values, 0.0, atol=1e-15)
+    assert values.shape == (TERMS.count, 50)
+
+
+def test_a_slope_towards_a_lamp_is_lit_and_one_away_from_it_goes_dark() -> None:
+    """Lambert's cosine towards the lamp; beyond the terminator nothing more is lost."""
+    lamp = NearLamp(azimuth_rad=0.0, elevation_rad=0.2, distance=1e6)
+    tilts = np.array([[0.5, -0.5, -0.7], [0.0, 0.0, 0.0]])
+    lit = lamp.lit(tilts, np.sqrt(1.0 - tilts[0] ** 2), np.zeros((2, 3)), softness=1e-6)
+    expected = math.cos(0.2) * 0.5 + math.sin(0.2) * (math.sqrt(0.75) - 1.0)
+    assert lit[0] == pytest.approx(expected, abs=1e-5)
+    np.testing.assert_allclose(lit[1:], -math.sin(0.2), atol=1e-5)
+
+
+def test_lamps_are_found_from_colours_alone() -> None:
+    """Three near lamps and a crease come back from noisy samples, whatever stands in a file."""
+    tilt, position, curvature = _random_surface(6000)
+    rng = np.random.default_rng(1)
+    weights = np.zeros((TERMS.count, 3))
+    weights[[0, 3, 6], [0, 1, 2]], weights[9] = 120.0, 15.0
+    change = TERMS.values(tilt, position, curvature).T @ weights
+    samples = PhotometricSamples(
+        tilt=tilt,
+        position=position,
+        indentation_m=np.zeros(6000),
+        change=change + rng.normal(0.0, 1.0, change.shape),
+        counts=np.ones(change.shape, dtype=np.bool_),
+        curvature=curvature,
+    )
+    terms = fit_terms(samples, lamp_count=3, aspect=0.75, pixel_m=1e-4)
+    found = sorted(math.remainder(lamp.azimuth_rad, math.tau) for lamp in terms.lamps)
+    np.testing.assert_allclose(found, [-1.6, 0.4, 2.5], atol=0.03)
+    np.testing.assert_allclose([lamp.elevation_rad for lamp in terms.lamps], 0.2, atol=0.03)
+    model = fit_photometric(samples, exponents=BALL_EXPONENTS, terms=terms)
+    zero = np.zeros(6000)
+    off = model.evaluate(tilt, position, zero, curvature).T - change
+    assert np.sqrt(np.mean(off**2)) < 0.3
+    steep = 1.4 * tilt  # beyond what was fitted, where a polynomial alone would run away
+    off = model.evaluate(steep, position, zero, curvature).T
+    off -= TERMS.values(steep, position, curvature).T @ weights
+    assert np.sqrt(np.mean(off**2)) < 1.5
+
+
+def test_saved_terms_come_back_and_render(tmp_path: Path) -> None:
+    """A file keeps lamps and creases; level gel gives the no-contact frame."""
+    rng = np.random.default_rng(3)
+    model = PhotometricModel(
+        exponents=BALL_EXPONENTS,
+        coefficients=rng.normal(0.0, 5.0, (len(BALL_EXPONENTS), 3)),
+        tilt_limit=0.6,
+        terms=TERMS,
+        term_coefficients=rng.normal(0.0, 20.0, (TERMS.count, 3)),
+    )
+    model.save(tmp_path / "model.npz")
+    loaded = load_photometric(tmp_path / "model.npz")
+    tilt, position, curvature = _random_surface(20)
+    probe = tilt, position, np.zeros(20), curvature
+    np.testing.assert_array_equal(loaded.evaluate(*probe), model.evaluate(*probe))
+    background = np.full((96, 128, 3), 128, np.uint8)
+    flat = np.full((96, 128), APEX_M)
+    renderer = TactileRenderer(background, flat, model, camera())
+    np.testing.assert_array_equal(renderer.render(flat), background)
+    x, y = camera().pad_grid()
+    bowl = ball_press(x, y, ball_radius_m=2.35e-3, contact_radius_m=1.2e-3, tip_z_m=APEX_M - 8e-4)
+    assert np.ptp(renderer.render(np.minimum(bowl, APEX_M)).astype(int)) > 20

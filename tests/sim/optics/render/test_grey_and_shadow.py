@@ -1,0 +1,99 @@
+"""Grey-depth rendering, and shadows of the pressed gel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.render.grey_depth import GREY_EXPONENTS, nominal_grey
+from sim.optics.render.nominal import Lamp, nominal_photometric
+from sim.optics.render.render import TactileRenderer
+from sim.optics.render.shadows.shadow import ShadowCaster
+from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
+from tests.sim.optics.surface_tilt import surface_tilt
+
+LAMP = Lamp(azimuth_rad=0.0, elevation_rad=math.radians(10.0), colour=(80.0, 0.0, 0.0))
+FLAT = np.full((96, 128), APEX_M)
+
+
+def _dent(depth_m: float = 8e-4) -> np.ndarray:
+    return ball_press(
+        *camera().pad_grid(),
+        ball_radius_m=2.35e-3,
+        contact_radius_m=1.2e-3,
+        tip_z_m=APEX_M - depth_m,
+    )
+
+
+def test_deeper_is_darker() -> None:
+    """The grey image has one level a depth, all channels alike, and is untouched at rest."""
+    model = nominal_grey((0.0, 5e-4, 1e-3), (0.0, -40.0, -60.0))
+    background = np.full((96, 128, 3), 150, np.uint8)
+    renderer = TactileRenderer(background, FLAT, model, camera())
+    np.testing.assert_array_equal(renderer.render(FLAT), background)
+    image = renderer.render(FLAT - 5e-4)
+    np.testing.assert_array_equal(image, 110)
+    dent = renderer.render(_dent()).astype(int)
+    assert dent[47, 63, 0] < dent[47, 80, 0] < dent[47, 120, 0] <= 150
+    np.testing.assert_array_equal(dent[..., 0], dent[..., 2])
+
+
+def test_grey_is_fitted_with_depth_alone() -> None:
+    """A saturating darkening is recovered to half a grey level whatever the slopes."""
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(0.0, 1.2e-3, 3000)
+    change = -90.0 * (1.0 - np.exp(-depth / 8e-4))
+    tilt, position = rng.uniform(-0.5, 0.5, (2, 3000)), rng.uniform(-1, 1, (2, 3000))
+    samples = PhotometricSamples(
+        tilt=tilt,
+        position=position,
+        indentation_m=depth,
+        change=np.repeat(change[:, None], 3, axis=1),
+        counts=np.ones((3000, 3), dtype=np.bool_),
+    )
+    model = fit_photometric(samples, exponents=GREY_EXPONENTS)
+    assert np.abs(model.evaluate(tilt, position, depth) - change).max() < 0.5
+
+
+def test_unloaded_gel_casts_no_shadow() -> None:
+    """Without a dent the no-contact frame comes back bit for bit."""
+    background = np.random.default_rng(1).integers(60, 190, (96, 128, 3)).astype(np.uint8)
+    model = nominal_photometric([LAMP])
+    caster = ShadowCaster(lamps=[LAMP], softness_m=5e-5)
+    renderer = TactileRenderer(background, FLAT, model, camera(), shadows=caster)
+    np.testing.assert_array_equal(renderer.render(FLAT), background)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])
+def test_shadow_falls_away_from_the_lamp(azimuth_deg: float) -> None:
+    """Behind the dent, as seen from the lamp, its colour is lost; before it, nothing is."""
+    lamp = Lamp(
+        azimuth_rad=math.radians(azimuth_deg),
+        elevation_rad=math.radians(10.0),
+        colour=(80.0, 0.0, 0.0),
+    )
+    caster = ShadowCaster(lamps=[lamp], softness_m=5e-5)
+    dent = _dent()
+    taken = caster.darkening(APEX_M - dent, surface_tilt(dent, camera()), camera())
+    direction = np.array([math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)])
+    behind = np.rint((63.5, 47.5) - 25 * direction).astype(int)
+    before = np.rint((63.5, 47.5) + 25 * direction).astype(int)
+    assert taken[0, behind[1], behind[0]] < -4.0
+    assert taken[0, before[1], before[0]] == 0.0
+    np.testing.assert_array_equal(taken[1:], 0.0)
+    assert taken.max() <= 0.0
+
+
+def test_shadow_ends_where_the_ray_clears_the_dent() -> None:
+    """A wall of 0.3 mm under a lamp at 10 degrees shades 0.3 mm / tan 10 = 1.70 mm behind it."""
+    wall = np.zeros((96, 128), np.float32)
+    wall[:, 100] = 3e-4
+    flat = np.zeros((2, 96, 128), np.float32)
+    caster = ShadowCaster(lamps=[LAMP], softness_m=1e-9)
+    row = caster.darkening(wall, flat, camera())[0, 48]
+    shaded = np.flatnonzero(row < -1.0)
+    assert shaded.max() == 99
+    assert (100 - shaded.min()) * 1e-4 == pytest.approx(3e-4 / math.tan(math.radians(10)), abs=2e-4)

@@ -1,0 +1,71 @@
+"""The camera's shoulder: there and back, found from presses, kept in a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.optics.calibrate.colours import calibrate_optics
+from sim.optics.calibrate.presses.exposure import seen_light
+from sim.optics.render.photometric.model import load_photometric
+from sim.optics.render.render import TactileRenderer
+from sim.optics.render.response import LINEAR, Response
+from tests.sim.optics.analytic_surface import APEX_M, camera
+from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
+
+_KNEE = 150.0
+
+
+@given(st.floats(100.0, 254.0), st.floats(0.0, 254.5))
+def test_light_shows_as_the_levels_that_it_was_read_from(knee: float, level: float) -> None:
+    """Levels to light and back is nothing; the slope is that of the curve."""
+    response, levels = Response(knee=knee), np.array([level])
+    near = levels < 255.0 - min(0.4, 0.5 * (255.0 - knee))
+    light = response.light(levels)
+    np.testing.assert_allclose(response.levels(light)[near], levels[near], atol=1e-6)
+    rise = response.levels(light + 1e-4) - response.levels(light - 1e-4)
+    np.testing.assert_allclose(rise[near] / 2e-4, response.slope(levels)[near], atol=1e-3)
+
+
+def test_a_camera_without_shoulder_shows_light_as_it_is() -> None:
+    """A knee at the end of the range changes nothing, not even copies."""
+    levels = np.linspace(0.0, 300.0, 7)
+    assert LINEAR.levels(levels) is levels
+    assert LINEAR.light(levels) is levels
+
+
+def test_the_last_levels_of_a_shoulder_only_bound_the_light() -> None:
+    """A pixel near the end of a compressed range says that the light was at least so bright."""
+    levels = np.array([[253, 240, 100]], dtype=np.uint8)
+    seen = seen_light(levels, np.full((1, 3), 100.0), Response(knee=200.0))
+    assert seen.over.tolist() == [[True, False, False]]
+    assert seen.change[0, 2] == 0.0
+
+
+def test_presses_tell_where_the_shoulder_begins() -> None:
+    """A knee in the middle of the presses' levels is found, and none where there is none."""
+    bright = replace(true_model(), coefficients=4.0 * true_model().coefficients)
+    bent = replace(bright, response=Response(knee=205.0))
+    shown, _, _ = presses(10, model=bent, seed=4)
+    found = calibrate_optics(shown, press_scene(), rounds=1)
+    assert found.model.response.knee == pytest.approx(205.0, abs=3.0)
+    straight, _, _ = presses(10, model=bright, seed=4)
+    found = calibrate_optics(straight, press_scene(), rounds=1)
+    assert found.model.response == LINEAR
+
+
+def test_the_shoulder_is_kept_and_rendered_through(tmp_path: Path) -> None:
+    """A file keeps the knee; level gel gives the no-contact frame, bright as it may be."""
+    model = replace(true_model(), response=Response(knee=_KNEE), reference=100.0)
+    model.save(tmp_path / "model.npz")
+    loaded = load_photometric(tmp_path / "model.npz")
+    assert (loaded.response, loaded.reference) == (model.response, 100.0)
+    background = np.linspace(0.0, 255.0, 96 * 128 * 3).reshape(96, 128, 3).astype(np.uint8)
+    flat = np.full((96, 128), APEX_M)
+    image = TactileRenderer(background, flat, loaded, camera()).render(flat)
+    np.testing.assert_array_equal(image, background)

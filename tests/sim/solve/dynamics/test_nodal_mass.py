@@ -1,0 +1,111 @@
+"""Masses, weight and inertia at the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sim.arrays import FloatArray
+from sim.material.laws.catalogue import law
+from sim.mesh.elements import ElementOrder
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
+from sim.scene.material import LawName
+from sim.scene.pad import DiscPad
+from sim.solve.dynamics.gravity import STANDARD_M_S2, weight
+from sim.solve.dynamics.inertia import Inertia
+from sim.solve.dynamics.nodal_mass import inertial_masses, weighing_masses
+from sim.solve.linear_solver import linear_solver
+from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions
+from sim.solve.potentials import NodalPotential
+from sim.solve.unloaded import unloaded_positions
+from tacauchy_rig.errors import ConfigError
+
+PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
+DENSITY = 1070.0
+YOUNG_PA = 4e5
+
+
+def disc(order: ElementOrder, *, folded: bool = False, law_name: LawName = LawName.LINEAR) -> Model:
+    """Return a clamped disc of some hundred elements."""
+    grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0)
+    mesh = revolved_mesh(
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="test", folded=folded
+    )
+    return Model(mesh, order=order, law=law(law_name), young_pa=YOUNG_PA, poisson=0.3)
+
+
+@pytest.mark.parametrize("masses", [weighing_masses, inertial_masses])
+@pytest.mark.parametrize("order", list(ElementOrder))
+def test_masses_sum_to_the_pad(
+    masses: Callable[[Model, float | FloatArray], FloatArray], order: ElementOrder
+) -> None:
+    """Nothing is lost, and one density an element gives what one density for all gives."""
+    model = disc(order)
+    found = masses(model, DENSITY)
+    assert found.sum() == pytest.approx(DENSITY * model.volume_m3, rel=1e-12)
+    each = masses(model, np.full(len(model.elements), DENSITY))
+    assert np.allclose(found, each, rtol=1e-14)
+
+
+def test_inertial_masses_are_positive() -> None:
+    """Quadratic corners weigh less than nothing, but every node resists acceleration."""
+    model = disc(ElementOrder.P2)
+    assert weighing_masses(model, DENSITY).min() < 0.0
+    assert inertial_masses(model, DENSITY).min() > 0.0
+
+
+@pytest.mark.parametrize("order", list(ElementOrder))
+def test_weight_does_the_work_of_a_linear_motion(order: ElementOrder) -> None:
+    """Energy of a stretch equals minus m g times the centre's motion: the sharing is consistent."""
+    model = disc(order)
+    found = weight(model, DENSITY, acceleration_m_s2=(1.0, -2.0, -9.0))
+    F = np.array([[1.1, 0.05, 0.0], [0.0, 0.9, 0.1], [0.02, 0.0, 1.05]])
+    moved = model.nodes @ F.T + np.array([1e-4, 2e-4, -3e-4])
+    shares = weighing_masses(model, 1.0) / model.volume_m3
+    centre = shares @ (moved - model.nodes)
+    work = DENSITY * model.volume_m3 * float(centre @ np.array([1.0, -2.0, -9.0]))
+    assert found.energy(moved) == pytest.approx(-work, rel=1e-12)
+    assert centre[2] == pytest.approx(0.05 * PAD.height_m / 2.0 - 3e-4, rel=1e-9)
+
+
+def test_weight_sags_the_pad_as_a_column_does() -> None:
+    """A wide clamped layer sinks by rho g H^2 / (2 M), M the modulus without sideways strain."""
+    model = disc(ElementOrder.P2, folded=True)
+    positions = unloaded_positions(
+        model,
+        linear_solver(model.pattern),
+        options=NewtonOptions(residual_floor_n=1e-13),
+        potentials=[weight(model, DENSITY)],
+    )
+    middle = int(np.argmin(np.linalg.norm(model.nodes - [0.0, 0.0, PAD.height_m], axis=1)))
+    modulus = YOUNG_PA * (1 - 0.3) / ((1 + 0.3) * (1 - 2 * 0.3))
+    expected = DENSITY * STANDARD_M_S2 * PAD.height_m**2 / (2.0 * modulus)
+    assert PAD.height_m - positions[middle, 2] == pytest.approx(expected, rel=0.15)
+    assert expected / PAD.height_m == pytest.approx(2e-5, rel=0.1)
+
+
+def test_weight_across_a_symmetry_plane_is_refused() -> None:
+    """A quarter of a pad cannot hang sideways."""
+    with pytest.raises(ConfigError, match="breaks the symmetry"):
+        weight(disc(ElementOrder.P1, folded=True), DENSITY, acceleration_m_s2=(9.8, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["weight", "inertia"])
+def test_gradient_and_diagonal_are_derivatives(kind: str) -> None:
+    """Central differences of the energy and of the gradient agree."""
+    model = disc(ElementOrder.P2)
+    rng = np.random.default_rng(2)
+    moved = model.nodes + rng.normal(scale=1e-4, size=model.nodes.shape)
+    motion = rng.normal(scale=1e-5, size=model.nodes.shape)
+    inertia = Inertia(
+        masses_kg=inertial_masses(model, DENSITY), flown_m=model.nodes + 1e-5, step_s=1e-4
+    )
+    potential: NodalPotential = inertia if kind == "inertia" else weight(model, DENSITY)
+    rise = (potential.energy(moved + motion) - potential.energy(moved - motion)) / 2.0
+    assert rise == pytest.approx(float(np.sum(potential.gradient(moved) * motion)), rel=1e-9)
+    change = (potential.gradient(moved + motion) - potential.gradient(moved - motion)) / 2.0
+    assert np.allclose(change, potential.diagonal() * motion, rtol=1e-9, atol=1e-18)

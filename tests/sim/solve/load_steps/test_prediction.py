@@ -1,0 +1,49 @@
+"""Extrapolation from the nearest points of a path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.contact.state import ContactForces, State
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.load_steps.prediction import predicted_state
+from sim.solve.newton import Equilibrium
+
+_NONE = np.zeros((0, 1, 3))
+
+
+def point(depth_m: float) -> PathPoint:
+    """Return a made-up point whose nodes are a quadratic function of the depth."""
+    nodes = np.array([[1.0, 2.0, 3.0]]) + depth_m * np.array([[0.5, -1.0, depth_m]])
+    return PathPoint(
+        depth_m=depth_m,
+        force_n=np.zeros(3),
+        stiffness_n_m=1.0,
+        state=State(positions=nodes, tip=np.array([0.0, 0.0, -depth_m]), rotation=np.eye(3)),
+        equilibrium=Equilibrium(
+            iterations=0,
+            contact=ContactForces(points=_NONE, forces=_NONE, stiffness=_NONE),
+            elastic_gradient=np.zeros((1, 3)),
+            residual_n=0.0,
+            min_jacobian=1.0,
+        ),
+    )
+
+
+@pytest.mark.parametrize("at", [0.5, 2.5, 4.0])
+def test_three_points_give_a_quadratic_exactly(at: float) -> None:
+    """Ahead, between and behind; the points stay as they are."""
+    depths = [1.0, 2.0, 3.0]
+    points = [point(depth) for depth in depths]
+    found = predicted_state(points, depths, at=at, step=at - depths[-1])
+    np.testing.assert_allclose(found.positions, point(at).state.positions, rtol=1e-12)
+    np.testing.assert_allclose(found.tip, [0.0, 0.0, -at], atol=1e-12)
+    np.testing.assert_array_equal(points[-1].state.tip, [0.0, 0.0, -3.0])
+
+
+def test_points_too_close_together_count_once() -> None:
+    """Two points at the same depth give no division by their distance; one alone is copied."""
+    depths = [1.0, 1.0 + 1e-13]
+    found = predicted_state([point(depth) for depth in depths], depths, at=1.5, step=0.5)
+    np.testing.assert_allclose(found.positions, point(1.0).state.positions, rtol=1e-9)

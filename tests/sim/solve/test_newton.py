@@ -1,0 +1,56 @@
+"""When Newton ends: enough, at a harmless standstill, or out of iterations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.mesh.elements import ElementOrder
+from sim.scene.indenter import Sphere
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.newton import NewtonOptions, equilibrate, stands_still
+from sim.solve.problem import Problem
+from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
+from tacauchy_rig.errors import ConvergenceError
+
+
+@pytest.mark.parametrize("rate", [0.5, 0.8, 0.9, 0.95, 0.97])
+def test_linear_convergence_is_no_standstill(rate: float) -> None:
+    """A residual that shrinks steadily, however slowly, is left to."""
+    assert not any(stands_still([rate**k for k in range(n)]) for n in range(100))
+
+
+@pytest.mark.parametrize("noise", [[1.0], [1.0, 2.0], [1.2, 0.95, 3.0], [1.0, 1.1, 0.92, 1.4]])
+def test_noise_is_a_standstill(noise: list[float]) -> None:
+    """A residual that goes up and down about one value stands still, after some iterations."""
+    residuals = [1e6, 1e3, *(noise * 12)[:12]]
+    assert any(stands_still(residuals[: n + 1]) for n in range(len(residuals)))
+
+
+def test_a_rise_before_the_fall_is_no_standstill() -> None:
+    """What comes to gain at last is left to."""
+    assert not stands_still([1.0, 5.0, 9.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.5])
+
+
+def test_rounding_is_a_standstill_that_is_taken_and_told() -> None:
+    """Asked for nothing at all, Newton ends in rounding, stalled, with the force of any press."""
+    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    forces, stalled = [], []
+    for options in (NewtonOptions(), NewtonOptions(residual_relative=0.0, residual_floor_n=0.0)):
+        path = LoadingPath(model, Sphere(diameter_m=6e-3), options=options)
+        point = path.advance(0.2e-3)
+        forces.append(point.force_n[2])
+        stalled.append(point.equilibrium.stalled)
+        assert point.equilibrium.residual_n <= 1e-8 * point.force_n[2]
+    assert stalled == [False, True]
+    assert forces[1] == pytest.approx(forces[0], rel=1e-8)
+
+
+def test_what_would_do_harm_is_an_error_after_the_last_iteration() -> None:
+    """Out of iterations far from equilibrium: the message has their number and the residual."""
+    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    path = LoadingPath(model, Sphere(diameter_m=6e-3))
+    state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
+    problem = Problem(model, path.solver, path.indenter)
+    with pytest.raises(ConvergenceError, match=r"after 2 Newton iterations: residual .* N at a"):
+        equilibrate(problem, state, options=NewtonOptions(iteration_max=2))

@@ -1,0 +1,250 @@
+"""The benchmark: what it counts and how it fits; no time is judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.error.settings import FAST, Setting
+from sim.fields.surface import SurfaceState
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.height.height_map import HeightMaps
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.bench.batches import BALANCE, environments, exact_force, measure_batches
+from sim.studies.bench.frames import FRAME_COUNT, travel, travels
+from sim.studies.bench.growth import exponent, growth, local_exponents
+from sim.studies.bench.memory import peak_memory_mib
+from sim.studies.bench.phases import phases
+from sim.studies.bench.rendering import measure_rendering
+from sim.studies.bench.replays import ReplayRow, measure_replay
+from sim.studies.bench.reuse import WAYS, measure_reuse
+from sim.studies.bench.suite import Bench, Part, run_bench
+from sim.studies.bench.tables import sections
+
+_SCENE = Scene(
+    pad=DiscPad(radius_m=9e-3, height_m=5e-3),
+    material=Material(young_pa=0.4e6, poisson=0.45),
+    indenter=Sphere(diameter_m=12e-3),
+    target=Target(depth_m=1e-3),
+    preset=Preset.FAST,
+)
+_GEOMETRY = CameraGeometry(
+    width=24,
+    height=24,
+    scale_x_m=0.5e-3,
+    scale_y_m=0.5e-3,
+    centre_x_px=11.5,
+    centre_y_px=11.5,
+)
+
+
+def _render(maps: HeightMaps) -> ImageArray:
+    return np.zeros((*maps.loaded.shape, 3), dtype=np.uint8)
+
+
+def _image_of(surface: SurfaceState) -> ImageArray:
+    assert surface.positions.shape == surface.positions_rest.shape
+    return np.zeros((4, 4, 3), dtype=np.uint8)
+
+
+def _replay(*, error: float | None = 0.015, presses_s: float = 9.0) -> ReplayRow:
+    return ReplayRow(
+        preset="balanced",
+        trial_count=6,
+        newton_iterations=60,
+        presses_s=presses_s,
+        images_s=1.0,
+        force_error=error,
+        memory_mib=400.0,
+    )
+
+
+@given(
+    power=st.floats(0.2, 3.0),
+    factor=st.floats(1e-6, 1e3),
+    sizes=st.lists(st.integers(10, 10**6), min_size=2, max_size=6, unique=True),
+)
+def test_a_power_law_is_fitted_exactly(power: float, factor: float, sizes: list[int]) -> None:
+    """Fitted through all and between neighbours, the exponent is the law's."""
+    grown = sorted(float(size) for size in sizes)
+    times = [factor * size**power for size in grown]
+    assert exponent(grown, times) == pytest.approx(power, rel=1e-6)
+    for local in local_exponents(grown, times):
+        assert local == pytest.approx(power, rel=1e-4)
+
+
+def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
+    """Elements grow with refinement; every row is a press that converged."""
+    rows = growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.8))
+    assert rows[0].tet_count < rows[1].tet_count
+    assert all(row.newton_iterations > 0 and row.cpu_s > 0.0 for row in rows)
+
+
+@pytest.fixture(scope="module")
+def found() -> Bench:
+    """Return a benchmark of a coarse ball press; its replay is made up."""
+    exact_n = exact_force(_SCENE, preset=Preset.FAST)
+    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
+    parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
+    return Bench(
+        frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
+        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
+        batches=tuple(batches),
+        phases=tuple(parts),
+        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
+        replays=(_replay(),),
+        growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
+        absent=("nothing", "many images"),
+    )
+
+
+def test_frames_and_their_time_fit(found: Bench) -> None:
+    """Twenty frames in the time of all."""
+    (alone,) = found.frames
+    assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
+    assert alone.frame_ms == pytest.approx(1e3 / alone.frames_per_s)
+    assert 0.0 < alone.memory_mib <= peak_memory_mib()
+
+
+def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
+    """A force that none meets: every setting; one that the second meets: no third."""
+    settings = (Setting(Preset.FAST, 0.4), Setting(Preset.FAST, 0.5))
+    exact_n = travel(_SCENE, settings[1], exact_n=1.0, repeats=1).force_error + 1.0
+    rows = list(travels(_SCENE, exact_n=10.0 * exact_n, settings=settings))
+    assert [row.setting for row in rows] == [str(setting) for setting in settings]
+    close = list(travels(_SCENE, exact_n=exact_n, settings=settings[::-1]))
+    assert len(close) == 1
+    assert abs(close[0].force_error) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("row", "met"),
+    [
+        (_replay(), True),
+        (_replay(error=0.021), False),
+        (_replay(error=None), False),
+        (_replay(presses_s=19.5), False),
+    ],
+)
+def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
+    """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
+    (table,) = sections(Bench(replays=(row,)))
+    assert table.passed is met
+
+
+def test_a_replay_makes_an_image_of_every_press() -> None:
+    """Two forces, two images, both in its time."""
+    surfaces: list[SurfaceState] = []
+    row = measure_replay(
+        replace(_SCENE, sensor="gelsight-mini"),
+        Preset.FAST,
+        [0.2, 0.1],
+        lambda surface: (surfaces.append(surface), _image_of(surface))[1],
+    )
+    assert len(surfaces) == row.trial_count == 2
+    assert row.wall_s == row.presses_s + row.images_s
+
+
+def test_batches_are_counted_over_all_environments(found: Bench) -> None:
+    """Three environments: three times the frames of one in that time; the first is the scene."""
+    alone, three = found.batches
+    assert three.frames_per_s == pytest.approx(3 * FRAME_COUNT / three.wall_s)
+    assert three.frame_ms == pytest.approx(1e3 * three.wall_s / FRAME_COUNT)
+    assert three.force_error == pytest.approx(alone.force_error, abs=1e-4)
+    assert max(alone.imbalance, three.imbalance) <= BALANCE
+    assert alone.failed_count == three.failed_count == 0
+
+
+def test_what_reuse_saves_changes_no_force(found: Bench) -> None:
+    """The travel ends with the same F_z, the replay with the same; a kept factor is kept."""
+    quick, newton, together, anew = found.reuse
+    assert quick.force_n == pytest.approx(newton.force_n, rel=1e-5)
+    assert together.force_n == pytest.approx(anew.force_n, rel=1e-7)
+    assert quick.factorisations < newton.factorisations
+    assert together.factorisations < anew.factorisations
+
+
+def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
+    """For forces and search, in the order of the launches, and none takes no time."""
+    for batch in found.batches:
+        assert [row.doing for row in batch.parts] == ["forces", "search"]
+        for row in batch.parts:
+            assert list(row.parts_s) == ["forces", "search", "preconditioner", "turn"]
+            assert min(row.parts_s.values()) > 0.0
+
+
+def test_taking_the_stress_off_is_timed(found: Bench) -> None:
+    """On the device and to the host, with the number of faces that each environment has."""
+    alone, three = (batch.stress for batch in found.batches)
+    assert alone.face_count == three.face_count > 0
+    assert min(alone.device_s, alone.host_s, three.device_s, three.host_s) > 0.0
+
+
+def test_environments_differ_but_the_first() -> None:
+    """The first is the scene itself; others are up to a tenth stiffer and shallower."""
+    first, *others = environments(_SCENE, 5)
+    assert first.young_pa == _SCENE.material.young_pa
+    assert first.course[-1] == pytest.approx(1e-3)
+    assert len({other.young_pa for other in others}) == 4
+    assert all(1.0 <= other.young_pa / first.young_pa <= 1.1 for other in others)
+    assert all(0.9 <= other.course[-1] / first.course[-1] <= 1.0 for other in others)
+
+
+def test_every_part_is_timed(found: Bench) -> None:
+    """The least time is not above the median, and each part was repeated."""
+    assert [row.name for row in found.phases] == [
+        "assembly",
+        "factorisation",
+        "solution",
+        "contact",
+        "stress",
+        "height map",
+        "rendering",
+    ]
+    for row in found.phases:
+        assert 0.0 < row.least_s <= row.median_s
+        assert row.repeats >= 3
+
+
+def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
+    """With samples, shadows and blur, no value is more than one grey level apart."""
+    plain, alone, together = found.rendering
+    assert (plain.samples, alone.samples, together.samples) == (1, 2, 2)
+    assert (alone.renderer, alone.image_count) == ("one by one", 1)
+    assert together.image_count > 1
+    assert together.shadow_count == 3
+    assert together.apart_levels <= 1
+    assert together.apart_share < 1e-3
+    assert 0.0 < together.least_s <= together.median_s
+
+
+def test_tables_hold_every_row(found: Bench) -> None:
+    """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
+    tables = sections(found)
+    assert [len(table.rows) for table in tables] == [1, 4, 2, 2, 4, 7, 3, 1, 2]
+    assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
+    assert "Not measured: nothing." in tables[2].note
+    assert "Not measured: many images." in tables[6].note
+    assert "exponent" in tables[8].columns[-1]
+
+
+def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
+    """One part: its table and no other."""
+    only = run_bench(
+        _SCENE,
+        _GEOMETRY,
+        _render,
+        _image_of,
+        [0.5],
+        parts=(Part.FRAMES,),
+        against=Preset.FAST,
+    )
+    assert len(only.frames) == 1
+    assert [table.title for table in sections(only)] == [sections(found)[0].title]

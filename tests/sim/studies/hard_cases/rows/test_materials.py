@@ -1,0 +1,49 @@
+"""Rows of nearly incompressible gel, slivers and stiff layers, and what they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.mesh.tet_mesh import mesh_statistics
+from sim.studies.hard_cases.laminate import punch_force
+from sim.studies.hard_cases.pads import brick_mesh
+from sim.studies.hard_cases.rows.materials import CASES, slivers, stiff_layers
+from sim.studies.hard_cases.slivers import sliver_count, with_slivers
+from tacauchy_rig.errors import ConfigError
+
+
+def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
+    """The smallest angle is the one asked for, every volume positive, the surface untouched."""
+    good = brick_mesh((4, 4, 3))
+    bad = with_slivers(good, dihedral_deg=0.5)
+    assert mesh_statistics(bad).dihedral_min_deg == pytest.approx(0.5, rel=1e-6)
+    assert sliver_count(bad, below_deg=0.51) >= 3
+    assert sliver_count(good, below_deg=0.51) == 0
+    corners = bad.vertices[bad.tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(12e-3 * 12e-3 * 4e-3, rel=1e-12)
+
+
+def test_slivers_cost_few_iterations() -> None:
+    """The row itself, pressed less deep."""
+    outcome = slivers(depth_m=0.2e-3)
+    assert outcome.passed, outcome.measured
+
+
+def test_stiff_layers_meet_the_laminate() -> None:
+    """The row itself: both ways round."""
+    outcome = stiff_layers()
+    assert outcome.passed, outcome.measured
+
+
+def test_no_layers_have_no_punch_force() -> None:
+    """A laminate needs a layer."""
+    with pytest.raises(ConfigError, match="no layers"):
+        punch_force((), height_m=4e-3, radius_m=1e-3, depth_m=1e-5)
+
+
+def test_rows_of_this_module() -> None:
+    """Three rows."""
+    assert [case.number for case in CASES] == [3, 7, 8]

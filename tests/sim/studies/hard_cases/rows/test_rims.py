@@ -1,0 +1,28 @@
+"""The row of the moved rim, on a shallower press."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.mesh.elements import boundary_faces
+from sim.studies.hard_cases.rows.rims import forces_beside, uniform_mesh
+
+
+def test_uniform_mesh_is_half_a_pad() -> None:
+    """It lies at y >= 0, fills its half, and has its mirror plane's faces."""
+    mesh = uniform_mesh(2e-3)
+    assert mesh.fold.copies == 2
+    assert mesh.vertices[:, 1].min() == pytest.approx(0.0, abs=1e-15)
+    corners = mesh.vertices[mesh.tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert 2.0 * volumes.sum() == pytest.approx(10e-3 * 10e-3 * 4e-3, rel=1e-12)
+    faces, _ = boundary_faces(mesh.tets)
+    assert np.any(np.all(mesh.vertices[faces][:, :, 1] == 0.0, axis=1))
+
+
+def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:
+    """Half of a 1 mm element along x changes F by less than 5 %."""
+    on, beside = forces_beside(uniform_mesh(1e-3), 1e-3, depth_m=0.05e-3, shifts=(0.0, 0.5))
+    assert on > 0.1
+    assert beside == pytest.approx(on, rel=0.05)

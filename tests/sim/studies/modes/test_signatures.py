@@ -1,0 +1,122 @@
+"""Pressing, sliding and torsion with friction, by their signatures, maps and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.effects.plan import plan_effects
+from sim.press import path_for
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from sim.studies.modes.criteria import FRICTION, slide_criteria
+from sim.studies.modes.figures import draw_modes, draw_sensors
+from sim.studies.modes.maps import surface_maps, traction_arrows
+from sim.studies.modes.runs import ModeRun, Pressed, press_mode, slide_mode, twist_mode
+
+BALL = Sphere(diameter_m=10e-3)
+DEPTH_M = 0.3e-3
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, ModeRun]:
+    """A ball pressed into a small whole pad, then slid, then turned instead."""
+    scene = Scene(
+        pad=DiscPad(radius_m=8e-3, height_m=4e-3),
+        material=Material(young_pa=4e5, poisson=0.48),
+        indenter=BALL,
+        target=Target(depth_m=DEPTH_M),
+        preset=Preset.FAST,
+        contact=ContactMode.FRICTION,
+        friction=FRICTION,
+        motion=Motion(shift_m=(1e-3, 0.0)),
+    )
+    path = path_for(scene, plan_effects(scene))
+    pressed = Pressed(
+        sensor=load_sensor("gelsight-mini"),
+        indenter=BALL,
+        path=path,
+        point=path.advance(DEPTH_M),
+    )
+    return {mode.name: mode for mode in (f(pressed) for f in (press_mode, slide_mode, twist_mode))}
+
+
+def test_pressing_pulls_radially_and_sums_to_nothing(runs: dict[str, ModeRun]) -> None:
+    """Tangential forces of a straight press run to and from the axis and cancel."""
+    signature = runs["press"].signature
+    assert runs["press"].passed, runs["press"].criteria
+    assert signature.radial_share > signature.radial_share_points
+    assert np.linalg.norm(signature.tangential_n[:2]) < 1e-3 * signature.normal_size_n
+
+
+def test_sliding_opposes_the_motion_with_mu_times_the_normal_force(
+    runs: dict[str, ModeRun],
+) -> None:
+    """Under a held force, along x: the resultant, and the pressure that moves forward."""
+    slide = runs["slide"]
+    assert slide.passed, slide.criteria
+    assert all(criterion.judged for criterion in slide.criteria)
+    assert slide.signature.sliding_friction == pytest.approx(FRICTION, rel=1.5e-3)
+    assert slide.signature.centre_m[0] > 1e-5
+    assert slide.point.force_n[2] == pytest.approx(runs["press"].point.force_n[2], rel=1e-6)
+
+
+def test_a_slide_that_still_grips_is_not_judged(runs: dict[str, ModeRun]) -> None:
+    """While the drag grows, mu F_n is neither met nor missed, and the run has not passed."""
+    before, after = runs["press"].signature, runs["slide"].signature
+    judged = [criterion.judged for criterion in slide_criteria(before, after, 0.1)]
+    assert judged == [True, True, False, True]
+    assert [c.passed for c in slide_criteria(before, after, 0.1)] == [True, False, False, True]
+
+
+def test_torsion_pulls_around_the_axis(runs: dict[str, ModeRun]) -> None:
+    """A turn that starts where the press ended, not where the slide did."""
+    twist = runs["twist"]
+    assert twist.passed, twist.criteria
+    assert np.linalg.norm(twist.point.force_n[:2]) < 1e-6 * twist.point.force_n[2]
+
+
+def test_maps_carry_the_forces_that_act(runs: dict[str, ModeRun]) -> None:
+    """Arrows sum to the tangential resultant; the map's pressure integrates to the force."""
+    slide = runs["slide"]
+    _, arrows = traction_arrows(slide.point, pitch_m=2e-4)
+    total = arrows.sum(axis=0) * 2e-4**2
+    assert total == pytest.approx(slide.signature.tangential_n[:2], rel=1e-9)
+    maps = surface_maps(slide.path, slide.point)
+    a, b, c = (maps.points_m[maps.triangles[:, k]] for k in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    force = areas @ maps.pressure_pa[maps.triangles].mean(axis=1)
+    assert force == pytest.approx(slide.signature.normal_sum_n, rel=0.1)
+
+
+def test_figures_are_drawn(runs: dict[str, ModeRun], tmp_path: Path) -> None:
+    """Both figures, as PDF and PNG."""
+    paths = draw_modes(list(runs.values()), tmp_path) + draw_sensors([runs["press"]], tmp_path)
+    assert [path.name for path in paths] == [
+        "contact_modes.pdf",
+        "contact_modes.png",
+        "three_sensors.pdf",
+        "three_sensors.png",
+    ]
+    assert all(path.stat().st_size > 10_000 for path in paths)
+
+
+def test_a_load_is_met_and_gives_the_same_depth() -> None:
+    """Driven by load to another point's force, the indenter comes to that point's depth."""
+    frictionless = Scene(
+        pad=DiscPad(radius_m=8e-3, height_m=4e-3),
+        material=Material(young_pa=4e5, poisson=0.48),
+        indenter=Sphere(diameter_m=10e-3),
+        target=Target(depth_m=0.2e-3),
+        preset=Preset.FAST,
+    )
+    plan = plan_effects(frictionless)
+    by_depth = path_for(frictionless, plan).advance(0.2e-3)
+    by_load = path_for(frictionless, plan).push(float(by_depth.force_n[2]))
+    assert by_load.force_n[2] == pytest.approx(by_depth.force_n[2], rel=1e-7)
+    assert by_load.depth_m == pytest.approx(by_depth.depth_m, rel=1e-6)

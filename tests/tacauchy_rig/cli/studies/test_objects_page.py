@@ -1,0 +1,23 @@
+"""The page of five objects, of made-up presses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sim.scene.scene import Preset
+from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.cli.studies.objects_page import markdown
+from tests.sim.made_up_presses import object_presses
+
+
+def test_page_names_every_press_and_what_is_above_an_object() -> None:
+    """One row a press; a pixel above its object is told in micrometres."""
+    first, *others = object_presses("one")
+    text = markdown(
+        [[replace(first, highest_over_m=2e-6), *others]], command="x", preset=Preset.FAST
+    )
+    assert "Made by `x`." in text
+    rows = [line for line in text.splitlines() if line.startswith("| one |")]
+    assert len(rows) == len(OBJECTS)
+    assert rows[0] == "| one | bar | 1.500 | 2 | 30 |"
+    assert rows[1] == "| one | hexagon | 1.500 | 0 | 30 |"

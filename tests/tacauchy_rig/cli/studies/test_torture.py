@@ -1,0 +1,69 @@
+"""``torture``: rows that pass, raise and hang, and what is printed and written of them."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from sim.studies.hard_cases.case import HardCase
+from tacauchy_rig.cli.app import app
+from tacauchy_rig.cli.studies import torture
+from tacauchy_rig.errors import ConfigError
+
+ROWS = """
+import time
+from tacauchy_rig.errors import ConvergenceError
+
+def raises():
+    raise ConvergenceError("the press stopped at 3.1 mm")
+
+def hangs():
+    time.sleep(600)
+"""
+
+
+def test_a_fast_row_is_printed_and_written(tmp_path: Path) -> None:
+    """Row 14 alone: a table, a page and JSON, exit code 0."""
+    page, numbers = tmp_path / "page.md", tmp_path / "found.json"
+    done = CliRunner().invoke(
+        app, ["torture", "--rows", "14", "--out", str(page), "--json", str(numbers)]
+    )
+    assert done.exit_code == 0
+    assert "1 of 1 hard cases pass." in done.stdout
+    assert "14 no contact" in done.stderr
+    assert "Written by `tacauchy-rig torture --rows 14`" in page.read_text()
+    case = json.loads(numbers.read_text())["cases"][0]
+    assert case["measured"]["force_max_n"] == 0.0
+    assert case["measured"]["iterations_before_touch"] == 0
+
+
+def test_rows_that_fail_do_not_take_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One raises, one hangs: both are rows of the table, and the exit code is 1."""
+    (tmp_path / "failing_rows.py").write_text(ROWS)
+    monkeypatch.syspath_prepend(tmp_path)
+    rows = importlib.import_module("failing_rows")
+    cases = (
+        HardCase(number=1, name="first", criterion="ends", measure=rows.raises, limit_s=60.0),
+        HardCase(number=2, name="second", criterion="ends", measure=rows.hangs, limit_s=5.0),
+    )
+    monkeypatch.setattr(torture, "select_cases", lambda _: cases)
+    page = tmp_path / "page.md"
+    done = CliRunner().invoke(app, ["torture", "--out", str(page)])
+    assert done.exit_code == 1
+    assert "0 of 2 hard cases pass; failed: 1, 2." in done.stdout
+    assert "No numbers: ConvergenceError: the press stopped at 3.1 mm" in page.read_text()
+    assert "No numbers: not done after 5 s" in page.read_text()
+
+
+@pytest.mark.parametrize("rows", ["x", "1;4", "99"])
+def test_rows_that_do_not_exist_are_refused(rows: str) -> None:
+    """Neither words nor unknown numbers start anything."""
+    done = CliRunner().invoke(app, ["torture", "--rows", rows])
+    assert isinstance(done.exception, ConfigError)
+    assert "--rows" in str(done.exception)

@@ -1,0 +1,40 @@
+"""Which cases the fault table has, and how they are chosen."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.emulators.faults import FAULTS_OF_DEVICE
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.fault_table.cases import Moment, Victim, all_cases, select_cases
+
+
+def test_every_fault_and_every_process_is_there_at_every_moment():
+    """Nothing that an emulator can be told to do is left out."""
+    cases = all_cases()
+    fault_count = sum(len(kinds) for kinds in FAULTS_OF_DEVICE.values())
+    assert len(cases) == (fault_count + len(Victim)) * len(Moment)
+    assert len({case.slug for case in cases}) == len(cases)
+
+
+@pytest.mark.parametrize(
+    ("only", "moments", "names"),
+    [
+        (["kill:camera@dwell"], [], ["kill:camera@dwell"]),
+        (["kill:c*"], [Moment.PRESS], ["kill:control@press", "kill:camera@press"]),
+        (["camera:unplug", "robot:stall@search"], [Moment.SEARCH], None),
+    ],
+)
+def test_cases_are_chosen_by_pattern_and_moment(only, moments, names):
+    """Patterns match the whole name or the cause alone."""
+    found = [case.name for case in select_cases(all_cases(), only=only, moments=moments)]
+    assert found == (names if names is not None else ["robot:stall@search", "camera:unplug@search"])
+
+
+def test_a_pattern_that_matches_nothing_is_refused():
+    """A misspelt pattern is no table without problems, not even beside one that matches."""
+    with pytest.raises(ConfigError, match="--only 'kill:camra' matches no case") as caught:
+        select_cases(all_cases(), only=["kill:c*", "kill:camra"])
+    assert "fault-table --list" in caught.value.remedy
+    with pytest.raises(ConfigError, match="matches no case at press"):
+        select_cases(all_cases(), only=["*@dwell"], moments=[Moment.PRESS])
