@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.interfaces import Arm, Camera, Clock, ForceTorqueSensor
-from drivers.rig import Rig
-from protocols.cycle import Cycle
-from protocols.direct_sink import DirectCamera, DirectSink
 from protocols.guard.abort import Abort
-from protocols.journal import Journal
 from protocols.processes.supervisor import SessionResult, Supervisor
-from protocols.programme import PlannedTrial, ProgrammeResult, fresh_plan, run_programme
-from protocols.record_keeper import RecordKeeper
+from protocols.trials.programme import PlannedTrial, fresh_plan
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
@@ -44,7 +38,7 @@ def run_session(
         config: Its configuration, with the addresses of emulated devices filled in.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
-        abort: Asked at every turn of the control loop; see ``protocols.guard.abort_watch``.
+        abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
 
     Raises:
         RecordError: Another program works on the run.
@@ -55,32 +49,3 @@ def run_session(
         Supervisor(store, config, plan_session(store), on_event=on_event, abort=abort) as parent,
     ):
         return parent.run()
-
-
-def run_session_in_process(
-    store: RunStore,
-    *,
-    arm: Arm,
-    force_sensor: ForceTorqueSensor,
-    camera: Camera,
-    clock: Clock,
-    on_event: Callable[[JournalEvent], None],
-    abort: Abort,
-) -> ProgrammeResult:
-    """Run with connected devices in this process; for mocks.
-
-    Raises:
-        RecordError: Another program works on the run.
-    """
-    with store.lock():
-        keeper = RecordKeeper(store)
-        sink = DirectSink(keeper)
-        rig = Rig(
-            arm=arm, force_sensor=force_sensor, camera=DirectCamera(camera, keeper), clock=clock
-        )
-        cycle = Cycle(rig, store.config, sink=sink, abort=abort)
-        journal = Journal(sink, clock, listener=on_event)
-        try:
-            return run_programme(cycle, journal, plan_session(store))
-        finally:
-            keeper.close()

@@ -15,13 +15,12 @@ from types import FrameType
 from drivers.clock import HostClock
 from drivers.interfaces import Arm, DeviceIdentity, ForceTorqueSensor
 from drivers.rig import Rig, build_arm_and_force_sensor
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
+from protocols.control.journal import Journal
 from protocols.guard.abort import Abort
-from protocols.journal import Journal
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child
-from protocols.processes.link import RecorderLink
-from protocols.processes.link_sink import LinkSink, RemoteCamera
+from protocols.processes.link import LinkSink, RecorderLink, RemoteCamera
 from protocols.processes.messages import (
     AbortRequest,
     Finished,
@@ -30,7 +29,7 @@ from protocols.processes.messages import (
     Kept,
     Ready,
 )
-from protocols.programme import ProgrammeResult, run_programme
+from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore

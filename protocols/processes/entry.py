@@ -6,7 +6,7 @@ import pickle
 import struct
 from dataclasses import dataclass
 
-from protocols.record_keeper import RecordKeeper
+from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
 
 HEADER = struct.Struct("!IQ")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.interfaces import DeviceIdentity, StreamHealth
 from drivers.rig import FrameMark
-from protocols.programme import PlannedTrial, ProgrammeResult
+from protocols.trials.programme import PlannedTrial, ProgrammeResult
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
 

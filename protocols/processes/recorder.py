@@ -13,7 +13,7 @@ from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.entry import Begin, End, Entry, EntryReader, Frame, keep
 from protocols.processes.messages import Ack, Failed, Job, Ready
-from protocols.record_keeper import RecordKeeper
+from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore

@@ -19,7 +19,7 @@ from typing import Any, Self
 from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.cut_off import complete_results, last_results
-from protocols.processes.launched import Launched
+from protocols.processes.launched import Launched, launch_children
 from protocols.processes.messages import (
     AbortRequest,
     Alive,
@@ -30,8 +30,7 @@ from protocols.processes.messages import (
     Ready,
     Stop,
 )
-from protocols.processes.wiring import launch_children
-from protocols.programme import PlannedTrial, ProgrammeResult, describe_safe
+from protocols.trials.programme import PlannedTrial, ProgrammeResult, describe_safe
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
 from tacauchy_rig.run import JournalEvent, Outcome, TrialRecord

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import at_height, come_to_rest, downward, home_pose, move_to

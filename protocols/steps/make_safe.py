@@ -6,7 +6,7 @@ import logging
 import math
 from dataclasses import dataclass
 
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.guard.workspace import describe

@@ -1,11 +1,13 @@
-"""Straight moves that are watched at every turn, and coming to rest."""
+"""Straight moves that are watched at every turn: coming to rest, to the gel, and off it."""
 
 from __future__ import annotations
 
 import math
 
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
+from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
 from tacauchy_rig.run import Pose, Vector6
 
@@ -71,3 +73,35 @@ def _not_arrived(target: Pose, actual: Pose, how: str) -> BreachError:
         reaction=Reaction.HOLD,
         remedy="see whether the controller shows a message or runs at reduced speed",
     )
+
+
+def approach(cycle: Cycle) -> None:
+    """Go to ``protocol.approach_height`` above the expected surface.
+
+    Raises:
+        BreachError: Something was touched, or another limit was passed.
+    """
+    cycle.force_guard.contact = Contact.NONE
+    config = cycle.config
+    height_m = config.sensor.surface[2] + config.protocol.approach_height
+    move_to(cycle, at_height(cycle, height_m), speed=config.robot.approach_speed)
+
+
+CLEAR_M = 0.001
+"""Above contact by this much the gel has let go, however it sticks."""
+
+
+def retract(cycle: Cycle, *, contact_z_m: float) -> None:
+    """Go straight up off the gel and then home.
+
+    Raises:
+        BreachError: A limit was passed on the way.
+    """
+    cycle.force_guard.contact = Contact.LEAVING
+    speed = cycle.config.robot.retract_speed
+    come_to_rest(cycle)
+    move_to(cycle, at_height(cycle, contact_z_m + CLEAR_M), speed=speed)
+    # A force sample may be as old as its limit: what it says of the gel is no contact any more.
+    listen(cycle, cycle.config.limits.stale_force)
+    cycle.force_guard.contact = Contact.NONE
+    move_to(cycle, home_pose(cycle), speed=speed)

@@ -1,15 +1,16 @@
-"""Press to the target force and settle there."""
+"""Press to the target force, settle there, and hold for the window that counts."""
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
-from protocols.cycle import Cycle, Press, Reading
+from protocols.control.cycle import Cycle, Press, Reading
+from protocols.control.window import ForceWindow, summarise
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import downward
 from protocols.steps.servo import ForceServo
-from protocols.window import ForceWindow, summarise
 
 SETTLE_WINDOW_S = 0.5
 
@@ -117,4 +118,42 @@ def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
     return (
         abs(window.mean_n - target_n) <= protocol.force_tolerance / 2
         and abs(window.slope_n_s) <= protocol.dwell_force_rate
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dwell:
+    """The window that counts.
+
+    Attributes:
+        depth_m: Mean depth below contact [m].
+        settled: Whether the force had settled before it began.
+        frame_count: Camera frames that arrived within it.
+    """
+
+    force: ForceWindow
+    depth_m: float
+    settled: bool
+    frame_count: int
+
+
+def hold(cycle: Cycle, drive: PressDrive, *, settled: bool) -> Dwell:
+    """Hold for ``protocol.dwell_duration`` and summarise what was felt.
+
+    Raises:
+        BreachError: A limit was passed.
+    """
+    duration_ns = round(cycle.config.protocol.dwell_duration * 1e9)
+    presses: list[Press] = []
+    depths: list[float] = []
+    while len(presses) < 2 or presses[-1].stamp_ns - presses[0].stamp_ns < duration_ns:
+        reading = drive.turn()
+        presses += reading.presses
+        depths.append(drive.depth(reading))
+    force = summarise(presses)
+    return Dwell(
+        force=force,
+        depth_m=sum(depths) / len(depths),
+        settled=settled,
+        frame_count=cycle.rates.frame_count(force.start_ns, force.end_ns),
     )

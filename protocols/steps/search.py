@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from protocols.cycle import Cycle, Reading
+from protocols.control.cycle import Cycle, Reading
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward

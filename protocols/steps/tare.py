@@ -1,12 +1,12 @@
-"""The software zero of a trial: mean of an unloaded, quiet interval. Raw values stay raw."""
+"""The software zero of a trial, and how far it wandered. Raw values stay raw."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
+from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
-from protocols.window import listen
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import Criterion, Tare, Vector6
 
@@ -79,3 +79,11 @@ def judge_tare(tare: Tare, config: RigConfig) -> tuple[Criterion, ...]:
 def _six(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Vector6:
     a, b, c, d, e, f = values.tolist()
     return (a, b, c, d, e, f)
+
+
+FZ = 2
+
+
+def force_drift(before: Tare, after: Tare, *, config: RigConfig) -> float:
+    """Return the unloaded pressing force after minus before [N]."""
+    return config.force_sensor.compression_sign * (after.mean[FZ] - before.mean[FZ])

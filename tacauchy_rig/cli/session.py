@@ -13,7 +13,7 @@ import typer
 from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
 from drivers.emulators.plant.truth import TRUTH_FILE
 from protocols.confirmation import confirmation_screen, expected_answer
-from protocols.guard.abort_watch import AbortWatch
+from protocols.guard.abort import AbortWatch
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from sim.sensor.sensor import load_sensor

@@ -15,9 +15,9 @@ from drivers.mock.camera import MockCamera
 from drivers.mock.clock import SimulatedClock
 from drivers.mock.world import MockWorld
 from drivers.rig import FrameMark, Rig
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
+from protocols.control.journal import Journal
 from protocols.guard.abort import Abort
-from protocols.journal import Journal
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord

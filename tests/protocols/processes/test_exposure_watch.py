@@ -13,7 +13,7 @@ from drivers.mock.clock import SimulatedClock
 from drivers.mock.world import MockWorld
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkPost
 from protocols.processes.channel import Channel
-from protocols.processes.link_sink import RemoteCamera
+from protocols.processes.link import RemoteCamera
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ImageFrame
 

@@ -8,8 +8,8 @@ import pytest
 
 from protocols.processes.channel import Channel
 from protocols.processes.entry import Begin, End, Frame, encode
+from protocols.processes.record_keeper import RecordKeeper
 from protocols.processes.recorder import Producer, Recorder
-from protocols.record_keeper import RecordKeeper
 from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord
 from tacauchy_rig.store.recording.reading import Recording
 

@@ -5,23 +5,18 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from protocols.cycle import Cycle
-from protocols.findings import Findings
+from protocols.control.cycle import Cycle
+from protocols.control.journal import Journal
+from protocols.control.rates import RateMeter
+from protocols.control.window import take_reference
 from protocols.guard.breach import BreachError, reaction_to
 from protocols.guard.force import Contact
-from protocols.journal import Journal
-from protocols.rates import RateMeter
-from protocols.steps.approach import approach
-from protocols.steps.drift import force_drift
-from protocols.steps.dwell import hold
 from protocols.steps.make_safe import make_safe
-from protocols.steps.motion import home_pose, move_to
-from protocols.steps.press import PressDrive, press_to_target, settle
-from protocols.steps.reference import take_reference
-from protocols.steps.retract import retract
+from protocols.steps.motion import approach, home_pose, move_to, retract
+from protocols.steps.press import PressDrive, hold, press_to_target, settle
 from protocols.steps.search import search_contact
-from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
-from protocols.verdict import judge
+from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
+from protocols.trials.verdict import Findings, judge
 from tacauchy_rig.errors import AbortedError, RecordError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
 

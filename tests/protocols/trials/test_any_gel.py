@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.mock.gel import Gel
-from protocols.programme import fresh_plan, run_programme
+from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.run import Outcome
 
 OVERRUN_N = 0.15

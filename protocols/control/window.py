@@ -1,4 +1,4 @@
-"""A stretch of force: its mean, deviation and slope."""
+"""A stretch of force, its mean, deviation and slope; and frames of the gel while nothing moves."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocols.cycle import Cycle, Press
+from protocols.control.cycle import Cycle, Press
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,3 +56,26 @@ def listen(cycle: Cycle, duration_s: float) -> list[Press]:
     while clock.now_ns() < end_ns:
         presses += cycle.turn().presses
     return presses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceWindow:
+    """When the no-contact frames arrived, and how many."""
+
+    start_ns: int
+    end_ns: int
+    frame_count: int
+
+
+def take_reference(cycle: Cycle) -> ReferenceWindow:
+    """Stand still for ``protocol.reference_duration``.
+
+    Raises:
+        BreachError: A limit was passed.
+    """
+    start_ns = cycle.rig.clock.now_ns()
+    listen(cycle, cycle.config.protocol.reference_duration)
+    end_ns = cycle.rig.clock.now_ns()
+    return ReferenceWindow(
+        start_ns=start_ns, end_ns=end_ns, frame_count=cycle.rates.frame_count(start_ns, end_ns)
+    )

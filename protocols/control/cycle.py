@@ -9,14 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.rig import Rig
+from protocols.control.journal import Sink
+from protocols.control.rates import RateMeter
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.following import FollowGuard
 from protocols.guard.force import ForceGuard
 from protocols.guard.streams import StreamGuard
 from protocols.guard.workspace import Workspace
-from protocols.rates import RateMeter
-from protocols.sink import Sink
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
 from tacauchy_rig.run import ArmSample, ForceSample, Pose, Vector6

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from protocols.cycle import Cycle
+from protocols.control.cycle import Cycle
+from protocols.control.journal import Journal
 from protocols.guard.breach import reaction_to
-from protocols.journal import Journal
 from protocols.steps.air_press import press_air
 from protocols.steps.make_safe import make_safe
 from protocols.steps.preflight import run_preflight
-from protocols.trial import run_trial
+from protocols.trials.trial import run_trial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from protocols.guard.breach import BreachError
-from protocols.steps.leave_gel import leave_gel
-from protocols.steps.preflight import run_preflight
+from protocols.steps.preflight import leave_gel, run_preflight
 
 BIAS_N = 1.4  # of the mock world's Fz
 

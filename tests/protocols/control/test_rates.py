@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from protocols.rates import lateness_ms
+from protocols.control.rates import lateness_ms
 
 
 def test_lateness_is_that_of_the_late_samples_alone() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from protocols.programme import fresh_plan, run_programme
+from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.run import Outcome
 
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from drivers.mock.gel import Gel
-from protocols.programme import fresh_plan, run_programme
+from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.run import Outcome
 
 OFF_GEL = "retracted slowly off the gel"

@@ -1,0 +1,1 @@
+"""The body of the control loop, and what it keeps of what it sees."""
