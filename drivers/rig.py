@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.arm.ur5 import Ur5
-from drivers.arm.ur5_model import UrModel
 from drivers.camera.uvc_camera import UvcCamera
 from drivers.camera.uvc_capture import CameraMode
 from drivers.clock import HostClock
@@ -104,7 +103,7 @@ def _ur5(config: RigConfig) -> Ur5:
     fastest = max(robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
     return Ur5(
         host=robot.host,
-        model=UrModel(robot.model.value),
+        model=robot.model,
         max_speed=fastest,
         max_acceleration=robot.acceleration,
         tcp_offset=(*robot.tcp_offset, 0.0, 0.0, 0.0),

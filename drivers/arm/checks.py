@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
@@ -29,7 +28,7 @@ def robot_checks(config: RigConfig) -> list[CheckResult]:
 
 def _ready_check(config: RigConfig, report: ControllerReport) -> CheckResult:
     try:
-        require_ready(report, model=UrModel(config.robot.model.value))
+        require_ready(report, model=config.robot.model)
     except DeviceError as error:
         return failed("robot.ready", error)
     return passed("robot.ready", "powered, in remote control, free, no safety stop")

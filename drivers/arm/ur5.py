@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections import deque
+from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.arm.ur5_caps import MotionCaps
-from drivers.arm.ur5_line import LineMove
-from drivers.arm.ur5_link import UrLink
-from drivers.arm.ur5_model import UrModel
+from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_safety import safety_reason
 from drivers.interfaces import DeviceIdentity
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
+from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.errors import DeviceError, SafetyError
+from tacauchy_rig.run import ArmSample, Pose, Vector6
 
 _logger = logging.getLogger(__name__)
 
@@ -23,12 +23,64 @@ _FEED_S = 0.25
 _STOP_S = 0.15
 _POLL_S = 0.002
 _RECORD_LIMIT = 100_000
+_CENTRE_OF_GRAVITY_M = [0.0, 0.0, 0.0]  # of the payload, in the flange frame
+_CAP_ROUNDING = 1.0 + 1e-9
 
 
 class _Motion(StrEnum):
     NONE = "none"
     LINE = "line"
     VELOCITY = "velocity"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionCaps:
+    """Largest values that are ever sent.
+
+    Attributes:
+        speed: Of the tip [m/s].
+        turn_speed: Of the tool [rad/s].
+        acceleration: Of the tip [m/s^2].
+    """
+
+    speed: float
+    turn_speed: float
+    acceleration: float
+
+    def require_line(self, device: str, target: Vector6, speed: float, acceleration: float) -> None:
+        """Refuse a straight move that is too fast or leads nowhere.
+
+        Raises:
+            SafetyError: Beyond a cap, not positive, or not a number.
+        """
+        if not all(map(math.isfinite, target)):
+            raise SafetyError(f"{device}: target {target} is not a pose")
+        _require_within(device, "speed", speed * 1e3, self.speed * 1e3, "mm/s")
+        _require_within(
+            device, "acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"
+        )
+
+    def require_velocity(self, device: str, velocity: Vector6, acceleration: float) -> None:
+        """Refuse a velocity that is too fast.
+
+        Raises:
+            SafetyError: Beyond a cap, or not a number.
+        """
+        turn_speed = math.hypot(*velocity[3:])
+        _require_within(device, "speed", math.hypot(*velocity[:3]) * 1e3, self.speed * 1e3, "mm/s")
+        _require_within(device, "turning speed", turn_speed, self.turn_speed, "rad/s")
+        _require_within(
+            device, "acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"
+        )
+
+
+def _require_within(device: str, name: str, asked: float, limit: float, unit: str) -> None:
+    # Written so that a NaN is refused too.
+    if not 0.0 <= asked <= limit * _CAP_ROUNDING:
+        raise SafetyError(
+            f"{device}: {name} {asked:g} {unit} is beyond the limit of {limit:g} {unit}",
+            remedy="lower it, or raise the robot's limit in the configuration",
+        )
 
 
 class Ur5:
@@ -46,11 +98,9 @@ class Ur5:
         max_turn_speed: The same for turning [rad/s].
         max_acceleration: The same for accelerations [m/s^2].
         tcp_offset: Flange to tip [m, rad]; None keeps the controller's own.
-        payload_kg: Mass at the flange [kg]; None keeps the controller's own.
-        payload_center: Its centre of gravity in the flange frame [m].
+        payload_kg: Mass in the flange's centre [kg]; None keeps the controller's own.
         stop_deceleration: Used by ``stop`` [m/s^2].
-        stale_limit_s: Age at which data count as lost [s]; None takes 50 ms on an e-Series and
-            100 ms on a CB3.
+        stale_limit_s: Age at which data count as lost [s].
         watchdog_hz: Slowest feeding that the controller accepts [Hz].
         timeout_s: Deadline for the probe, and again for the client library [s].
         simulated: True when the controller is emulated, for the record.
@@ -60,15 +110,14 @@ class Ur5:
         self,
         *,
         host: str,
-        model: UrModel,
+        model: RobotModel,
         max_speed: float,
+        stale_limit_s: float,
         max_turn_speed: float = 0.2,
         max_acceleration: float = 0.5,
         tcp_offset: Vector6 | None = None,
         payload_kg: float | None = None,
-        payload_center: Vector3 = (0.0, 0.0, 0.0),
         stop_deceleration: float = 1.0,
-        stale_limit_s: float | None = None,
         watchdog_hz: float = 10.0,
         timeout_s: float = 5.0,
         simulated: bool = False,
@@ -79,9 +128,9 @@ class Ur5:
             speed=max_speed, turn_speed=max_turn_speed, acceleration=max_acceleration
         )
         self._stop_deceleration = stop_deceleration
-        self._stale_limit_s = model.stale_limit_s if stale_limit_s is None else stale_limit_s
+        self._stale_limit_s = stale_limit_s
         self._tcp_offset = tcp_offset
-        self._payload_kg, self._payload_center = payload_kg, payload_center
+        self._payload_kg = payload_kg
         self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
         self._simulated = simulated
         self._link: UrLink | None = None
@@ -281,11 +330,11 @@ class Ur5:
         return link
 
     def _set_tool(self, link: UrLink) -> None:
-        offset, mass, center = self._tcp_offset, self._payload_kg, self._payload_center
+        offset, mass = self._tcp_offset, self._payload_kg
         if offset is not None:
             link.command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
         if mass is not None:
-            link.command("setting the payload", lambda c: c.setPayload(mass, list(center)))
+            link.command("setting the payload", lambda c: c.setPayload(mass, _CENTRE_OF_GRAVITY_M))
 
     def _require_link(self) -> UrLink:
         if self._link is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import time
 
 from drivers.arm.ur5_safety import (
@@ -11,8 +13,11 @@ from drivers.arm.ur5_safety import (
     runtime_state_name,
     safety_reason,
 )
+from drivers.arm.ur5_wire import RTDE_PORT
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample
+
+_DESCRIPTORS = "/proc/self/fd"
 
 
 class ArmHealth:
@@ -31,11 +36,6 @@ class ArmHealth:
         self._lost: DeviceError | None = None
         self._controller_time_s = -1.0
         self._changed_s = self._looked_s = time.monotonic()
-
-    @property
-    def is_lost(self) -> bool:
-        """True after the first loss; nothing makes it False again."""
-        return self._lost is not None
 
     def require_alive(self) -> None:
         """Raise the first loss again, if there was one.
@@ -107,3 +107,57 @@ class ArmHealth:
                 f"it ends when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or at the "
                 "pendant; see what held this computer up, then start again",
             )
+
+
+class RtdeSockets:
+    """This process's connections to the RTDE port of one controller (Linux only).
+
+    ur_rtde connects again by itself after any loss, without telling, and uploads its program
+    again. This project wants a person to look first, so the connections in use are remembered by
+    the kernel's numbers for them.
+    """
+
+    def __init__(self) -> None:
+        self._names: dict[int, str] = {}
+
+    def remember(self, host: str) -> None:
+        """Take the connections to ``host`` that are open now as the ones to watch."""
+        address = socket.gethostbyname(host)
+        self._names = {
+            number: name
+            for number, name in _open_sockets().items()
+            if _peer(number) == (address, RTDE_PORT)
+        }
+
+    def are_unchanged(self) -> bool:
+        """Return False once any of them was closed or replaced."""
+        try:
+            return all(
+                os.readlink(f"{_DESCRIPTORS}/{number}") == name  # noqa: PTH115 - every cycle
+                for number, name in self._names.items()
+            )
+        except OSError:
+            return False
+
+
+def _open_sockets() -> dict[int, str]:
+    found: dict[int, str] = {}
+    for entry in os.listdir(_DESCRIPTORS):  # noqa: PTH208 - names of descriptors, not files
+        try:
+            name = os.readlink(f"{_DESCRIPTORS}/{entry}")  # noqa: PTH115
+        except OSError:
+            continue
+        if name.startswith("socket:"):
+            found[int(entry)] = name
+    return found
+
+
+def _peer(descriptor: int) -> tuple[str, int] | None:
+    try:
+        with socket.socket(fileno=os.dup(descriptor)) as link:
+            if link.family != socket.AF_INET:
+                return None
+            host, port = link.getpeername()
+            return host, port
+    except OSError:
+        return None

@@ -8,23 +8,25 @@ from __future__ import annotations
 
 import functools
 import logging
+import queue
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_commander import Commander
 from drivers.arm.ur5_guardian import Guardian
-from drivers.arm.ur5_health import ArmHealth
+from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_safety import RuntimeState
-from drivers.arm.ur5_sockets import RtdeSockets
 from tacauchy_rig.errors import DeviceError, RigError
-from tacauchy_rig.run import ArmSample, Pose
+from tacauchy_rig.run import ArmSample, Pose, Vector6
 
 _logger = logging.getLogger(__name__)
 T = TypeVar("T")
+_Job = tuple[Callable[[], object], Future[object]]
 
 RECORD_RATE_HZ = 125.0
 COMMAND_S = 1.0
@@ -44,6 +46,79 @@ _POLL_S = 0.005
 _FIRST_STATE_S = 1.0
 _CLOSE_S = 5.0
 _STOP_SCRIPT_S = 1.0
+_MOVE_BEGINS_S = 0.5
+_PROGRESS_POLL_S = 0.002
+
+
+class Commander:
+    """One thread that makes every call into ur_rtde's control interface, each with a deadline.
+
+    The interface is not thread-safe and polls up to 300 s for a controller that fell silent. Its
+    ordinary calls release the interpreter lock, so the caller can stop waiting. A call that misses
+    its deadline cannot be taken back: the commander then refuses all others, and the process that
+    owns it should end.
+
+    Args:
+        device: Name for messages.
+    """
+
+    def __init__(self, device: str) -> None:
+        self._device = device
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._stuck_in = ""
+        # A daemon, because a stuck call must not hold up the end of the process.
+        self._thread = threading.Thread(target=self._run, name="ur5-commander", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_stuck(self) -> bool:
+        """True once a call missed its deadline."""
+        return bool(self._stuck_in)
+
+    def call(self, activity: str, function: Callable[[], T], *, deadline_s: float) -> T:
+        """Return what ``function`` returns.
+
+        Args:
+            activity: What it does, for messages.
+            function: Makes one call into the library.
+            deadline_s: How long to wait [s].
+
+        Raises:
+            DeviceError: No answer in time, now or earlier, or the library raised an error.
+        """
+        if self._stuck_in:
+            raise DeviceError(
+                f"{self._device}: {activity} is not possible, {self._stuck_in} still waits",
+                remedy="the connection is lost: end this program and start it again",
+            )
+        future: Future[object] = Future()
+        self._jobs.put((function, future))
+        try:
+            return future.result(timeout=deadline_s)  # type: ignore[return-value]
+        except TimeoutError as error:
+            self._stuck_in = activity
+            raise DeviceError(
+                f"{self._device}: {activity} got no answer within {deadline_s:g} s",
+                remedy="look at the controller and the network; the watchdog stops the arm",
+            ) from error
+        except (RuntimeError, ValueError) as error:
+            raise DeviceError(f"{self._device}: {activity} failed: {error}") from error
+
+    def close(self) -> None:
+        """End the thread, unless a call holds it."""
+        self._jobs.put(None)
+        if not self._stuck_in:
+            self._thread.join(timeout=1.0)
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            function, future = job
+            try:
+                future.set_result(function())
+            except BaseException as error:  # noqa: BLE001 - handed to the caller
+                future.set_exception(error)
+            # Otherwise the last call would keep the interface alive until the next one.
+            del job, function, future
 
 
 class UrLink:
@@ -211,3 +286,64 @@ class UrLink:
                     remedy="read the pendant's message and log; is a program waiting there?",
                 )
             time.sleep(_POLL_S)
+
+
+class LineMove:
+    """One asynchronous moveL, followed through the controller's numbers for such operations.
+
+    Args:
+        link: The arm's connection.
+    """
+
+    def __init__(self, link: UrLink) -> None:
+        self._link = link
+        self._operation_before = -1
+        self._start_s = 0.0
+
+    def start(self, target: Vector6, *, speed: float, acceleration: float) -> None:
+        """Send the move [m, rad; m/s; m/s^2] and return at once.
+
+        Raises:
+            DeviceError: The controller refused.
+        """
+        _, self._operation_before = self._link.call("reading progress", _progress)
+        self._start_s = time.monotonic()
+        self._link.command(
+            "starting a move", lambda c: c.moveL(list(target), speed, acceleration, True)
+        )
+
+    def is_running(self) -> bool:
+        """Return True until the move has ended.
+
+        Raises:
+            DeviceError: The move never began, or the arm is lost.
+        """
+        running, operation = self._link.call("reading progress", _progress)
+        if running or operation != self._operation_before:
+            return running
+        if time.monotonic() - self._start_s > _MOVE_BEGINS_S:
+            raise self._link.health.lose("the move never began", "read the pendant's message")
+        return True
+
+    def stop(self, deceleration: float, *, deadline_s: float) -> None:
+        """Brake the tip at ``deceleration`` [m/s^2] and wait for it, at most ``deadline_s`` [s].
+
+        Raises:
+            DeviceError: The controller did not answer.
+        """
+        end_s = time.monotonic() + deadline_s
+        # Only the asynchronous form brakes the tip at [m/s^2]; the other one is a stopj.
+        self._link.call("stopping", lambda c: c.stopL(deceleration, True), deadline_s=deadline_s)
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            running, _ = self._link.call(
+                "reading progress", _progress, deadline_s=left_s + _PROGRESS_POLL_S
+            )
+            if not running:
+                return
+            time.sleep(_PROGRESS_POLL_S)
+
+
+def _progress(control: Any) -> tuple[bool, int]:
+    """Return (whether an asynchronous operation runs, its number)."""
+    status = control.getAsyncOperationProgressEx()
+    return bool(status.isAsyncOperationRunning()), int(status.operationId())

@@ -7,14 +7,35 @@ come. So everything that can be wrong is looked for here first, over ordinary so
 from __future__ import annotations
 
 import re
+import socket
+import struct
 import time
 from dataclasses import dataclass
+from types import TracebackType
 
-from drivers.arm.ur5_dialogue import DashboardDialogue, RtdeDialogue, connect_port
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_safety import RobotMode, robot_mode_name, safety_reason
-from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
+from drivers.arm.ur5_wire import (
+    DASHBOARD_PORT,
+    PROTOCOL_VERSION,
+    RTDE_PORT,
+    SCRIPT_PORT,
+    OutputRecipe,
+    PacketKind,
+    PacketReader,
+    pack_packet,
+)
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
+
+_OUTPUTS = ["timestamp", "robot_mode", "runtime_state", "safety_status_bits", "actual_TCP_pose"]
+_OUTPUT_RATE_HZ = 125.0  # the slower of the two generations' cycles
+_COMMAND_REGISTER = b"input_int_register_0,"
+_PACKETS_SEEN = 3
+_PORT_PURPOSE = {
+    RTDE_PORT: "RTDE, the controller's data exchange",
+    DASHBOARD_PORT: "the dashboard server",
+    SCRIPT_PORT: "the script port",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +64,13 @@ class ControllerReport:
     probe_s: float
 
     @property
-    def model(self) -> UrModel:
+    def model(self) -> RobotModel:
         """Controller generation that the version belongs to."""
-        return UrModel.E_SERIES if self.version[0] > UrModel.CB3.major_version else UrModel.CB3
+        return (
+            RobotModel.E_SERIES
+            if self.version[0] > RobotModel.CB3.major_version
+            else RobotModel.CB3
+        )
 
     @property
     def version_text(self) -> str:
@@ -65,13 +90,15 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
     """
     start_s = time.monotonic()
     deadline_s = start_s + timeout_s
-    with connect_port(host, SCRIPT_PORT, deadline_s):
+    with _Port(host, SCRIPT_PORT, deadline_s):
         pass
-    serial, remote_control = _ask_dashboard(host, deadline_s)
-    with connect_port(host, RTDE_PORT, deadline_s) as link:
-        rtde = RtdeDialogue(host, link, deadline_s)
+    with _Port(host, DASHBOARD_PORT, deadline_s) as port:
+        serial, remote_control = _ask_dashboard(port)
+    with _Port(host, RTDE_PORT, deadline_s) as port:
+        rtde = _RtdeDialogue(port)
         version = rtde.handshake()
-        in_use = rtde.command_register_in_use()
+        # Another client owns the register that takes commands.
+        in_use = b"IN_USE" in rtde.ask(PacketKind.SETUP_INPUTS, _COMMAND_REGISTER)
         states = rtde.watch()
     first, last = states[0], states[-1]
     return ControllerReport(
@@ -89,7 +116,7 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
     )
 
 
-def require_ready(report: ControllerReport, *, model: UrModel) -> None:
+def require_ready(report: ControllerReport, *, model: RobotModel) -> None:
     """Refuse a controller that cannot be driven now.
 
     Raises:
@@ -97,7 +124,7 @@ def require_ready(report: ControllerReport, *, model: UrModel) -> None:
             powered, or driven by another program.
     """
     where = f"robot {report.host}"
-    if report.version[0] > UrModel.E_SERIES.major_version:
+    if report.version[0] > RobotModel.E_SERIES.major_version:
         raise DeviceError(
             f"{where}: controller software {report.version_text} is not supported",
             remedy="a CB3 with 3.x or an e-Series with 5.x is needed",
@@ -129,17 +156,166 @@ def require_ready(report: ControllerReport, *, model: UrModel) -> None:
         )
 
 
-def _ask_dashboard(host: str, deadline_s: float) -> tuple[str, bool | None]:
-    """Return (serial number, whether in remote control)."""
-    with connect_port(host, DASHBOARD_PORT, deadline_s) as link:
-        dashboard = DashboardDialogue(host, link, deadline_s)
-        greeting = dashboard.read_line()
-        if "Dashboard" not in greeting:
+class _Port:
+    """A connection to one of the controller's ports, on which every wait ends at the deadline.
+
+    Raises:
+        DeviceError: Unknown name, refused, unreachable or silent.
+    """
+
+    def __init__(self, host: str, port: int, deadline_s: float) -> None:
+        self.place = f"robot {host}: port {port} ({_PORT_PURPOSE[port]})"
+        self.host = host
+        self._deadline_s = deadline_s
+        try:
+            self._link = socket.create_connection((host, port), timeout=self._left_s())
+        except socket.gaierror as error:
             raise DeviceError(
-                f"robot {host}: port {DASHBOARD_PORT} greets with {greeting[:60]!r}",
-                remedy="this is not a UR controller: correct the address",
+                f"robot: the name {host!r} is unknown",
+                remedy="write its address as the pendant shows it (Settings, System, Network)",
+            ) from error
+        except ConnectionRefusedError as error:
+            raise DeviceError(
+                f"{self.place} refuses connections",
+                remedy="is this the robot's address, is the controller booted, is the service on?",
+            ) from error
+        except TimeoutError as error:
+            raise self._silent() from error
+        except OSError as error:
+            raise DeviceError(
+                f"{self.place} cannot be reached: {error.strerror or error}",
+                remedy="check the cable, and that this computer is in the robot's subnet",
+            ) from error
+
+    def __enter__(self) -> _Port:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._link.close()
+
+    def send(self, data: bytes) -> None:
+        """Send all of ``data``."""
+        self._link.sendall(data)
+
+    def receive(self) -> bytes:
+        """Return what comes next, at least one byte."""
+        self._link.settimeout(self._left_s())
+        try:
+            data = self._link.recv(65536)
+        except TimeoutError as error:
+            raise self._silent() from error
+        except OSError as error:
+            raise DeviceError(
+                f"{self.place} broke the connection: {error.strerror or error}",
+                remedy="look at the controller; try again",
+            ) from error
+        if not data:
+            raise DeviceError(
+                f"{self.place} closed the connection", remedy="look at the controller; try again"
             )
-        serial = re.sub(r"\D", "", dashboard.ask("get serial number"))
-        answer = dashboard.ask("is in remote control").lower()
-    known = {"true": True, "false": False}
-    return serial, known.get(answer.strip())
+        return data
+
+    def _left_s(self) -> float:
+        left_s = self._deadline_s - time.monotonic()
+        if left_s <= 0.0:
+            raise self._silent()
+        return left_s
+
+    def _silent(self) -> DeviceError:
+        return DeviceError(
+            f"{self.place} does not answer",
+            remedy="check cable, address and that the controller is on; restart it when it hangs",
+        )
+
+
+def _ask_dashboard(port: _Port) -> tuple[str, bool | None]:
+    """Return (serial number, whether in remote control)."""
+    received = b""
+
+    def next_line() -> str:
+        nonlocal received
+        while b"\n" not in received:
+            received += port.receive()
+        line, received = received.split(b"\n", 1)
+        return line.decode("latin-1").strip()
+
+    greeting = next_line()
+    if "Dashboard" not in greeting:
+        raise DeviceError(
+            f"robot {port.host}: port {DASHBOARD_PORT} greets with {greeting[:60]!r}",
+            remedy="this is not a UR controller: correct the address",
+        )
+    port.send(b"get serial number\n")
+    serial = re.sub(r"\D", "", next_line())
+    port.send(b"is in remote control\n")
+    return serial, {"true": True, "false": False}.get(next_line().lower())
+
+
+class _RtdeDialogue:
+    """The handshake of an RTDE client, one reply for each request."""
+
+    def __init__(self, port: _Port) -> None:
+        self._port = port
+        self._reader = PacketReader()
+        self._waiting: list[tuple[int, bytes]] = []
+
+    def handshake(self) -> tuple[int, int, int, int]:
+        """Agree on the protocol and return the controller's version."""
+        request = struct.pack(">H", PROTOCOL_VERSION)
+        if self.ask(PacketKind.REQUEST_PROTOCOL_VERSION, request)[:1] != b"\x01":
+            raise DeviceError(
+                f"{self._port.place} refuses protocol version {PROTOCOL_VERSION}",
+                remedy="update the controller's software (3.3 or newer)",
+            )
+        reply = self.ask(PacketKind.GET_URCONTROL_VERSION)
+        if len(reply) != struct.calcsize(">4I"):
+            raise self._strange(reply)
+        major, minor, bugfix, build = struct.unpack(">4I", reply)
+        return major, minor, bugfix, build
+
+    def watch(self) -> list[dict[str, tuple[float, ...]]]:
+        """Return a few states, having seen the controller's clock move."""
+        names = ",".join(_OUTPUTS) + ","
+        request = struct.pack(">d", _OUTPUT_RATE_HZ) + names.encode()
+        reply = self.ask(PacketKind.SETUP_OUTPUTS, request)
+        if b"NOT_FOUND" in reply or not reply:
+            raise self._strange(reply)
+        recipe = OutputRecipe(reply[0], _OUTPUTS)
+        if self.ask(PacketKind.START)[:1] != b"\x01":
+            raise DeviceError(
+                f"{self._port.place} does not start sending data", remedy="restart the controller"
+            )
+        states = [recipe.unpack(self._next(PacketKind.DATA)) for _ in range(_PACKETS_SEEN)]
+        if states[-1]["timestamp"][0] <= states[0]["timestamp"][0]:
+            raise DeviceError(
+                f"{self._port.place} repeats the same time stamp", remedy="restart the controller"
+            )
+        return states
+
+    def ask(self, kind: PacketKind, body: bytes = b"") -> bytes:
+        """Send a request and return the body of its reply."""
+        self._port.send(pack_packet(kind, body))
+        return self._next(kind)
+
+    def _next(self, kind: PacketKind) -> bytes:
+        while True:
+            while self._waiting:
+                got, body = self._waiting.pop(0)
+                if got == kind:
+                    return body
+            data = self._port.receive()
+            try:
+                self._waiting += self._reader.feed(data)
+            except DeviceError as error:
+                raise self._strange(data) from error
+
+    def _strange(self, reply: bytes) -> DeviceError:
+        return DeviceError(
+            f"{self._port.place} answers {reply[:40]!r}",
+            remedy="this is not a UR controller with RTDE: correct the address",
+        )

@@ -7,11 +7,9 @@ from collections import deque
 
 from drivers.interfaces import DeviceIdentity
 from drivers.mock.world import MockWorld, Still
-from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
-RATE_HZ = {RobotModel.CB3: 125.0, RobotModel.E_SERIES: 500.0}
 ARRIVED_M = 1e-6
 PLAYING, RUNNING = 2, 7
 PROTECTIVE_STOPPED = 1 << 2
@@ -46,7 +44,7 @@ class MockArm:
         self._locked = False
         self._states: list[ArmSample] = []
         self._newest = self._sample(world.now_ns)
-        self._period_ns = round(1e9 / RATE_HZ[world.config.robot.model])
+        self._period_ns = round(1e9 / world.config.robot.model.rate_hz)
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
         world.on_step(self._report)

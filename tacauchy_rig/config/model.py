@@ -54,6 +54,16 @@ class RobotModel(StrEnum):
     CB3 = "cb3"
     E_SERIES = "e-series"
 
+    @property
+    def rate_hz(self) -> float:
+        """Rate at which the controller reports its state [Hz]."""
+        return 125.0 if self is RobotModel.CB3 else 500.0
+
+    @property
+    def major_version(self) -> int:
+        """Major version of the controller software that drives this generation."""
+        return 3 if self is RobotModel.CB3 else 5
+
 
 class Checksum(StrEnum):
     """Checksum of the force sensor's frames."""

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacauchy_rig.config.model import RigConfig, RobotModel
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.durable import read_error
 
@@ -20,7 +20,6 @@ JPEG_BYTES_PER_PIXEL = 0.25
 """A generous JPEG; a gel's smooth image takes about 0.1 (0.84 MB at 3280x2464)."""
 
 _MARGIN_BYTES = 200e6
-_CONTROLLER_RATES_HZ = {RobotModel.CB3: 125.0, RobotModel.E_SERIES: 500.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +100,7 @@ def _trial_duration_s(config: RigConfig) -> float:
 def _rate_bytes_s(config: RigConfig) -> float:
     camera = config.camera
     image = camera.rate * camera.width * camera.height * JPEG_BYTES_PER_PIXEL
-    arm = _CONTROLLER_RATES_HZ[config.robot.model] * ARM_MESSAGE_BYTES
+    arm = config.robot.model.rate_hz * ARM_MESSAGE_BYTES
     return image + arm + config.force_sensor.rate * FORCE_MESSAGE_BYTES
 
 

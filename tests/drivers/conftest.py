@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.arm.ur5_model import UrModel
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import EmulatedProcess
+from tacauchy_rig.config.model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,7 @@ class EmulatedUr:
 
     host: str
     folder: Path
-    model: UrModel
+    model: RobotModel
     process: EmulatedProcess
 
 
@@ -37,7 +37,7 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
     """Return a function that starts a controller; those it started end with the test."""
     started: list[EmulatedProcess] = []
 
-    def start(model: UrModel = UrModel.E_SERIES, *more: str) -> EmulatedUr:
+    def start(model: RobotModel = RobotModel.E_SERIES, *more: str) -> EmulatedUr:
         host = free_loopback_host()
         arguments = ["drivers.emulators.arm.controller", "--host", host, "--model", model.value]
         process = EmulatedProcess(

@@ -12,12 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.arm.ur5_model import UrModel
 from drivers.camera.checks import exposure_check
 from drivers.checks import device_checks
 from drivers.force_sensor.checks import latency_timer_check
 from tacauchy_rig.config.load import restore_config
-from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.model import RigConfig, RobotModel
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
 
 RunBox = Callable[..., AbstractContextManager[str]]
@@ -165,7 +164,7 @@ def test_automatic_exposure_is_warned_of() -> None:
 
 def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     """A controller that is ready and at home passes; another generation is refused."""
-    host = emulate_ur(UrModel.E_SERIES, "--home", "0,-0.4,0.23,0,3.14159265,0").host
+    host = emulate_ur(RobotModel.E_SERIES, "--home", "0,-0.4,0.23,0,3.14159265,0").host
     results = checked(configured(robot__driver="ur5", robot__host=host))
     assert results["robot.controller"].status is CheckStatus.OK
     assert "e-series, software 5." in results["robot.controller"].finding

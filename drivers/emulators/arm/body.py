@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import INPUT_TYPES, OUTPUT_TYPES, TYPE_FORMATS, Value
 from drivers.emulators.arm.motion import ToolMotion
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Pose, Vector6
 
-VERSIONS: dict[UrModel, tuple[int, int, int, int]] = {
-    UrModel.CB3: (3, 15, 8, 106339),
-    UrModel.E_SERIES: (5, 11, 1, 108318),
+VERSIONS: dict[RobotModel, tuple[int, int, int, int]] = {
+    RobotModel.CB3: (3, 15, 8, 106339),
+    RobotModel.E_SERIES: (5, 11, 1, 108318),
 }
 
 # What a program's end and a safety stop ask of the arm [m/s^2]; a real arm's figures depend on
@@ -76,7 +76,7 @@ class ControllerBody:
         remote_control: False when the pendant is in local control.
     """
 
-    model: UrModel
+    model: RobotModel
     motion: ToolMotion
     remote_control: bool = True
     safety: SafetyStatus = field(default_factory=SafetyStatus)
@@ -87,11 +87,15 @@ class ControllerBody:
     inputs: dict[str, Value] = field(default_factory=dict)
 
     @classmethod
-    def at_home(cls, model: UrModel, home: Pose, *, remote_control: bool = True) -> ControllerBody:
+    def at_home(
+        cls, model: RobotModel, home: Pose, *, remote_control: bool = True
+    ) -> ControllerBody:
         """Return a powered, idle controller with the tip at ``home``."""
         body = cls(model=model, motion=ToolMotion(home), remote_control=remote_control)
         names = [
-            name for name in OUTPUT_TYPES if model is UrModel.E_SERIES or name not in _E_SERIES_ONLY
+            name
+            for name in OUTPUT_TYPES
+            if model is RobotModel.E_SERIES or name not in _E_SERIES_ONLY
         ]
         body.outputs = {name: _zero(OUTPUT_TYPES[name]) for name in names}
         body.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}

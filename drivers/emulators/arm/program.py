@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import IntEnum
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
 from drivers.emulators.arm.motion import compose_rotations, rotate
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Vector6
 
 _READY, _DONE = 1, 2
@@ -191,7 +191,7 @@ class ControlProgram:
             body.put_int(self._offset + 1, 1)
         elif command == Command.IS_STEADY:
             body.put_int(self._offset + 1, int(motion.is_still))
-        elif command == Command.GET_TCP_OFFSET and body.model is UrModel.E_SERIES:
+        elif command == Command.GET_TCP_OFFSET and body.model is RobotModel.E_SERIES:
             body.put_doubles(self._offset, body.tcp_offset)
         elif command == Command.POSE_TRANS:
             first, second = self._vector(0), self._vector(6)

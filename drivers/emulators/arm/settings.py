@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.arm.ur5_model import UrModel
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Pose
 
 _PURPOSE = "An emulated UR controller; real ur_rtde clients connect to it."
@@ -26,7 +26,7 @@ class ControllerSettings:
     """
 
     host: str
-    model: UrModel
+    model: RobotModel
     folder: Path
     home: Pose
     seed: int = 0
@@ -40,7 +40,9 @@ def parse_arguments(arguments: list[str]) -> ControllerSettings:
     """Return the settings that a command line asks for."""
     parser = argparse.ArgumentParser(prog="ur_controller", description=_PURPOSE)
     parser.add_argument("--host", default="127.0.0.5", help="loopback address to listen on")
-    parser.add_argument("--model", type=UrModel, choices=list(UrModel), default=UrModel.E_SERIES)
+    parser.add_argument(
+        "--model", type=RobotModel, choices=list(RobotModel), default=RobotModel.E_SERIES
+    )
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--home", default="0.3,-0.3,0.2,3.14159265,0,0", help="x,y,z,rx,ry,rz")
     parser.add_argument("--seed", type=int, default=0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_safety import RobotMode, RuntimeState
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import VERSIONS, ControllerBody
 from drivers.emulators.arm.connection import Connection, Port
+from tacauchy_rig.config.model import RobotModel
 
 _GREETING = b"Connected: Universal Robots Dashboard Server\n"
 _SCRIPT_END = re.compile(rb"^end[ \t]*\r?\n", re.MULTILINE)
@@ -73,7 +73,7 @@ class DashboardPort:
             "close safety popup": "closing safety popup",
             "brake release": "Brake releasing",
         }
-        if model is UrModel.E_SERIES:
+        if model is RobotModel.E_SERIES:
             fixed["is in remote control"] = "true" if body.remote_control else "false"
         if command in fixed:
             return fixed[command]

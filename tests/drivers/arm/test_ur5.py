@@ -20,14 +20,14 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5 import Ur5
-from drivers.arm.ur5_model import UrModel
 from drivers.emulators.arm.trace import read_events, read_trace, stop_after
 from drivers.emulators.faults import Device, send_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, RigError, SafetyError
 
 _PRESS_M_S = 0.005
-_MODELS = list(UrModel)
+_MODELS = list(RobotModel)
 # Laxer than in a run, so that a test machine that is held up for 100 ms fails nothing.
 _WATCHDOG_HZ = 3.0
 _STALE_S = 0.25
@@ -38,7 +38,7 @@ _ANSWERS = "TEST_UR5_ANSWERS"
 def _arm(host: str, model: str) -> Ur5:
     return Ur5(
         host=host,
-        model=UrModel(model),
+        model=RobotModel(model),
         max_speed=0.05,
         tcp_offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0),
         payload_kg=0.5,
@@ -255,7 +255,7 @@ class _Client:
 
 
 @pytest.mark.parametrize("model", _MODELS)
-def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """The whole interface does what it says on both generations."""
     robot = emulate_ur(model)
     with _Client("client_normal", robot) as client:
@@ -285,7 +285,7 @@ def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: U
 @pytest.mark.parametrize("motion", ["velocity", "line"])
 @pytest.mark.parametrize("model", _MODELS)
 def test_arm_stops_when_its_client_is_killed(
-    emulate_ur: Callable[..., Any], model: UrModel, motion: str
+    emulate_ur: Callable[..., Any], model: RobotModel, motion: str
 ) -> None:
     """After SIGKILL of the client the watchdog ends the motion within a fraction of a mm."""
     robot = emulate_ur(model)
@@ -313,18 +313,18 @@ def _await_event(folder: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("model", "fault", "message"),
     [
-        (UrModel.E_SERIES, "protective-stop", "protective stop"),
-        (UrModel.E_SERIES, "emergency-stop", "emergency stop"),
-        (UrModel.E_SERIES, "freeze", "no new data for"),
-        (UrModel.E_SERIES, "delay", "no new data for"),
-        (UrModel.E_SERIES, "drop", "the connection broke"),
-        (UrModel.CB3, "protective-stop", "protective stop"),
-        (UrModel.CB3, "freeze", "no new data for"),
-        (UrModel.CB3, "drop", "the connection broke"),
+        (RobotModel.E_SERIES, "protective-stop", "protective stop"),
+        (RobotModel.E_SERIES, "emergency-stop", "emergency stop"),
+        (RobotModel.E_SERIES, "freeze", "no new data for"),
+        (RobotModel.E_SERIES, "delay", "no new data for"),
+        (RobotModel.E_SERIES, "drop", "the connection broke"),
+        (RobotModel.CB3, "protective-stop", "protective stop"),
+        (RobotModel.CB3, "freeze", "no new data for"),
+        (RobotModel.CB3, "drop", "the connection broke"),
     ],
 )
 def test_a_fault_is_told_and_the_arm_stops(
-    emulate_ur: Callable[..., Any], model: UrModel, fault: str, message: str
+    emulate_ur: Callable[..., Any], model: RobotModel, fault: str, message: str
 ) -> None:
     """Each fault while pressing gives its reason, stays, and ends the motion."""
     robot = emulate_ur(model)
@@ -356,7 +356,7 @@ def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> N
 
 
 @pytest.mark.parametrize("model", _MODELS)
-def test_unfed_arm_ends_its_program(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+def test_unfed_arm_ends_its_program(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """Reading the state feeds nothing: the watchdog bites, and the message says why."""
     robot = emulate_ur(model)
     with _Client("client_idle", robot) as client:
@@ -366,7 +366,7 @@ def test_unfed_arm_ends_its_program(emulate_ur: Callable[..., Any], model: UrMod
 
 
 @pytest.mark.parametrize("model", _MODELS)
-def test_protective_stop_is_triggered(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+def test_protective_stop_is_triggered(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """The guard's last means works, and the state says what happened."""
     robot = emulate_ur(model)
     with _Client("client_protect", robot) as client:

@@ -14,19 +14,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5_caps import MotionCaps
-from drivers.arm.ur5_commander import Commander
-from drivers.arm.ur5_health import ArmHealth
-from drivers.arm.ur5_model import UrModel
+from drivers.arm.ur5 import MotionCaps
+from drivers.arm.ur5_health import ArmHealth, RtdeSockets
+from drivers.arm.ur5_link import Commander
 from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit, safety_reason
-from drivers.arm.ur5_sockets import RtdeSockets
 from drivers.arm.ur5_wire import RTDE_PORT
 from tacauchy_rig.errors import DeviceError, SafetyError
 from tacauchy_rig.run import ArmSample, Pose
 
+_STALE_S = 0.05
+
 _HANG_HOLDING_THE_LOCK = """
 import ctypes, threading
-from drivers.ur5_guardian import Guardian
+from drivers.arm.ur5_guardian import Guardian
 
 with Guardian("robot 10.0.0.9: connecting", timeout_s=30.0):
     pass
@@ -113,7 +113,6 @@ def test_a_stop_is_named_and_stays(sample: ArmSample, message: str) -> None:
     with pytest.raises(DeviceError, match=message) as caught:
         health.require_running(sample)
     assert caught.value.remedy
-    assert health.is_lost
     with pytest.raises(DeviceError, match=message):
         health.require_alive()
 
@@ -128,12 +127,12 @@ def test_an_earlier_loss_outlives_a_later_one() -> None:
 
 def test_a_standing_time_stamp_is_a_loss() -> None:
     """Data are judged by the controller's clock, not by their being there."""
-    health = ArmHealth("robot x", stale_limit_s=UrModel.E_SERIES.stale_limit_s, watchdog_hz=10.0)
+    health = ArmHealth("robot x", stale_limit_s=_STALE_S, watchdog_hz=10.0)
     assert health.note(_sample(time_s=1.0))
     assert not health.note(_sample(time_s=1.0))
     assert health.note(_sample(time_s=1.008))
     health.require_fresh()
-    time.sleep(UrModel.E_SERIES.stale_limit_s * 1.5)
+    time.sleep(_STALE_S * 1.5)
     assert health.looked_away()
     with pytest.raises(DeviceError, match=r"no new data for \d+ ms \(limit 50 ms\)"):
         health.require_fresh()
@@ -187,7 +186,6 @@ def test_a_replaced_connection_is_noticed() -> None:
         sockets = RtdeSockets()
         link = socket.create_connection((host, RTDE_PORT))
         sockets.remember(host)
-        assert sockets.count == 1
         assert sockets.are_unchanged()
         number = link.fileno()
         link.close()

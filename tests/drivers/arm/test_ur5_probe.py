@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
 from drivers.arm.ur5_safety import RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
 from drivers.emulators.faults import Device, FaultKind, send_fault
 from drivers.emulators.launch import free_loopback_host
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
 
-_MODELS = list(UrModel)
+_MODELS = list(RobotModel)
 
 
 @pytest.fixture
@@ -27,12 +27,12 @@ def host() -> str:
 
 
 @pytest.mark.parametrize("model", _MODELS)
-def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """Version, remote control, state and data rate are found; only a wrong model is refused."""
     report = probe_controller(emulate_ur(model).host)
     assert report.model is model
     assert report.version[0] == model.major_version
-    assert report.remote_control is (True if model is UrModel.E_SERIES else None)
+    assert report.remote_control is (True if model is RobotModel.E_SERIES else None)
     assert report.runtime_state == RuntimeState.STOPPED
     assert report.safety_bits == SafetyBit.NORMAL
     assert report.data_period_s > 0.0
@@ -46,9 +46,9 @@ def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: 
 
 def test_local_control_is_refused(emulate_ur: Callable[..., Any]) -> None:
     """An arm in local control is said to be, with the place of the switch."""
-    report = probe_controller(emulate_ur(UrModel.E_SERIES, "--local-control").host)
+    report = probe_controller(emulate_ur(RobotModel.E_SERIES, "--local-control").host)
     with pytest.raises(DeviceError, match="is in local control") as caught:
-        require_ready(report, model=UrModel.E_SERIES)
+        require_ready(report, model=RobotModel.E_SERIES)
     assert "remote control at the pendant" in caught.value.remedy
 
 
@@ -67,7 +67,7 @@ def test_a_stopped_arm_is_refused(
     send_fault(robot.folder, Device.ROBOT, kind)
     report = next(r for r in _probes(robot.host) if r.safety_bits != SafetyBit.NORMAL)
     with pytest.raises(DeviceError, match=message):
-        require_ready(report, model=UrModel.E_SERIES)
+        require_ready(report, model=RobotModel.E_SERIES)
 
 
 def test_a_frozen_controller_is_silent(emulate_ur: Callable[..., Any]) -> None:

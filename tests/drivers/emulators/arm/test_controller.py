@@ -16,19 +16,19 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_model import UrModel
 from drivers.emulators.arm.settings import parse_arguments
 from drivers.emulators.arm.trace import read_events, read_trace, stop_after
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldWriter
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Vector6
 
-_MODELS = list(UrModel)
+_MODELS = list(RobotModel)
 
 
 def _control(host: str, model: str) -> Any:
     flags = RTDEControlInterface.FLAG_UPLOAD_SCRIPT
-    if model == UrModel.CB3:
+    if model == RobotModel.CB3:
         flags |= RTDEControlInterface.FLAG_NO_EXT_FT
     return RTDEControlInterface(host, -1.0, flags)
 
@@ -124,7 +124,7 @@ def _run(scenario: str, robot: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("model", _MODELS)
-def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: UrModel) -> None:
+def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """Control, two receivers at their own rates and the outputs interface work together."""
     found = _run("client_everything", emulate_ur(model))
     for name in ("program", "tcp", "payload", "zero", "steady", "blocking_move", "output"):
@@ -169,7 +169,7 @@ def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
 
 def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
     """The true pose is in the shared world before any client came."""
-    robot = emulate_ur(UrModel.CB3, "--home", "0.1,-0.4,0.15,3.14,0,0", "--seed", "3")
+    robot = emulate_ur(RobotModel.CB3, "--home", "0.1,-0.4,0.15,3.14,0,0", "--seed", "3")
     state = SharedWorld.open(robot.folder / WORLD_FILE).read()
     while state.sequence == 0:
         state = SharedWorld.open(robot.folder / WORLD_FILE).read()
@@ -235,7 +235,7 @@ def test_arguments_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
     settings = parse_arguments(["--folder", "x", "--home=-0.1,0,0.2,0,0,0", "--model", "cb3"])
     expected: Vector6 = (-0.1, 0.0, 0.2, 0.0, 0.0, 0.0)
     assert settings.home.as_vector() == expected
-    assert settings.model is UrModel.CB3
+    assert settings.model is RobotModel.CB3
     with pytest.raises(SystemExit):
         parse_arguments(["--folder", "x", "--home", "1,2,3"])
     assert "six numbers" in capsys.readouterr().err

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5_model import UrModel
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import ControllerBody
 from drivers.emulators.arm.connection import Connection
@@ -25,6 +24,7 @@ from drivers.emulators.arm.trace import (
     stop_after,
 )
 from drivers.emulators.launch import free_loopback_host
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Pose, Vector3
 
 _HOME = Pose(position=(0.3, -0.3, 0.2), rotation_vector=(math.pi, 0.0, 0.0))
@@ -148,8 +148,8 @@ def test_trace_survives_a_cut_row(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("model", list(UrModel))
-def test_dashboard_answers_as_its_generation_does(model: UrModel) -> None:
+@pytest.mark.parametrize("model", list(RobotModel))
+def test_dashboard_answers_as_its_generation_does(model: RobotModel) -> None:
     """A CB3 does not understand remote control; both stop programs and can be unlocked."""
     host = free_loopback_host()
     body = ControllerBody.at_home(model, _HOME)
@@ -173,7 +173,7 @@ def test_dashboard_answers_as_its_generation_does(model: UrModel) -> None:
         "Robotmode: RUNNING",
         "Safetystatus: PROTECTIVE_STOP",
     ]
-    assert (lines[3] == "true") is (model is UrModel.E_SERIES)
+    assert (lines[3] == "true") is (model is RobotModel.E_SERIES)
     assert lines[4:7] == ["Stopped", "Protective stop releasing", "Safetystatus: NORMAL"]
     assert "could not understand" in lines[7]
     assert stopped == ["program"]
@@ -233,5 +233,5 @@ def test_script_port_listens() -> None:
 )
 def test_reach(place: Vector3, admitted: bool) -> None:
     """Poses beyond the arm or inside its column are outside the safety limits."""
-    body = ControllerBody.at_home(UrModel.CB3, _HOME)
+    body = ControllerBody.at_home(RobotModel.CB3, _HOME)
     assert body.admits_pose((*place, math.pi, 0.0, 0.0)) is admitted
