@@ -221,7 +221,7 @@ def test_a_run_can_be_worked_on_by_one_program_only(make_store):
 PARENT = """
 import sys
 from pathlib import Path
-from protocols.abort import Abort
+from protocols.guard.abort import Abort
 from protocols.session import run_session
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.codec import dumps
