@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +41,11 @@ def complain(text: str) -> None:
         error_console.print(text, markup=False)
     except OSError as error:
         logger.debug("not printed (%s): %s", error, text)
+
+
+def show_table(table: Table) -> None:
+    """Print a table as wide as the terminal, with its title and how it went."""
+    console.print(terminal_table(table, width=console.width))
 
 
 def write_json(path: Path | None, content: Any) -> None:

@@ -15,8 +15,8 @@ from sim.scene.scene import Preset, Scene
 from sim.studies.accuracy.force_limit import COARSENING, ForceLimit, limits_of, pressed_path
 from sim.studies.accuracy.press_store import PressStore
 from sim.studies.accuracy.promise_scenes import FRESH, Promise
-from sim.studies.verification.section import Section
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.tables import Cell, Table
 
 TITLE = "What a tolerance promises"
 KEPT_WANTED = 0.9
@@ -182,9 +182,7 @@ def measure(
     return found
 
 
-def section(
-    found: Sequence[Settled], *, command: str, title: str = TITLE, note: str = ""
-) -> Section:
+def section(found: Sequence[Settled], *, command: str, title: str = TITLE, note: str = "") -> Table:
     """Return the table of what was found.
 
     Args:
@@ -193,7 +191,7 @@ def section(
     kept = sum(each.is_kept for each in found)
     thrifty = sum(each.is_thrifty for each in found)
     plain = sum(each.is_thrifty_once_chosen for each in found)
-    return Section(
+    return Table(
         title=title,
         columns=(
             "scene",
@@ -222,7 +220,7 @@ def section(
     )
 
 
-def _cells(each: Settled) -> tuple[str | float | None, ...]:
+def _cells(each: Settled) -> tuple[Cell, ...]:
     head = (each.promise.name, str(each.promise.tolerance))
     if each.setting is None:
         return (*head, None, None, "refused", None, None, None, "no", None, None, None)

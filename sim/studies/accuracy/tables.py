@@ -15,7 +15,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy.mesh_chance import EDGE_SHIFT
 from sim.studies.accuracy.study import QUANTITIES, Row, Study
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _EXAMPLES: dict[str, Indenter] = {
     "punch": Cylinder(diameter_m=5e-3, fillet_m=0.2e-3),
@@ -29,13 +29,13 @@ _RUNS = 2.0
 Errors = Mapping[str, Mapping[str, float]]
 
 
-def study_section(found: Study, *, scene: str, command: str) -> Section:
+def study_section(found: Study, *, scene: str, command: str) -> Table:
     """Return every configuration's errors and cost."""
     fast = next((row.time_s for row in found.rows if row.configuration.name == Preset.FAST), None)
     measured = [row for row in found.rows if not row.failure]
     front = sum(row.on_front for row in measured)
     bars = ", ".join(f"{name} {bar:.2%}" for name, bar in found.bars.items())
-    return Section(
+    return Table(
         title="Error against time",
         columns=(
             "settings",
@@ -67,7 +67,7 @@ def study_section(found: Study, *, scene: str, command: str) -> Section:
     )
 
 
-def _cells(row: Row, fast_s: float | None) -> tuple[str | float | None, ...]:
+def _cells(row: Row, fast_s: float | None) -> tuple[Cell, ...]:
     name = row.configuration.name
     if row.failure:
         return (name, *(None,) * 12)
@@ -86,9 +86,7 @@ def _cells(row: Row, fast_s: float | None) -> tuple[str | float | None, ...]:
     )
 
 
-def seed_section(
-    first: Errors, second: Errors, bars: Errors, *, seed: int, command: str
-) -> Section:
+def seed_section(first: Errors, second: Errors, bars: Errors, *, seed: int, command: str) -> Table:
     """Return whether errors come out alike on other meshes.
 
     Args:
@@ -110,7 +108,7 @@ def seed_section(
     )
     total = len(QUANTITIES) * len(names)
     missed = sum(len(each) for each in outside.values())
-    return Section(
+    return Table(
         title=f"The same on other meshes, seed {seed}",
         columns=("settings", "F_z [%]", f"F_z, seed {seed} [%]", "bar of F_z [%]", "outside"),
         rows=rows,
@@ -134,7 +132,7 @@ def _outside(
     return [name for name in QUANTITIES if abs(second[name] - first[name]) > _RUNS * bars[name]]
 
 
-def presets_section(*, command: str) -> Section:
+def presets_section(*, command: str) -> Table:
     """Return what is believed of every setting, as the choice by a tolerance sees it."""
     scenes = {
         f"{name}, nu {poisson:g} [%]": _example(indenter, poisson)
@@ -142,7 +140,7 @@ def presets_section(*, command: str) -> Section:
         for poisson in _EXAMPLE_POISSON
     }
     times = {f"time over fast's, {name}": indenter_kind(each) for name, each in _EXAMPLES.items()}
-    return Section(
+    return Table(
         title="What the presets are worth",
         columns=("settings", *times, *scenes),
         rows=tuple(

@@ -6,7 +6,7 @@ from sim.studies.bench.batches import BALANCE
 from sim.studies.bench.frames import FORCE_ERROR_MAX
 from sim.studies.bench.growth import exponent
 from sim.studies.bench.suite import Bench
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 TIMES = "none: a time belongs to the machine and what else it does"
 # To which times are to grow less than the environments.
@@ -14,7 +14,7 @@ _FEW = 60
 _STRESS_MS = 0.1
 
 
-def batches_section(found: Bench) -> Section:
+def batches_section(found: Bench) -> Table:
     """Return frames a second beside what their forces are worth."""
     rows = found.batches
     few = [row for row in rows if row.environments <= _FEW]
@@ -23,7 +23,7 @@ def batches_section(found: Bench) -> Section:
     if len(few) > 1:
         power = exponent(counts, times)
         growth = f" Up to {_FEW} environments time grows with their number to the {power:.2f}."
-    return Section(
+    return Table(
         title="Environments side by side",
         columns=(
             "device",
@@ -70,10 +70,10 @@ def batches_section(found: Bench) -> Section:
     )
 
 
-def stress_section(found: Bench) -> Section:
+def stress_section(found: Bench) -> Table:
     """Return what taking the stress off the surface takes."""
     rows = [row for row in found.batches if row.environments == 1 and row.device != "cpu"]
-    return Section(
+    return Table(
         title="Stress on the surface, in a batch",
         columns=(
             "device",
@@ -105,11 +105,11 @@ def stress_section(found: Bench) -> Section:
     )
 
 
-def parts_section(found: Bench) -> Section:
+def parts_section(found: Bench) -> Table:
     """Return what each launch of a tick takes."""
     rows = [row for batch in found.batches for row in batch.parts]
     names = list(rows[0].parts_s)
-    return Section(
+    return Table(
         title="Parts of an evaluation",
         columns=("environments", "doing", *(f"{name} [us]" for name in names), "together [us]"),
         rows=tuple(

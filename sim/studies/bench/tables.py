@@ -12,16 +12,16 @@ from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.studies.bench.suite import Bench
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 
 
-def sections(found: Bench) -> list[Section]:
+def sections(found: Bench) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
-    tables: dict[Callable[[Bench], Section], Sequence[object]] = {
+    tables: dict[Callable[[Bench], Table], Sequence[object]] = {
         _frames: found.frames,
         _reuse: found.reuse,
         batches_section: found.batches,
@@ -36,9 +36,9 @@ def sections(found: Bench) -> list[Section]:
     return [table(found) for table, rows in tables.items() if rows]
 
 
-def _frames(found: Bench) -> Section:
+def _frames(found: Bench) -> Table:
     close = [row for row in found.frames if abs(row.force_error) <= FORCE_ERROR_MAX]
-    return Section(
+    return Table(
         title="Frames a second",
         columns=(
             "preset",
@@ -82,9 +82,9 @@ def _frames(found: Bench) -> Section:
     )
 
 
-def _reuse(found: Bench) -> Section:
+def _reuse(found: Bench) -> Table:
     first = found.reuse[0]
-    return Section(
+    return Table(
         title="What reuse saves",
         columns=(
             "way",
@@ -113,15 +113,15 @@ def _reuse(found: Bench) -> Section:
     )
 
 
-def _peers(found: Bench) -> Section:
+def _peers(found: Bench) -> Table:
     return peer_section(found.batches, found.peers)
 
 
-def _phases(found: Bench) -> Section:
+def _phases(found: Bench) -> Table:
     names = dict.fromkeys(row.name for row in found.phases)
     presets = dict.fromkeys(row.preset for row in found.phases)
     times = {(row.name, row.preset): row for row in found.phases}
-    return Section(
+    return Table(
         title="Parts of the work",
         columns=(
             "part",
@@ -150,11 +150,11 @@ def _phases(found: Bench) -> Section:
     )
 
 
-def _rendering(found: Bench) -> Section:
+def _rendering(found: Bench) -> Table:
     limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS}
     first = found.rendering[0]
     judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
-    return Section(
+    return Table(
         title="Rendering",
         columns=(
             "sensor",
@@ -198,9 +198,9 @@ def _rendering(found: Bench) -> Section:
     )
 
 
-def _replays(found: Bench) -> Section:
+def _replays(found: Bench) -> Table:
     within = [row for row in found.replays if row.is_within]
-    return Section(
+    return Table(
         title="Replay of a run",
         columns=(
             "preset",
@@ -236,13 +236,13 @@ def _replays(found: Bench) -> Section:
     )
 
 
-def _growth(found: Bench) -> Section:
+def _growth(found: Bench) -> Table:
     sizes = [float(row.tet_count) for row in found.growth]
     spent = [row.cpu_s for row in found.growth]
     each = [row.cpu_s / row.newton_iterations for row in found.growth]
     power = exponent(sizes, spent)
     steps = [None, *local_exponents(sizes, spent)]
-    return Section(
+    return Table(
         title="Growth with elements",
         columns=(
             "edges shorter by",

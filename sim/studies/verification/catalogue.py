@@ -7,9 +7,9 @@ from collections.abc import Callable
 from sim.studies.verification import height_map, mesh_table, orders, rim_order, stress_cost
 from sim.studies.verification.against_itself import balance, barrier, drives, held_out, shifts
 from sim.studies.verification.against_solutions import disc, hertz, interface, punch, real_press
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
-SECTIONS: dict[str, Callable[[], Section]] = {
+SECTIONS: dict[str, Callable[[], Table]] = {
     "punch": punch.measure,
     "disc": disc.measure,
     "hertz": hertz.measure,

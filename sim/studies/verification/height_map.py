@@ -13,7 +13,7 @@ from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.verification.height_presses import BODIES, TITLES, pressed, view
 from sim.studies.verification.height_reference import kept_heights
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 LIMIT_M = 10e-6
 _JUDGED = (Preset.BALANCED, Preset.ACCURATE)
@@ -85,14 +85,14 @@ def height_map_error(name: str, preset: Preset, *, reference: FloatArray) -> Hei
     )
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Press a cylinder, a ball and an edge with all presets but ``reference``."""
     found = [
         height_map_error(name, preset, reference=kept_heights(name))
         for name in BODIES
         for preset in _SHOWN
     ]
-    return Section(
+    return Table(
         title="Height map against preset `reference`",
         columns=_COLUMNS,
         rows=tuple(

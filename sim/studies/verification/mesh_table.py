@@ -12,11 +12,11 @@ from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from sim.studies.verification.section import Section
 from sim.studies.verification.stress_cost import paper_scene
+from tacauchy_rig.tables import Table
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Measure the mesh with and without its fine region."""
     pad = load_sensor("gelsight-mini").pad
     coarse = mesh_statistics(baseline_mesh(pad))
@@ -24,7 +24,7 @@ def measure() -> Section:
     growth = fine.tet_count / coarse.tet_count
     density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
     sizing = PAPER_SIZING
-    return Section(
+    return Table(
         title="The paper's mesh",
         columns=("quantity", "paper", "here"),
         rows=(

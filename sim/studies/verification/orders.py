@@ -13,7 +13,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
 REFINEMENTS = (1.0, 1.5, 2.0)
@@ -87,10 +87,10 @@ def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]
     return best[1], best[2]
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Return the orders as a table."""
     found = convergence_orders()
-    return Section(
+    return Table(
         title="Order of convergence of F_z",
         columns=(
             "indenter",

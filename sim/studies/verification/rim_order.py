@@ -15,7 +15,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.orders import fitted_order
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 EDGE_SHARES = (0.16, 0.08, 0.04, 0.02)
 LOWEST, HIGHEST = 0.75, 1.5
@@ -43,11 +43,11 @@ def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
     return tuple(forces)
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Fit the order to a sharp punch on four meshes."""
     forces = rim_forces()
     order, limit = fitted_order(np.array(EDGE_SHARES), np.array(forces))
-    return Section(
+    return Table(
         title="Order of convergence at a sharp rim",
         columns=(
             "indenter",

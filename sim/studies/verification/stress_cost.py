@@ -16,16 +16,16 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _REPEATS = 200
 _PAPER_S = 1e-3
 
 
-def measure(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Section:
+def measure(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Table:
     """Press once on each preset and time the extraction on what came out."""
     scene = paper_scene()
-    rows: list[tuple[str | float | None, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     for preset in presets:
         result = press(replace(scene, preset=preset))
         if result.point is None:
@@ -46,7 +46,7 @@ def measure(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Sec
                 "yes" if middle < 1e3 * _PAPER_S else "no",
             )
         )
-    return Section(
+    return Table(
         title="Cost of extracting the surface's stress",
         columns=(
             "preset",

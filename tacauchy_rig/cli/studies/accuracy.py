@@ -32,10 +32,9 @@ from sim.studies.accuracy.promise_scenes import FRESH, JUDGED_LAST
 from sim.studies.accuracy.study import Row, Study, error_bar, study
 from sim.studies.accuracy.tables import study_section
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
+from tacauchy_rig.cli.output import complain, say, show_table, writable_folder, write_json
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.studies.accuracy_page import OLD_PROMISES, PROMISES, study_name, write_page
-from tacauchy_rig.cli.studies.section_table import show_section
 from tacauchy_rig.cli.versions import versions
 
 _PROMISES = {
@@ -116,7 +115,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     )
     section = study_section(found, scene=text, command=command)
     facts = {**_facts(found, scene_text=text, seed=seed), "section": asdict(section)}
-    show_section(section)
+    show_table(section)
     for row in found.rows:
         if row.failure:
             complain(f"{row.configuration.name}: {row.failure}")
@@ -144,7 +143,7 @@ def _judge_promises(out: Path) -> dict[str, Any]:
             on_progress=lambda text: complain(f"  {text}"),
         )
         section = promises.section(found, command=command, title=title, note=note)
-        show_section(section)
+        show_table(section)
         facts[name] = {"section": asdict(section), "versions": versions()}
         write_json(out / name, facts[name])
         say(str(out / name))

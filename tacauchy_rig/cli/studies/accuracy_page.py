@@ -9,11 +9,11 @@ from typing import Any
 
 from sim.studies.accuracy.study import error_bar
 from sim.studies.accuracy.tables import presets_section, seed_section
-from sim.studies.verification.page import markdown
-from sim.studies.verification.section import Section
 from tacauchy_rig.cli.output import write_text
 from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.page import criteria_page
+from tacauchy_rig.tables import Table
 
 PROMISES, OLD_PROMISES = "promises.json", "promises-judged-before.json"
 _IMAGE = "accuracy.png"
@@ -46,7 +46,7 @@ def write_page(page: Path, folder: Path) -> list[Path]:
         for name in (PROMISES, OLD_PROMISES)
         if (folder / name).exists()
     ]
-    text = markdown(
+    text = criteria_page(
         sections,
         title="What accuracy costs in time",
         note=_NOTE,
@@ -62,7 +62,7 @@ def write_page(page: Path, folder: Path) -> list[Path]:
     return [page, image]
 
 
-def _seeds(first: dict[str, Any], folder: Path) -> list[Section]:
+def _seeds(first: dict[str, Any], folder: Path) -> list[Table]:
     sections = []
     for file in sorted(folder.glob(f"{study_name(0)}-seed-*.json")):
         other = _read(file)
@@ -93,11 +93,11 @@ def _bars(facts: dict[str, Any]) -> dict[str, dict[str, float]]:
     }
 
 
-def _section(facts: dict[str, Any]) -> Section:
+def _section(facts: dict[str, Any]) -> Table:
     given = dict(facts["section"])
     given["columns"] = tuple(given["columns"])
     given["rows"] = tuple(tuple(row) for row in given["rows"])
-    return Section(**given)
+    return Table(**given)
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -16,14 +16,20 @@ from sim.sensor.sensor import load_sensor
 from sim.studies.bench.growth import EXPONENT_WANTED, exponent
 from sim.studies.bench.suite import Bench, Part, Peer, run_bench
 from sim.studies.bench.tables import sections
-from sim.studies.verification.page import markdown
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.output import (
+    complain,
+    say,
+    show_table,
+    writable_folder,
+    write_json,
+    write_text,
+)
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
-from tacauchy_rig.cli.studies.section_table import show_section
 from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.loop.replay_images import ReplayImages
+from tacauchy_rig.page import criteria_page
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 
@@ -63,14 +69,14 @@ def bench(
     )
     tables = sections(found)
     for section in tables:
-        show_section(section)
+        show_table(section)
     for text in found.absent:
         say(f"not measured: {text}")
     facts = {**asdict(found), "machine": machine(), "versions": versions()}
     write_json(out / "bench.json", facts)
     write_json(json_file, facts)
     drawn = _draw(found, out)
-    page = markdown(
+    page = criteria_page(
         tables,
         title="Benchmark",
         note=f"{indenter} into {sensor}.",

@@ -8,14 +8,18 @@ from typing import Annotated
 import typer
 
 from sim.studies.verification.catalogue import ON_REQUEST, SECTIONS
-from sim.studies.verification.page import TITLE, markdown
-from sim.studies.verification.section import Section
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, write_json, write_text
-from tacauchy_rig.cli.studies.section_table import result_word, show_section
+from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.cli.studies.side_by_side import Jobs, side_by_side
 from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import ConfigError, RigError
+from tacauchy_rig.page import criteria_page
+from tacauchy_rig.tables import Table
+
+_TITLE = "Verification of the simulator"
+_SOURCE = "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"
+_COMMANDS = "; the command below a table gives one of its rows"
+_AGAIN = ". Times apart, the numbers are the same when it is run again."
 
 
 def verify(
@@ -36,12 +40,12 @@ def verify(
 ) -> None:
     """Press what has a known answer, and say how far off the simulator is; takes minutes."""
     names = _chosen(sections)
-    found: dict[str, Section] = {}
+    found: dict[str, Table] = {}
     complain(f"{len(names)} sections: {', '.join(names)}")
     for name, section in side_by_side(_measured, names, jobs=jobs):
         found[name] = section
-        complain(f"{name}: {result_word(section)}")
-        show_section(section)
+        complain(f"{name}: {section.result}")
+        show_table(section)
         if out is not None:
             write_text(out, _page(found, out))
     if out is not None:
@@ -64,12 +68,12 @@ def _chosen(given: list[str] | None) -> list[str]:
     return [name for name in SECTIONS if (name in asked if asked else name not in ON_REQUEST)]
 
 
-def _measured(name: str) -> Section:
+def _measured(name: str) -> Table:
     """Measure a section; an error of its presses is its result, and the others still run."""
     try:
         return SECTIONS[name]()
     except RigError as error:
-        return Section(
+        return Table(
             title=name,
             columns=(),
             rows=(),
@@ -79,13 +83,15 @@ def _measured(name: str) -> Section:
         )
 
 
-def _page(found: dict[str, Section], out: Path) -> str:
+def _page(found: dict[str, Table], out: Path) -> str:
     """Return the page of what was measured so far, with the command that makes just that."""
     chosen = "" if list(found) == _chosen(None) else f" --sections {','.join(found)}"
-    sections = list(found.values())
-    return markdown(
-        sections,
-        title=sections[0].title if len(sections) == 1 else TITLE,
+    tables = list(found.values())
+    has_commands = any(table.command for table in tables)
+    return criteria_page(
+        tables,
+        title=tables[0].title if len(tables) == 1 else _TITLE,
+        note=f"{_SOURCE}{_COMMANDS if has_commands else ''}{_AGAIN}",
         command=f"tacauchy-rig verify{chosen} --out {out}",
         versions=versions(),
         machine=machine(),

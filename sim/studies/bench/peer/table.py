@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from sim.studies.bench.batches import BALANCE, BatchRow
 from sim.studies.bench.peer.rows import PeerRow
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _COLUMNS = (
     "engine",
@@ -27,17 +27,17 @@ _COLUMNS = (
     "gap [um]",
     "depth off by [um]",
 )
-_Cells = tuple[str | float | None, ...]
+_Cells = tuple[Cell, ...]
 
 
-def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Section:
+def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Table:
     """Return our rows and the peer's; ``ours over it`` compares frames a second."""
     speeds = {row.environments: row.frames_per_s for row in ours}
     counts = {row.environments for row in peers}
     version = next((row.version for row in peers if row.version), "")
     failures = [row.summary for row in peers if row.failure]
     problems = [f"{row.name}: {problem}" for row in peers for problem in row.problems]
-    return Section(
+    return Table(
         title="Beside libuipc",
         columns=_COLUMNS,
         rows=(

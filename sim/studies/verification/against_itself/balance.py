@@ -11,7 +11,7 @@ from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.studies.verification.against_itself.refined_press import NamedScene
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 ALLOWED = 1e-6
 REFINEMENTS = (1.0, 1.5)
@@ -107,11 +107,11 @@ def balanced_press(named: NamedScene) -> BalancedPress:
     )
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Press the scenes and compare."""
     found = [balanced_press(named) for named in SCENES]
     worst = [max(row.traction_gaps[k] for row in found) for k in range(len(REFINEMENTS))]
-    return Section(
+    return Table(
         title="Balance of forces",
         columns=(
             "press",

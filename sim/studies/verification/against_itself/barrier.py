@@ -10,7 +10,7 @@ from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.studies.verification.indenters import INDENTERS
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 ALLOWED = 0.003
 _SCENE = Scene(
@@ -61,12 +61,12 @@ def barrier_limit(scene: Scene) -> BarrierLimit:
     )
 
 
-def measure() -> Section:
+def measure() -> Table:
     """Extrapolate F_z to d_hat = 0 for a few presses."""
     scenes = [replace(_SCENE, indenter=indenter) for indenter in INDENTERS]
     scenes.append(replace(_SCENE, contact=ContactMode.BONDED))
     found = [barrier_limit(scene) for scene in scenes]
-    return Section(
+    return Table(
         title="Contact distance d_hat",
         columns=(
             "indenter",

@@ -6,7 +6,7 @@ from sim.replay import replay_forces
 from sim.scene.indenter import Cylinder, describe
 from sim.scene.scene import Drive, Preset
 from sim.sensor.sensor import load_sensor
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 _ALLOWED = 1e-3
 _TOLERANCE_N = 0.01
@@ -14,7 +14,7 @@ _TOLERANCE_N = 0.01
 FORCES_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 
 
-def measure(*, preset: Preset = Preset.BALANCED, forces_n: tuple[float, ...] = FORCES_N) -> Section:
+def measure(*, preset: Preset = Preset.BALANCED, forces_n: tuple[float, ...] = FORCES_N) -> Table:
     """Replay every force by both drives."""
     sensor = load_sensor("gelsight-mini")
     indenter = Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
@@ -40,7 +40,7 @@ def measure(*, preset: Preset = Preset.BALANCED, forces_n: tuple[float, ...] = F
         abs(b.depth_simulated_m / a.depth_simulated_m - 1.0)
         for a, b in zip(load, search, strict=True)
     )
-    return Section(
+    return Table(
         title="Replays driven by load and by displacement",
         columns=(
             "F_z [N]",

@@ -10,21 +10,21 @@ from sim.studies.verification.against_itself.refined_press import (
     refined_press,
 )
 from sim.studies.verification.scenes import HELD_OUT
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 _INSIDE_WANTED = 0.9
 
 
-def measure(scenes: Sequence[NamedScene] = HELD_OUT) -> Section:
+def measure(scenes: Sequence[NamedScene] = HELD_OUT) -> Table:
     """Press every scene on four meshes; ten take minutes."""
     return section([refined_press(named) for named in scenes])
 
 
-def section(found: Sequence[RefinedPress]) -> Section:
+def section(found: Sequence[RefinedPress]) -> Table:
     """Return the table of what was found."""
     inside = sum(press.is_inside for press in found)
     ratios = sorted((press.estimate.relative or 0.0) / press.true_error for press in found)
-    return Section(
+    return Table(
         title="Estimated force error on scenes held out",
         columns=(
             "scene",

@@ -12,7 +12,7 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.indenters import INDENTERS
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 ALLOWED = {Preset.BALANCED: 0.03, Preset.ACCURATE: 0.01}
 _SCENE = Scene(
@@ -67,14 +67,14 @@ def shifted_press(scene: Scene) -> ShiftedPress:
 def measure(
     presets: Sequence[Preset] = (Preset.BALANCED, Preset.ACCURATE),
     indenters: Sequence[Indenter] = INDENTERS,
-) -> Section:
+) -> Table:
     """Press each indenter in both places on each preset's mesh."""
     found = [
         shifted_press(replace(_SCENE, indenter=indenter, preset=preset))
         for preset in presets
         for indenter in indenters
     ]
-    return Section(
+    return Table(
         title="The indenter moved sideways by half an element",
         columns=(
             "preset",

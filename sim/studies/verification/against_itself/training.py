@@ -11,7 +11,7 @@ from sim.studies.verification.against_itself.refined_press import (
     refined_press,
 )
 from sim.studies.verification.scenes import TRAINING
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Table
 
 
 def needed_factor(press: RefinedPress) -> float:
@@ -21,11 +21,11 @@ def needed_factor(press: RefinedPress) -> float:
     return max(0.0, press.true_error - CHANCE_RELATIVE) / found
 
 
-def measure(scenes: Sequence[NamedScene] = TRAINING) -> Section:
+def measure(scenes: Sequence[NamedScene] = TRAINING) -> Table:
     """Press every training scene on four meshes; minutes."""
     found = [refined_press(named) for named in scenes]
     needed = [needed_factor(press) for press in found]
-    return Section(
+    return Table(
         title="Scenes that chose the factor of safety",
         columns=("scene", "F_z [N]", "F_z, edges half as long [N]", "true error", "factor needed"),
         rows=tuple(

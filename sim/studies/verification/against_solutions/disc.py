@@ -13,7 +13,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _ALLOWED = 0.01
 _FILE = "disc_press_nu045.csv"
@@ -29,9 +29,9 @@ class DiscForce:
     uncertainty_n: float
 
 
-def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) -> Section:
+def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) -> Table:
     """Press both laws through the reference's depths, each along one path."""
-    rows: list[tuple[str | float | None, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     worst = 0.0
     for law in (LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN):
         wanted = [f for f in disc_forces() if f.law is law and f.depth_m <= depth_max_m]
@@ -44,7 +44,7 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
             doubt = reference.uncertainty_n / reference.force_n
             depth = round(reference.depth_m * 1e3, 6)
             rows.append((law.value, depth, force, reference.force_n, 100 * error, 100 * doubt))
-    return Section(
+    return Table(
         title="Bonded punch on a clamped disc at finite strain (felupe, CalculiX)",
         columns=(
             "law",

@@ -9,7 +9,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.against_solutions.layer_formula import ball_force, hertz_force
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _ALLOWED = 0.015
 _THICK_SHARE = 0.01
@@ -22,9 +22,9 @@ PRESSES = ((15e-3, 10e-6), (15e-3, 20e-6), (4e-3, 40e-6), (2e-3, 40e-6))
 
 def measure(
     *, preset: Preset = Preset.ACCURATE, presses: tuple[tuple[float, float], ...] = PRESSES
-) -> Section:
+) -> Table:
     """Press the ball into every pad."""
-    rows: list[tuple[str | float | None, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     passed = True
     for height, depth in presses:
         result = press(_scene(height, depth, preset))
@@ -47,7 +47,7 @@ def measure(
                 100.0 * (force / layer - 1.0),
             )
         )
-    return Section(
+    return Table(
         title="Ball on a bonded layer (Hertz; exact layer)",
         columns=(
             "pad [mm]",

@@ -11,8 +11,8 @@ from sim.press import press
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.verification.section import Section
 from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.tables import Table
 
 REFINEMENTS = (1.0, 2.0, 3.0)
 NODAL_ALLOWED = 1e-6
@@ -73,7 +73,7 @@ def interface_press(scene: Scene, *, refinement: float) -> InterfacePress:
     )
 
 
-def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Section:
+def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
     """Press on ever finer meshes and compare the two sides."""
     scene = interface_scene()
     found = [interface_press(scene, refinement=factor) for factor in refinements]
@@ -81,7 +81,7 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Section:
     jumps = [(row.interface.smooth_jump_relative, row.interface.jump_relative) for row in found]
     shrinks = all(fine[k] < coarse[k] for coarse, fine in pairwise(jumps) for k in range(2))
     sums = max(abs(value) for value in found[-1].sums_relative)
-    return Section(
+    return Table(
         title="Traction through the interface of a 9DTact",
         columns=(
             "edges of the preset over",

@@ -9,7 +9,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.against_solutions.layer_formula import punch_factor, punch_force
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
+from tacauchy_rig.tables import Cell, Table
 
 _PAD = DiscPad(radius_m=22.5e-3, height_m=4.5e-3)
 _PUNCH = Cylinder(diameter_m=5e-3)
@@ -21,9 +21,9 @@ ALLOWED = ((0.45, 0.015), (0.47, 0.015), (0.49, 0.015), (0.499, 0.03))
 
 def measure(
     *, preset: Preset = Preset.ACCURATE, allowed: tuple[tuple[float, float], ...] = ALLOWED
-) -> Section:
+) -> Table:
     """Press at every Poisson's ratio."""
-    rows: list[tuple[str | float | None, ...]] = []
+    rows: list[tuple[Cell, ...]] = []
     passed = True
     for poisson, limit in allowed:
         result = press(_scene(poisson, preset))
@@ -39,7 +39,7 @@ def measure(
         error = force / expected - 1.0
         passed &= abs(error) <= limit
         rows.append((poisson, kappa, force, expected, 100.0 * error, 100.0 * limit))
-    return Section(
+    return Table(
         title="Flat punch on a bonded layer (Hayes et al. 1972)",
         columns=("nu", "kappa", "F_z [N]", "exact [N]", "error [%]", "allowed [%]"),
         rows=tuple(rows),

@@ -13,8 +13,8 @@ from sim.scene.material import Material
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
 from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.tables import Table
 
 _FILE = "real_press.toml"
 _ALLOWED = 1e-3
@@ -31,7 +31,7 @@ class RealPress:
     force_n: float
 
 
-def measure(*, preset: Preset = Preset.ACCURATE) -> Section:
+def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
     """Fit E, press anew with it, and show what the fit hangs on."""
     real = real_press()
     numbers = load_sensor(real.sensor).numbers
@@ -47,7 +47,7 @@ def measure(*, preset: Preset = Preset.ACCURATE) -> Section:
     force = press(scene).force_n[2]
     forces = (force, None, None, None)
     off = (fits[0] - young.value) / young.uncertainty
-    return Section(
+    return Table(
         title="One press of a real gel",
         columns=("nu", "contact", "fitted E [MPa]", "F_z pressed anew [N]", "measured [N]"),
         rows=tuple(

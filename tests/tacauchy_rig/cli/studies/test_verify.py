@@ -15,9 +15,9 @@ from sim.scene.scene import Preset
 from sim.studies.verification import catalogue
 from sim.studies.verification.against_solutions.disc import disc_scene
 from sim.studies.verification.command import press_command
-from sim.studies.verification.section import Section
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.tables import Table
 
 
 def test_one_section_is_shown_written_and_kept(tmp_path: Path) -> None:
@@ -40,11 +40,11 @@ def test_one_section_is_shown_written_and_kept(tmp_path: Path) -> None:
 
 def test_what_takes_hours_is_measured_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """By default every other section is measured."""
-    met = Section(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
+    met = Table(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
     measured: list[str] = []
     for name in catalogue.SECTIONS:
 
-        def measure(name: str = name) -> Section:
+        def measure(name: str = name) -> Table:
             measured.append(name)
             return met
 
@@ -56,7 +56,7 @@ def test_what_takes_hours_is_measured_on_request_only(monkeypatch: pytest.Monkey
 
 def test_a_missed_criterion_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
     """And is named on the last line."""
-    missed = Section(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=False)
+    missed = Table(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=False)
     monkeypatch.setitem(catalogue.SECTIONS, "punch", lambda: missed)
     done = CliRunner().invoke(app, ["verify", "--sections", "punch"])
     assert done.exit_code == 1
@@ -66,7 +66,7 @@ def test_a_missed_criterion_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_press_that_fails_is_its_sections_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """The other sections are still measured."""
 
-    def fails() -> Section:
+    def fails() -> Table:
         raise ConvergenceError("the press stopped at 0.1 mm", remedy="none")
 
     monkeypatch.setitem(catalogue.SECTIONS, "punch", fails)
@@ -80,10 +80,10 @@ def test_an_aborted_run_leaves_the_page_of_what_was_measured(
 ) -> None:
     """With the command that makes just that."""
 
-    def aborts() -> Section:
+    def aborts() -> Table:
         raise KeyboardInterrupt
 
-    met = Section(title="Punch", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
+    met = Table(title="Punch", columns=("a",), rows=((1.5,),), criterion="c", passed=True)
     monkeypatch.setitem(catalogue.SECTIONS, "punch", lambda: met)
     monkeypatch.setitem(catalogue.SECTIONS, "disc", aborts)
     page = tmp_path / "page.md"

@@ -1,0 +1,85 @@
+"""Pages of Markdown: prose from a template, tables, and what was measured with its criteria."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from importlib import resources
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+from tacauchy_rig.tables import Table, markdown_table
+
+_WIDTH = 100
+# Tables, headings, figures and lists stand as they are written.
+_UNFILLED = ("|", "#", "!", "- ", "```")
+
+
+def page(package: str, template: str, facts: Mapping[str, object]) -> str:
+    """Return a template's text as Markdown, its paragraphs filled to lines of 100 characters.
+
+    Templates show a table by ``{{ t | table }}`` and may split prose into lines as they like.
+
+    Args:
+        package: That the template lies in, such as ``tacauchy_rig.cli.studies``.
+        template: Its file's name.
+        facts: What it is told.
+    """
+    environment = Environment(
+        loader=FunctionLoader(lambda name: resources.files(package).joinpath(name).read_text()),
+        # Markdown, not HTML.
+        autoescape=False,  # noqa: S701
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["table"] = markdown_table
+    return filled(environment.get_template(template).render(**facts))
+
+
+def filled(text: str) -> str:
+    """Return Markdown with one empty line between blocks and paragraphs in lines of 100.
+
+    A blank line ends a block, in a fence of code too.
+    """
+    blocks = [block.strip("\n") for block in re.split(r"\n\s*\n", text)]
+    return "\n\n".join(_filled(block) for block in blocks if block) + "\n"
+
+
+def _filled(block: str) -> str:
+    if block.startswith(_UNFILLED):
+        return block
+    return textwrap.fill(block, _WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def criteria_page(
+    tables: Sequence[Table],
+    *,
+    title: str,
+    note: str,
+    command: str,
+    versions: Mapping[str, str],
+    machine: str,
+    image: str = "",
+) -> str:
+    """Return the page of a study: how it went, all criteria, then each table with its own.
+
+    Args:
+        note: What a reader has to know before all tables.
+        command: What made the page.
+        versions: Of what the numbers depend on.
+        machine: Where it ran, in words.
+        image: File of a figure that stands before them, beside the page; empty for none.
+    """
+    facts = {
+        "tables": tables,
+        "title": title,
+        "note": note,
+        "command": command,
+        "versions": versions,
+        "machine": machine,
+        "image": image,
+        "missed": sum(not table.passed for table in tables),
+    }
+    return page("tacauchy_rig", "criteria_page.md.jinja", facts)
