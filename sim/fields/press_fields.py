@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +12,21 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.fields.stress import nodal_contact, surface_stress
 from sim.fields.surface import SurfaceState
-from sim.fields.vtu import QUADRATIC_TRIANGLE, TRIANGLE, vtu_bytes
 from sim.mesh.elements import linear_facets
 from sim.mesh.symmetry import Unfolding
 from sim.scene.indenter import grown
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model
+
+_AT_NODES = (
+    "displacement_m",
+    "contact_force_n",
+    "contact_normal_force_n",
+    "contact_tangential_force_n",
+    "contact_pressure_pa",
+)
+_AT_FACES = ("traction_pa", "normal_traction_pa", "tangential_traction_pa")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,12 +36,33 @@ class TrialFields:
     Attributes:
         arrays: For ``fields.npz``, units in the names.
         surface: The deformed contact surface, for the optics.
-        surface_vtu: The whole deformed surface with stress and contact, for ParaView.
     """
 
     arrays: dict[str, NDArray[Any]]
     surface: SurfaceState
-    surface_vtu: bytes
+
+    @property
+    def surface_vtu(self) -> bytes:
+        """The whole deformed surface with stress and contact as a .vtu file, for ParaView."""
+        # Here, since importing it takes a second, and a press alone writes no file.
+        pyvista = importlib.import_module("pyvista")
+        faces = self.arrays["faces"]
+        cell = (
+            pyvista.CellType.QUADRATIC_TRIANGLE
+            if faces.shape[1] == 6
+            else pyvista.CellType.TRIANGLE
+        )
+        grid = pyvista.UnstructuredGrid({cell: faces}, self.arrays["node_m"])
+        for name in _AT_NODES:
+            grid.point_data[name] = self.arrays[name]
+        for name in _AT_FACES:
+            grid.cell_data[name] = self.arrays[name]
+        writer = importlib.import_module("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridWriter()
+        writer.SetInputData(grid)
+        writer.SetDataModeToBinary()
+        writer.WriteToOutputStringOn()
+        writer.Write()
+        return str(writer.GetOutputString()).encode("ascii")
 
 
 def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
@@ -42,34 +72,24 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     contact = nodal_contact(model, point)
     nodes, faces = _renumbered(model.faces, len(model.nodes))
     whole = Unfolding(model.mesh.fold, model.nodes[nodes])
-    positions = whole.vectors(point.state.positions[nodes])
-    faces = whole.faces(faces)
-    at_nodes = {
-        "displacement_m": whole.vectors((point.state.positions - model.nodes)[nodes]),
-        "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
-        "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
-        "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
-        "contact_pressure_pa": whole.scalars(contact.pressure_pa[nodes]),
-    }
-    at_faces = {
-        "traction_pa": whole.face_vectors(stress.traction_pa),
-        "normal_traction_pa": whole.face_scalars(stress.normal_pa),
-        "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),
-    }
-    kind = QUADRATIC_TRIANGLE if faces.shape[1] == 6 else TRIANGLE
     return TrialFields(
         arrays={
             "node_rest_m": whole.vectors(model.nodes[nodes]),
-            "node_m": positions,
-            "faces": faces,
+            "node_m": whole.vectors(point.state.positions[nodes]),
+            "faces": whole.faces(faces),
             "face_area_m2": whole.face_scalars(stress.areas_m2),
             "face_normal": whole.face_vectors(stress.normals),
             "indenter_tip_m": point.state.tip,
-            **at_nodes,
-            **at_faces,
+            "displacement_m": whole.vectors((point.state.positions - model.nodes)[nodes]),
+            "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
+            "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
+            "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
+            "contact_pressure_pa": whole.scalars(contact.pressure_pa[nodes]),
+            "traction_pa": whole.face_vectors(stress.traction_pa),
+            "normal_traction_pa": whole.face_scalars(stress.normal_pa),
+            "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),
         },
         surface=surface_state(path, point),
-        surface_vtu=vtu_bytes(positions, faces, kind, point_data=at_nodes, cell_data=at_faces),
     )
 
 

@@ -1,0 +1,94 @@
+"""Triangle files: every form gives the same body, and a damaged file says what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.scene.triangle_file import read_triangles
+from tacauchy_rig.errors import ConfigError
+
+CORNERS = np.array([[0.0, 0.0, 0.0], [1.25, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 0.123456789012]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def binary_stl(header: bytes = b"") -> bytes:
+    """Return the tetrahedron as binary STL."""
+    rows = np.zeros(len(FACES), dtype=RECORD)
+    rows["corners"] = CORNERS[FACES]
+    return header.ljust(80, b"\0") + np.uint32(len(FACES)).tobytes() + rows.tobytes()
+
+
+def text_stl() -> bytes:
+    """Return the tetrahedron as text."""
+    facets = [
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {:.15g} {:.15g} {:.15g}\n".format(*CORNERS[corner]) for corner in face)
+        + "endloop\nendfacet\n"
+        for face in FACES
+    ]
+    return ("solid part\n" + "".join(facets) + "endsolid part\n").encode()
+
+
+def obj(faces: str = "f 1 3 2\nf 1//1 2//1 4//1\nf -3 -2 -1\nf 3 1 4\n") -> bytes:
+    """Return the tetrahedron as OBJ, corners named in every way."""
+    corners = "".join("v {:.15g} {:.15g} {:.15g}\n".format(*corner) for corner in CORNERS)
+    return (corners + "vn 0 0 1\n" + faces).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("part.stl", binary_stl()),
+        ("solid.stl", binary_stl(b"solid that is binary")),
+        ("text.STL", text_stl()),
+        ("part.obj", obj()),
+    ],
+)
+def test_every_form_gives_the_same_triangles(tmp_path: Path, name: str, data: bytes) -> None:
+    """Order and orientation stay; STL is of single precision, OBJ of double."""
+    (tmp_path / name).write_bytes(data)
+    vertices, faces = read_triangles(tmp_path / name)
+    rounding = 0.0 if name.endswith("obj") else 1e-7
+    np.testing.assert_allclose(vertices[faces], CORNERS[FACES], rtol=rounding, atol=0.0)
+
+
+def test_polygons_are_cut_into_triangles(tmp_path: Path) -> None:
+    """A square keeps its area and its side."""
+    path = tmp_path / "square.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", "ascii")
+    vertices, faces = read_triangles(path)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), [0.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("part.step", b"", "'?.step is no kind of triangle file"),
+        ("short.stl", binary_stl()[:-60], "damaged or no STL file"),
+        ("long.stl", binary_stl() + b"more", "damaged or no STL file"),
+        ("text.stl", text_stl()[:150], "damaged or no STL file"),
+        ("nan.stl", text_stl().replace(b"vertex 1.25", b"vertex nan"), "not finite|damaged"),
+        ("empty.stl", b"\0" * 84, "holds no triangle"),
+        ("empty.obj", b"", "holds no triangle"),
+        ("letters.obj", obj().replace(b"v 1.25", b"v one"), "damaged or no OBJ file.*L.2"),
+        ("corner.obj", obj("f 1 2 9\n"), "a corner names vertex 9 of 4"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+    """The file, what is wrong with it, and a remedy."""
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_triangles(tmp_path / name)
+    assert name in caught.value.message
+    assert caught.value.remedy
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    """As any file that cannot be opened."""
+    with pytest.raises(ConfigError, match=r"gel\.stl cannot be read"):
+        read_triangles(tmp_path / "gel.stl")
