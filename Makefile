@@ -1,6 +1,6 @@
 # Two targets do everything on a fresh machine with Python 3.11, pip, make and gcc:
 #   make dry-run   set up, then six emulated presses, their replay and the report
-#   make test      set up, then the tests
+#   make test      set up, then the tests but the slow ones
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -9,13 +9,16 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: dry-run test check lint types contracts dependencies format clean
+.PHONY: dry-run test test-slow check lint types contracts dependencies format clean
 
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
 
 test: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+
+test-slow: $(VENV)/.tools
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 check: lint types contracts dependencies
 

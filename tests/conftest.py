@@ -24,7 +24,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Skip what this machine cannot run, and say so."""
+    """Skip what this machine cannot run, and say so; begin with what takes longest."""
+    # Its run takes a minute and serves the whole module: begun last, it would be made by every
+    # worker that takes one of its tests over.
+    items.sort(key=lambda item: item.path.name != "test_whole_loop.py")
     no_rig = pytest.mark.skip(reason="no real rig: name one with --rig rig.toml")
     no_gpu = pytest.mark.skip(reason="no CUDA device")
     cuda = _has_cuda() if any("gpu" in item.keywords for item in items) else False

@@ -101,7 +101,8 @@ def test_off_centre_press_balances_without_symmetry() -> None:
 def test_same_press_again_gives_the_same_numbers() -> None:
     """No randomness anywhere."""
     first, second = press(SCENE), press(SCENE)
-    assert first.force_n == second.force_n
+    # MKL may sum in another order where its arrays lie elsewhere in memory.
+    assert second.force_n == pytest.approx(first.force_n, rel=1e-12, abs=1e-12 * first.force_n[2])
     assert first.mesh_hash == second.mesh_hash
 
 

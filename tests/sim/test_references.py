@@ -15,7 +15,14 @@ DISC = DiscPad(radius_m=12e-3, height_m=4.5e-3)
 PUNCH = Cylinder(diameter_m=5e-3)
 
 
-@pytest.mark.parametrize(("poisson", "kappa"), [(0.45, 1.930), (0.47, 1.983), (0.49, 2.048)])
+@pytest.mark.parametrize(
+    ("poisson", "kappa"),
+    [
+        (0.45, 1.930),
+        pytest.param(0.47, 1.983, marks=pytest.mark.slow),
+        pytest.param(0.49, 2.048, marks=pytest.mark.slow),
+    ],
+)
 def test_flat_punch_on_a_bonded_layer(poisson: float, kappa: float) -> None:
     """F = 2 a E d kappa / (1 - nu^2), Hayes et al. 1972, a / h = 0.5556, on a wide disc."""
     young, depth = 3e5, 20e-6
@@ -35,9 +42,9 @@ def test_flat_punch_on_a_bonded_layer(poisson: float, kappa: float) -> None:
     ("name", "depth_mm", "force_n"),
     [
         (LawName.NEO_HOOKEAN, 0.2, 0.73314),
-        (LawName.NEO_HOOKEAN, 0.5, 1.89035),
+        pytest.param(LawName.NEO_HOOKEAN, 0.5, 1.89035, marks=pytest.mark.slow),
         (LawName.STABLE_NEO_HOOKEAN, 0.2, 0.72494),
-        (LawName.STABLE_NEO_HOOKEAN, 0.5, 1.83785),
+        pytest.param(LawName.STABLE_NEO_HOOKEAN, 0.5, 1.83785, marks=pytest.mark.slow),
     ],
 )
 def test_bonded_disc_press_at_finite_strain(name: LawName, depth_mm: float, force_n: float) -> None:

@@ -81,7 +81,7 @@ def test_a_session_passes_and_leaves_a_complete_run(make_store):
     assert_all_gone(watcher.pids)
 
 
-@pytest.mark.parametrize("name", ["camera", "control"])
+@pytest.mark.parametrize("name", [pytest.param("camera", marks=pytest.mark.slow), "control"])
 def test_a_killed_process_ends_the_session_and_loses_nothing_acknowledged(make_store, name):
     """Kill -9 of any child: told plainly, attempt kept and marked, no process left."""
     store, watcher = make_store(ONE), Watcher(phase="press", action=kill(name))
@@ -137,7 +137,11 @@ def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):
 
 
 @pytest.mark.parametrize(
-    ("error", "outcome_reason"), [(OSError, "the terminal was lost"), (ValueError, "session ends")]
+    ("error", "outcome_reason"),
+    [
+        (OSError, "the terminal was lost"),
+        pytest.param(ValueError, "session ends", marks=pytest.mark.slow),
+    ],
 )
 def test_a_watcher_that_fails_does_not_leave_the_arm_in_the_gel(make_store, error, outcome_reason):
     """A terminal that is gone aborts; any other failure ends the session in the same safe way."""

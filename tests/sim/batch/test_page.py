@@ -6,10 +6,12 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 _PAGE = Path(__file__).parents[3] / "docs" / "sim.md"
 
 
+@pytest.mark.slow
 def test_the_example_presses_eight_gels() -> None:
     """Stiffer gels push back harder, in proportion, and are in balance."""
     (example,) = re.findall(r"```python\n(.*?)```", _PAGE.read_text(encoding="utf-8"), re.DOTALL)

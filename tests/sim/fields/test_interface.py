@@ -95,6 +95,7 @@ def test_jump_shrinks_with_refinement() -> None:
     assert abs(fine.force_below_n[2] / fine_force - 1.0) < abs(coarse.force_below_n[2] / force - 1)
 
 
+@pytest.mark.slow
 def test_9dtact_carries_the_press_through_its_interface() -> None:
     """A ball on the sensor itself: one traction by nodal forces, and two that come together."""
     coarse, fine = (interface_press(interface_scene(), refinement=factor) for factor in (1.0, 1.5))

@@ -81,6 +81,7 @@ def test_folder_becomes_a_calibration(tmp_path: Path) -> None:
         assert (cv2.imread(str(out.with_name(name))) < 250).any()
 
 
+@pytest.mark.slow
 def test_contacts_are_found_without_a_table(tmp_path: Path) -> None:
     """Without circles the contacts are found, and the scores hardly suffer."""
     folder = _folder(tmp_path / "presses", count=6, table=False)
@@ -201,6 +202,7 @@ def test_bad_input_is_refused_before_anything_is_simulated(
     assert f"{first.name}: its circle is around column 1000, row 75" in message
 
 
+@pytest.mark.slow
 def test_figures_of_an_earlier_calibration_are_no_presses(tmp_path: Path) -> None:
     """Written into the folder of the presses, a calibration can be made again."""
     folder = _folder(tmp_path / "presses", count=5, table=False)

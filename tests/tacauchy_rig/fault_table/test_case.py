@@ -10,13 +10,11 @@ from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase, Kill, Moment,
 
 CASES = [
     FaultCase(Kill(Victim.RECORDER), Moment.PRESS),
-    pytest.param(
-        FaultCase(DeviceFault(device=Device.FORCE_SENSOR, kind=FaultKind.UNPLUG), Moment.DWELL),
-        marks=pytest.mark.slow,
-    ),
+    FaultCase(DeviceFault(device=Device.FORCE_SENSOR, kind=FaultKind.UNPLUG), Moment.DWELL),
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_a_case_ends_without_motion_hang_or_loss(tmp_path, case):

@@ -17,6 +17,8 @@ from sim.studies.hard_cases.pads import BALL, BARRIER_M, pad_model, round_mesh
 _DEPTH_M = 0.3e-3
 _LEG_M = 0.05e-3
 _LEGS = (1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0)
+# A slip is a difference of places some hundred times as large, so that its last places are noise.
+_DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +37,11 @@ class Slide:
     point_min_j: float
     dissipated_j: float
     work_less_stored_j: float
+
+    @property
+    def gives_nothing_back(self) -> bool:
+        """Whether every point dissipates at every increment, to rounding."""
+        return self.point_min_j >= -_DISSIPATION_ROUNDING * self.dissipated_j
 
 
 def slide_and_return() -> Slide:

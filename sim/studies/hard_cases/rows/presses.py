@@ -17,6 +17,8 @@ from sim.studies.hard_cases.pads import BALL, BARRIER_M, DOMED, PUNCH, pad_model
 from sim.studies.hard_cases.rows.friction_slide import balance_relative, slide_and_return
 
 _DEPTH_M = 0.3e-3
+# Thousands of terms, each rounded, make a force: 4500 units in its last place.
+FORCE_ROUNDING = 1e-12
 
 
 def no_contact() -> Outcome:
@@ -69,7 +71,7 @@ def force_balance() -> Outcome:
         "slide_work_less_stored_j": slide.work_less_stored_j,
     }
     passed = worst <= 1e-6 and gap > 0.0
-    passed &= slide.point_min_j >= 0.0 and min(slide.dissipated_j, slide.work_less_stored_j) > 0.0
+    passed &= slide.gives_nothing_back and min(slide.dissipated_j, slide.work_less_stored_j) > 0.0
     return Outcome(passed=passed, measured=measured)
 
 
@@ -87,8 +89,8 @@ def repeatable() -> Outcome:
         "bitwise_same_process": here == again,
         "bitwise_other_process": here == there,
     }
-    passed = all(abs(other.force_n / here.force_n - 1.0) <= 1e-12 for other in (again, there))
-    return Outcome(passed=passed, measured=measured)
+    apart = max(abs(other.force_n / here.force_n - 1.0) for other in (again, there))
+    return Outcome(passed=apart <= FORCE_ROUNDING, measured=measured)
 
 
 CASES = (

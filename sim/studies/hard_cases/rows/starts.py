@@ -33,6 +33,8 @@ _ITERATIONS_MAX = 20
 # Newton refuses from 30 % of the pad's height, which is 1.2 mm.
 _DEPTHS_M = (0.2e-3, 1.1e-3, 1.3e-3, 5e-3)
 _PATIENT = NewtonOptions(iteration_max=300)
+# Energies of the first one's size differ by a few units in their last place when they are equal.
+ENERGY_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
 def degenerate_starts() -> Outcome:
@@ -94,7 +96,7 @@ def random_start() -> Outcome:
         "knot_energy_max_over_E_volume": max(knots, default=0.0),
         "det_F_min_at_the_end": smallest,
     }
-    passed = max(rises) <= 1e-12 and residual <= 1e-10 and bool(np.isfinite(smallest))
+    passed = max(rises) <= ENERGY_ROUNDING and residual <= 1e-10 and bool(np.isfinite(smallest))
     return Outcome(passed=passed, measured=measured)
 
 

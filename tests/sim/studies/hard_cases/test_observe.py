@@ -15,7 +15,7 @@ from sim.studies.hard_cases.observe import observe
 BAD_ROWS = """
 import os, subprocess, sys, time
 from pathlib import Path
-from sim.hard_cases.case import Outcome
+from sim.studies.hard_cases.case import Outcome
 from tacauchy_rig.errors import ConvergenceError
 
 def measures():

@@ -16,7 +16,11 @@ from sim.studies.verification.quarter_mesh import quarter_mesh
 
 @pytest.mark.parametrize(
     ("name", "preset"),
-    [("cylinder", Preset.BALANCED), ("ball", Preset.FAST), ("edge", Preset.BALANCED)],
+    [
+        ("cylinder", Preset.BALANCED),
+        ("ball", Preset.FAST),
+        pytest.param("edge", Preset.BALANCED, marks=pytest.mark.slow),
+    ],
 )
 def test_every_pixel_is_near_the_reference_and_none_above_the_indenter(
     name: str, preset: Preset
@@ -50,6 +54,6 @@ def test_the_quarter_mesh_lies_in_its_quarter() -> None:
     mesh = quarter_mesh(scene, sensor.pad)
     assert mesh.fold == Fold(mirror_x=True, mirror_y=True)
     assert mesh.axis_m is None
-    assert mesh.vertices[:, :2].min() == 0.0
+    assert mesh.vertices[:, :2].min() == pytest.approx(0.0, abs=1e-15)
     edge = np.abs(mesh.vertices[:, 0] - 4e-3) < 1e-9
     assert edge.sum() > 2

@@ -49,8 +49,8 @@ def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
 _LONG = """
 import os, time
 from pathlib import Path
-from tests.tacauchy_rig.cli.test_side_by_side import _stay
-from tacauchy_rig.cli.side_by_side import side_by_side
+from tests.tacauchy_rig.cli.studies.test_side_by_side import _stay
+from tacauchy_rig.cli.studies.side_by_side import side_by_side
 
 if __name__ == "__main__":
     list(side_by_side(_stay, {names!r}, jobs=2))

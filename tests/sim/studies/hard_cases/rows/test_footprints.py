@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
+
 from sim.scene.scene import Effect
 from sim.studies.hard_cases.rows.footprints import CASES, INDENTERS, pressed_off
 
 LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
 
 
+@pytest.mark.slow
 def test_sharp_rim_off_the_pad() -> None:
     """Half off and on a corner it balances and rises; beside the pad the message says where."""
     indenters = {"cylinder": INDENTERS["sharp_cylinder"]}

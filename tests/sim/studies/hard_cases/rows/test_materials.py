@@ -32,6 +32,7 @@ def test_slivers_cost_few_iterations() -> None:
     assert outcome.passed, outcome.measured
 
 
+@pytest.mark.slow
 def test_stiff_layers_meet_the_laminate() -> None:
     """The row itself: both ways round."""
     outcome = stiff_layers()

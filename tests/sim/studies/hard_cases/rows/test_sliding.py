@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from sim.studies.hard_cases.rows.sliding import LIMIT_EXCESS, stick_slip, torsion
 
 
+@pytest.mark.slow
 def test_friction_keeps_its_limit_and_does_not_creep() -> None:
     """Two steps to and fro: the limit holds, and nothing moves while the indenter stands still."""
     measured = stick_slip(step_m=80e-6, step_count=2, hold_count=1).measured

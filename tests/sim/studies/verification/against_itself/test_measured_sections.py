@@ -110,6 +110,7 @@ def test_shifted_press_moves_by_half_an_edge() -> None:
     assert 0.0 < found.change < 0.05
 
 
+@pytest.mark.slow
 def test_sharp_rim_shifted() -> None:
     """A sharp punch cuts other faces when it is moved; F_z stays within 6 % on preset fast."""
     found = shifted_press(replace(SCENE, indenter=Cylinder(diameter_m=3e-3)))
