@@ -11,8 +11,8 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from drivers.emulators.faults import Device, parse_fault, post_fault
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.press_table import case_for, press_table
+from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.process import EmulatedProcess
@@ -190,7 +190,7 @@ class Emulation:
             robot_host = self._robot_host()
             self._start("robot", self._robot_arguments(robot_host))
         elif self.follow_host is not None:
-            arguments = ["drivers.emulators.pose_follower", "--host", self.follow_host]
+            arguments = ["drivers.emulators.shared_world", "--host", self.follow_host]
             self._start("pose_follower", [*arguments, "--world", str(self.world_path)])
         if Device.FORCE_SENSOR in self.devices:
             self._start("force_sensor", self._box_arguments(truth))

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from drivers.emulators.plant.gel.quad_mesh import GelDisc
-from drivers.emulators.plant.light.markers import MarkerGrid
-from drivers.emulators.plant.unit import EmulatedUnit, GelLight
+from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
 from sim.scene.pad import BoxPad
 from sim.sensor.optics_tables import OpticsKind
 from sim.sensor.sensor import MarkerGrid as PrintedGrid

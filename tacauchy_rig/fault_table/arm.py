@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.emulators.arm.trace import TraceRow
-from drivers.emulators.plant.gel.gel import Plant
+from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.run import Pose, Vector3
 
 STILL_M_S = 1e-7

@@ -13,9 +13,9 @@ from drivers.emulators.arm.trace import TraceRow, read_trace
 from drivers.emulators.faults import Device, FaultKind, post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
-from drivers.emulators.plant.gel.gel import Geometry, Plant
-from drivers.emulators.plant.gel.tips import CylinderTip
+from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig

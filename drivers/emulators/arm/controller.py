@@ -26,7 +26,7 @@ from drivers.emulators.arm.settings import ControllerSettings, parse_arguments
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import ArmTrace
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
-from drivers.emulators.punctuality import keep_time
+from drivers.emulators.process import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Pose, Vector3, Vector6

@@ -12,15 +12,75 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
+import cv2
+import numpy as np
+
 from drivers.emulators.camera.jpeg import DEFAULT_QUALITY, MCU_PX, JpegMosaic, Tiles
-from drivers.emulators.camera.noise import NoisePool
-from drivers.emulators.camera.stamp import STAMP_HEIGHT_PX, STAMP_WIDTH_PX, draw_number
 from drivers.emulators.plant.arrays import ImageArray
-from drivers.emulators.plant.gel.gel import Plant
-from drivers.emulators.plant.light.markers import MarkerGrid
-from drivers.emulators.plant.light.optics import GelCamera, Region
-from drivers.emulators.plant.light.view import view_of
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.still import enlarged, rendering_factor
+from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.unit import MarkerGrid
+from drivers.emulators.plant.view import view_of
+
+_MARGIN_PX = 64
+
+
+class NoisePool:
+    """Gaussian noise for frames of one size; each use begins at another place of the pool."""
+
+    def __init__(self, truth: PlantTruth, width: int, height: int) -> None:
+        self._random = np.random.default_rng([truth.seed, 4])
+        shape = (height + _MARGIN_PX, width + _MARGIN_PX, 3)
+        # Two pools, because OpenCV adds and subtracts bytes several times faster than it adds
+        # signed numbers to them.
+        self._above, self._below = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+        for row in range(0, shape[0], _MARGIN_PX):  # in parts: the floats need four times the room
+            part = self._random.standard_normal(
+                (min(_MARGIN_PX, shape[0] - row), *shape[1:]), np.float32
+            )
+            levels = np.round(part * truth.image_noise_levels)
+            self._above[row : row + _MARGIN_PX] = np.maximum(levels, 0.0)
+            self._below[row : row + _MARGIN_PX] = np.maximum(-levels, 0.0)
+
+    def added(self, block: ImageArray) -> ImageArray:
+        """Return ``block`` [rows, columns, 3] with noise."""
+        rows, columns = block.shape[:2]
+        top = int(self._random.integers(0, self._above.shape[0] - rows + 1))
+        left = int(self._random.integers(0, self._above.shape[1] - columns + 1))
+        window = slice(top, top + rows), slice(left, left + columns)
+        brighter = cv2.add(block, self._above[window])
+        return np.asarray(cv2.subtract(brighter, self._below[window]), np.uint8)
+
+
+BLOCK_PX = 8
+BIT_COUNT = 32
+STAMP_WIDTH_PX = BLOCK_PX * BIT_COUNT
+STAMP_HEIGHT_PX = 2 * BLOCK_PX
+_DARK, _BRIGHT = 16, 240
+
+
+def draw_number(image: ImageArray, number: int) -> None:
+    """Draw ``number`` into the top left corner of ``image`` [rows, columns, 3], in place."""
+    bits = (number >> np.arange(BIT_COUNT)) & 1
+    levels = np.where(np.stack([bits, 1 - bits]), _BRIGHT, _DARK).astype(np.uint8)
+    blocks = levels.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
+    image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX] = blocks[:, :, None]
+
+
+def read_number(image: ImageArray) -> int | None:
+    """Return the number drawn in ``image`` (grey or colour); None where it cannot be read."""
+    corner = image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX]
+    if corner.shape[:2] != (STAMP_HEIGHT_PX, STAMP_WIDTH_PX):
+        return None
+    grey = corner.reshape(STAMP_HEIGHT_PX, STAMP_WIDTH_PX, -1).mean(axis=-1)
+    blocks = grey.reshape(2, BLOCK_PX, BIT_COUNT, BLOCK_PX).mean(axis=(1, 3))
+    bits = blocks > 0.5 * (_DARK + _BRIGHT)
+    if not bool(np.all(bits[0] != bits[1])):
+        return None
+    return int(sum(1 << i for i in range(BIT_COUNT) if bits[0, i]))
+
 
 DEPTH_STEP_M = 4e-6
 PLACE_STEP_M = 1e-5

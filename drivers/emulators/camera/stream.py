@@ -12,16 +12,17 @@ import argparse
 import json
 import logging
 import os
+import random
 import signal
 import sys
 import threading
 import time
+from collections import deque
 from pathlib import Path
 from typing import TextIO
 
 import cv2
 
-from drivers.emulators.camera.faults import FaultyOutput
 from drivers.emulators.camera.frames import (
     DEPTH_STEP_M,
     LIGHT_STEP,
@@ -31,12 +32,98 @@ from drivers.emulators.camera.frames import (
 )
 from drivers.emulators.camera.http import MjpegServer
 from drivers.emulators.camera.jpeg import DEFAULT_QUALITY
-from drivers.emulators.camera.renderer import BackgroundRenderer
 from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
 from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
-from drivers.emulators.punctuality import keep_time
+from drivers.emulators.process import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
 from tacauchy_rig.errors import DeviceError, RigError
+
+
+class BackgroundRenderer:
+    """One thread that always works on the newest wish."""
+
+    def __init__(self, factory: FrameFactory) -> None:
+        self._factory = factory
+        self._changed = threading.Condition()
+        self._wanted: PressKey | None = None
+        self._asked_count = 0
+        self._done_count = 0
+        self._open = True
+        self._thread = threading.Thread(target=self._work, name="renderer", daemon=True)
+        self._thread.start()
+
+    def ask(self, key: PressKey, *, timeout_s: float) -> bool:
+        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; False when it is not ready."""
+        with self._changed:
+            self._wanted = key
+            self._asked_count += 1
+            mine = self._asked_count
+            self._changed.notify_all()
+            return self._changed.wait_for(lambda: self._done_count >= mine, max(0.0, timeout_s))
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._open = False
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._wanted is not None or not self._open)
+                if not self._open:
+                    return
+                key, self._wanted = self._wanted, None
+                count = self._asked_count
+            if key is not None:
+                self._factory.prepare(key)
+            with self._changed:
+                self._done_count = count
+                self._changed.notify_all()
+
+
+_DROP_SHARE = 0.3
+_GARBLE_SHARE = 0.3
+_DELAY_S = 0.5
+_GARBLED_BYTES = 64
+
+
+class FaultyOutput:
+    """Turns the frame that should go out into the frames that do."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(seed)  # noqa: S311 - damage, not a secret
+        self._frozen: bytes | None = None
+        self._late: deque[tuple[float, bytes]] = deque()
+
+    def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
+        """Return what to send at ``now_s`` [s] in place of ``jpeg``, oldest first."""
+        active = {fault.kind: fault for fault in faults}
+        if FaultKind.FREEZE in active:
+            self._frozen = jpeg = self._frozen or jpeg
+        else:
+            self._frozen = None
+        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP), _DROP_SHARE):
+            return []
+        if self._strikes(active.get(FaultKind.GARBLE), _GARBLE_SHARE):
+            jpeg = self._garbled(jpeg)
+        delay = active.get(FaultKind.DELAY)
+        delay_s = 0.0 if delay is None else delay.parameters.get("delay_s", _DELAY_S)
+        due_s = max(now_s + delay_s, self._late[-1][0] if self._late else 0.0)
+        self._late.append((due_s, jpeg))
+        return [self._late.popleft()[1] for _ in range(sum(d <= now_s for d, _ in self._late))]
+
+    def _strikes(self, fault: Fault | None, share: float) -> bool:
+        return fault is not None and self._random.random() < fault.parameters.get("fraction", share)
+
+    def _garbled(self, jpeg: bytes) -> bytes:
+        """Overwrite bytes and cut the end off, as a bad cable does."""
+        damaged = bytearray(jpeg[: self._random.randrange(len(jpeg) // 2, len(jpeg))])
+        for _ in range(_GARBLED_BYTES):
+            damaged[self._random.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
+        return bytes(damaged)
+
 
 TRACE_FILE = "camera_trace.jsonl"
 _COMPOSING_S = 0.006  # left before a frame is due

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from drivers.emulators.plant.gel.gel import Geometry, Plant
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip, Tip
+from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import draw_truth, read_truth
 from tacauchy_rig.run import Vector3
 

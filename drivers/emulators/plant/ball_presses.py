@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray
-from drivers.emulators.plant.gel.tips import SphereTip
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import EmulatedUnit
 

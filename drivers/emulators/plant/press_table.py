@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray
-from drivers.emulators.plant.gel.axisymmetric import GelSolver
-from drivers.emulators.plant.gel.neo_hookean import NeoHookean
-from drivers.emulators.plant.gel.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
-from drivers.emulators.plant.gel.tips import CylinderTip, Tip
+from drivers.emulators.plant.axisymmetric import GelSolver
+from drivers.emulators.plant.neo_hookean import NeoHookean
+from drivers.emulators.plant.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.tips import CylinderTip, Tip
 from tacauchy_rig.errors import ConvergenceError
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray
-from drivers.emulators.plant.gel.gel import Geometry, Plant
-from drivers.emulators.plant.gel.tips import Tip
-from drivers.emulators.plant.light.markers import MarkerGrid
-from drivers.emulators.plant.light.optics import GelCamera
-from drivers.emulators.plant.light.view import View, view_of
+from drivers.emulators.plant.gel import Geometry, Plant
+from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.unit import MarkerGrid
+from drivers.emulators.plant.view import View, view_of
 
 _LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
 

@@ -23,15 +23,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.camera.faults import FaultyOutput
-from drivers.emulators.camera.frames import FrameFactory, PressKey
+from drivers.emulators.camera.frames import FrameFactory, PressKey, draw_number, read_number
 from drivers.emulators.camera.jpeg import JpegMosaic
-from drivers.emulators.camera.stamp import draw_number, read_number
+from drivers.emulators.camera.stream import FaultyOutput
 from drivers.emulators.faults import Device, Fault, FaultKind, send_fault
-from drivers.emulators.plant.gel.gel import Geometry, Plant
-from drivers.emulators.plant.gel.tips import CylinderTip
+from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.press_table import case_for
 from drivers.emulators.plant.still import render_press
+from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.run import Pose

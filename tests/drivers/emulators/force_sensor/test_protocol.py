@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.force_sensor.protocol import BoxCommands, ReplyStyle
+from drivers.emulators.faults import Device, Fault, FaultKind
+from drivers.emulators.force_sensor.protocol import BoxCommands, FrameStream, ReplyStyle
+from drivers.force_sensor.sri_frame import FrameParser, SriFrame
 from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.run import Vector6
 
 
 @pytest.mark.parametrize(
@@ -68,3 +71,83 @@ def test_any_chunking_of_commands(cuts: list[int]) -> None:
         replies += box.receive(data[:length])
         data = data[length:]
     assert replies == b"ACK+SMPF=200$OK\r\nACK+GSD=$OK\r\n"
+
+
+PERIOD_NS = 10_000_000
+
+
+def play(count: int, kind: FaultKind | None, **parameters: float) -> tuple[FrameParser, bytes]:
+    """Stream ``count`` frames of rising values under one fault; return a parser and the bytes."""
+    stream = FrameStream(seed=1, full_scale_n=50.0)
+    faults = []
+    if kind is not None:
+        faults = [Fault(device=Device.FORCE_SENSOR, kind=kind, parameters=parameters)]
+    data = b""
+    for index in range(count):
+        values: Vector6 = (0.0, 0.0, float(index), 0.0, 0.0, 0.0)
+        stamp_ns = index * PERIOD_NS
+        stream.next_frame(values, stamp_ns=stamp_ns, faults=faults, checksum=Checksum.SUM)
+        data += stream.due(stamp_ns)
+    return FrameParser(), data
+
+
+def frames_of(count: int, kind: FaultKind | None, **parameters: float) -> list[SriFrame]:
+    """Return the frames that a client decodes."""
+    parser, data = play(count, kind, **parameters)
+    return parser.feed(data)
+
+
+def test_no_fault() -> None:
+    """Every frame leaves at its moment, numbered from zero."""
+    frames = frames_of(5, None)
+    assert [(f.counter, f.values[2]) for f in frames] == [(i, float(i)) for i in range(5)]
+
+
+def test_freeze_repeats_values_while_the_number_moves() -> None:
+    """A frozen sensor keeps counting."""
+    frames = frames_of(5, FaultKind.FREEZE)
+    assert [f.counter for f in frames] == list(range(5))
+    assert {f.values[2] for f in frames} == {0.0}
+
+
+def test_drop_leaves_gaps() -> None:
+    """Dropped frames take their numbers with them."""
+    parser, data = play(200, FaultKind.DROP, fraction=0.25)
+    frames = parser.feed(data)
+    assert len(frames) == pytest.approx(150, abs=25)
+    assert parser.lost_count == frames[-1].counter - frames[0].counter + 1 - len(frames)
+    assert parser.corrupt_frame_count == 0
+
+
+def test_garble_breaks_the_checksum() -> None:
+    """Garbled frames leave, with wrong bytes."""
+    parser, data = play(200, FaultKind.GARBLE, fraction=0.25)
+    parser.feed(data)
+    assert len(data) == 200 * 31
+    assert parser.corrupt_frame_count == pytest.approx(50, abs=25)
+
+
+def test_saturate_pins_fz() -> None:
+    """Fz reads full scale and the other channels go on."""
+    assert {f.values[2] for f in frames_of(3, FaultKind.SATURATE, full_scale_n=12.0)} == {12.0}
+
+
+def test_stall_sends_nothing_and_counts_on() -> None:
+    """After a stall the number shows how much is missing."""
+    stream = FrameStream(seed=1, full_scale_n=50.0)
+    stall = [Fault(device=Device.FORCE_SENSOR, kind=FaultKind.STALL)]
+    zero: Vector6 = (0.0,) * 6
+    for index, faults in enumerate(([], stall, stall, [])):
+        stream.next_frame(zero, stamp_ns=index, faults=faults, checksum=Checksum.SUM)
+    assert [f.counter for f in FrameParser().feed(stream.due(10))] == [0, 3]
+
+
+def test_delay_and_latency_shift_the_moment_only() -> None:
+    """Delayed frames come later, whole and in order."""
+    stream = FrameStream(seed=1, full_scale_n=50.0, latency_s=0.002)
+    delay = Fault(device=Device.FORCE_SENSOR, kind=FaultKind.DELAY, parameters={"delay_s": 0.1})
+    zero: Vector6 = (0.0,) * 6
+    stream.next_frame(zero, stamp_ns=0, faults=[delay], checksum=Checksum.SUM)
+    assert stream.next_due_ns == 102_000_000
+    assert stream.due(101_999_999) == b""
+    assert len(stream.due(102_000_000)) == 31

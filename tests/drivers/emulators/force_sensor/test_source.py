@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
-from drivers.emulators.force_sensor.source import PlantSource
-from drivers.emulators.plant.force_channel import ForceChannel
-from drivers.emulators.plant.gel.gel import Geometry, Plant
+from drivers.emulators.force_sensor.source import TRACE_FILE, ForceChannel, PlantSource, open_trace
+from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.press_table import PressCase
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
+from drivers.force_sensor.sri_m3733c import SriM3733c
 from tacauchy_rig.run import Pose
 
 SURFACE = (0.0, -0.4, 0.2)
@@ -36,3 +40,81 @@ def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path) -> No
     assert 1.0 < force.force_true_n < 5.0
     gain = force.reading[2] - truth.force_offset_n[2]
     assert gain == pytest.approx(force.force_true_n, abs=5 * truth.force_noise_n)
+
+
+def rows(path: Path) -> list[dict[str, object]]:
+    """Return the frames of the trace that can be read."""
+    found = []
+    for line in path.read_text().splitlines():
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue
+        if "stamp_ns" in row:
+            found.append(row)
+    return found
+
+
+def write(path: Path, stamp_ns: int, *, boot_id: str, end: str = "\n") -> None:
+    """Open the trace, add a row, close it."""
+    with open_trace(path, boot_id=boot_id) as trace:
+        trace.write(json.dumps({"stamp_ns": stamp_ns}) + end)
+
+
+def test_a_second_start_on_the_same_boot_continues_the_trace(tmp_path: Path) -> None:
+    """A last line that a kill has torn costs nothing but itself."""
+    path = tmp_path / TRACE_FILE
+    write(path, 1, boot_id="a")
+    with path.open("a") as file:
+        file.write('{"stamp_ns": 2, "forc')
+    write(path, 3, boot_id="a")
+    write(path, 4, boot_id="a")
+    assert [row["stamp_ns"] for row in rows(path)] == [1, 3, 4]
+
+
+def test_stamps_of_another_boot_are_not_mixed_in(tmp_path: Path) -> None:
+    """The monotonic clock begins anew with each boot; so does the trace."""
+    path = tmp_path / TRACE_FILE
+    write(path, 900, boot_id="a")
+    write(path, 5, boot_id="b")
+    assert [row["stamp_ns"] for row in rows(path)] == [5]
+
+
+def test_a_trace_of_an_older_version_is_begun_anew(tmp_path: Path) -> None:
+    """Without a boot its stamps belong nowhere; an empty file does no harm."""
+    path = tmp_path / TRACE_FILE
+    for before in ("", '{"stamp_ns": 1}\n'):
+        path.write_text(before)
+        write(path, 7, boot_id="a")
+        assert [row["stamp_ns"] for row in rows(path)] == [7]
+
+
+@pytest.mark.parametrize("starts", [2, 3])
+def test_a_box_that_is_started_again_keeps_what_it_traced_before(
+    tmp_path: Path, run_box: Callable[..., AbstractContextManager[str]], starts: int
+) -> None:
+    """As in a resumed dry run: every frame of every start is there, stamps in order."""
+    kept: list[dict[str, object]] = []
+    for _ in range(starts):
+        with run_box(tmp_path) as port:
+            _stream(port, count=20)
+        now = rows(tmp_path / TRACE_FILE)
+        assert now[: len(kept)] == kept
+        assert len(now) >= len(kept) + 20
+        kept = now
+    stamps = [int(str(row["stamp_ns"])) for row in kept]
+    assert stamps == sorted(stamps)
+
+
+def _stream(port: str, *, count: int) -> None:
+    """Let the box stream until a client has ``count`` frames."""
+    sensor = SriM3733c(port)
+    try:
+        sensor.connect()
+        received, deadline = 0, time.monotonic() + 20.0
+        while received < count:
+            assert time.monotonic() < deadline
+            received += len(sensor.drain())
+            time.sleep(0.01)
+    finally:
+        sensor.close()

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.press_table import (
     POISSON_STEPS,
     PressCase,
@@ -19,6 +18,7 @@ from drivers.emulators.plant.press_table import (
     compute_table,
     press_table,
 )
+from drivers.emulators.plant.tips import CylinderTip, SphereTip
 
 SMALL = PressCase(tip=SphereTip(diameter_m=4e-3), max_depth_m=0.2e-3)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip
-from drivers.emulators.plant.light.markers import MarkerGrid
 from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import draw_truth
+from drivers.emulators.plant.unit import MarkerGrid
 from tacauchy_rig.errors import ConfigError
 
 TRUTH = draw_truth(7)

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.gel.gel import SurfaceProfile
-from drivers.emulators.plant.gel.quad_mesh import GelDisc
-from drivers.emulators.plant.gel.relief import relief_of
-from drivers.emulators.plant.gel.tips import SphereTip
-from drivers.emulators.plant.light.shading import visible_share
+from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.press_table import PressCase, compute_table
+from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.relief import relief_of
+from drivers.emulators.plant.shading import visible_share
 from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import draw_truth, read_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from sim.sensor.sensor import load_sensor

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip, Tip
+from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from tacauchy_rig.errors import ConfigError
 
 TIPS: list[Tip] = [

@@ -14,9 +14,9 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from drivers.emulators.plant.arrays import FloatArray, IntArray
-from drivers.emulators.plant.gel.neo_hookean import NeoHookean
-from drivers.emulators.plant.gel.quad_mesh import QuadMesh, line_shape
-from drivers.emulators.plant.gel.tips import Tip
+from drivers.emulators.plant.neo_hookean import NeoHookean
+from drivers.emulators.plant.quad_mesh import QuadMesh, line_shape
+from drivers.emulators.plant.tips import Tip
 from tacauchy_rig.errors import ConvergenceError
 
 _PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um

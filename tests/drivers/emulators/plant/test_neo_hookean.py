@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from drivers.emulators.plant.gel.neo_hookean import NeoHookean
+from drivers.emulators.plant.neo_hookean import NeoHookean
 
 REST = np.array([1.0, 0.0, 0.0, 1.0, 1.0])
 STEP = 1e-6

@@ -17,16 +17,13 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray, SingleArray
-from drivers.emulators.plant.gel.gel import SurfaceProfile
-from drivers.emulators.plant.gel.relief import STEP_M, Relief, relief_of
-from drivers.emulators.plant.light.marker_ink import marker_reflectance
-from drivers.emulators.plant.light.markers import MarkerGrid
-from drivers.emulators.plant.light.shading import visible_share
-from drivers.emulators.plant.light.texture import gel_texture
-from drivers.emulators.plant.light.translucent import scattered_light
-from drivers.emulators.plant.light.view import View
+from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.markers import marker_reflectance
+from drivers.emulators.plant.relief import STEP_M, Relief, relief_of
+from drivers.emulators.plant.shading import gel_texture, scattered_light, visible_share
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import EmulatedUnit, GelLight
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
+from drivers.emulators.plant.view import View
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
 _LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle

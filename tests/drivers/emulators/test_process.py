@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from drivers.emulators.punctuality import keep_time
+from drivers.emulators.process import keep_time
 
 
 @pytest.mark.parametrize("mostly_sleeps", [True, False])

@@ -1,13 +1,13 @@
-"""Printed dots, moved with the gel's surface, and the light that they leave."""
+"""Printed dots on the gel, moved with its surface, and the light that they leave."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray, SingleArray
-from drivers.emulators.plant.gel.gel import SurfaceProfile
-from drivers.emulators.plant.light.markers import MarkerGrid
-from drivers.emulators.plant.light.view import View
+from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.unit import MarkerGrid
+from drivers.emulators.plant.view import View
 
 _REFLECTANCE = 0.12
 _EDGE_M = 4e-5

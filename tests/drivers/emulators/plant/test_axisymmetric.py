@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.gel.axisymmetric import GelSolver
-from drivers.emulators.plant.gel.neo_hookean import NeoHookean
-from drivers.emulators.plant.gel.quad_mesh import GelDisc, Grading, mesh_disc
-from drivers.emulators.plant.gel.tips import CylinderTip, SphereTip
+from drivers.emulators.plant.axisymmetric import GelSolver
+from drivers.emulators.plant.neo_hookean import NeoHookean
+from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
+from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from tacauchy_rig.errors import ConvergenceError
 
 PUNCH_RADIUS = 2.5e-3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray, SingleArray
-from drivers.emulators.plant.gel.gel import SurfaceProfile
+from drivers.emulators.plant.gel import SurfaceProfile
 
 STEP_M = 4e-6
 _FLAT_SLOPE = 6e-3  # a change of slope that moves no colour by half a grey level

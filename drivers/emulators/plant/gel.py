@@ -9,10 +9,34 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.arrays import FloatArray
-from drivers.emulators.plant.gel.relaxation import Relaxation
 from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
 from drivers.emulators.plant.truth import PlantTruth
 from tacauchy_rig.run import Pose, Vector3
+
+
+class Relaxation:
+    """The force's memory, advanced one sample at a time."""
+
+    def __init__(self, weights: tuple[float, ...], times_s: tuple[float, ...]) -> None:
+        self._weights = weights
+        self._times_s = times_s
+        self._memory = [0.0] * len(weights)
+        self._relaxed = 0.0
+
+    def advance(self, relaxed: float, duration_s: float) -> float:
+        """Return the force after ``duration_s`` [s] in which the relaxed force came to ``relaxed``.
+
+        Out of contact (``relaxed`` zero) the memory fades and the force is zero: gel that has not
+        yet risen does not pull.
+        """
+        change = relaxed - self._relaxed
+        self._relaxed = relaxed
+        for i, (weight, time_s) in enumerate(zip(self._weights, self._times_s, strict=True)):
+            x = duration_s / time_s
+            mean = -math.expm1(-x) / x if x > 0.0 else 1.0
+            self._memory[i] = self._memory[i] * math.exp(-x) + weight * change * mean
+        return max(0.0, relaxed + sum(self._memory)) if relaxed > 0.0 else 0.0
+
 
 _STIFFENING_M = 3e-4  # beyond the table the stiffness doubles every so much depth
 

@@ -1,1 +1,0 @@
-"""The emulated world's gel: a finite-strain model of its own."""

@@ -1,1 +1,0 @@
-"""The emulated camera's optics."""
