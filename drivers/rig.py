@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.arm.interface import Arm
 from drivers.arm.ur5 import Ur5
-from drivers.camera.uvc_camera import UvcCamera
-from drivers.camera.uvc_capture import CameraMode
-from drivers.clock import HostClock
+from drivers.camera.interface import Camera
+from drivers.camera.uvc import CameraMode, UvcCamera
+from drivers.device.clock import Clock, HostClock
+from drivers.device.interface import StreamHealth
+from drivers.force_sensor.interface import ForceTorqueSensor
 from drivers.force_sensor.sri_m3733c import SriM3733c
-from drivers.interfaces import Arm, Camera, Clock, ForceTorqueSensor, StreamHealth
 from drivers.mock.arm import MockArm
 from drivers.mock.camera import MockCamera
 from drivers.mock.fault_plan import plan_faults

@@ -12,7 +12,7 @@ from enum import StrEnum
 from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_safety import safety_reason
-from drivers.interfaces import DeviceIdentity
+from drivers.device.interface import DeviceIdentity
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, SafetyError
 from tacauchy_rig.run import ArmSample, Pose, Vector6

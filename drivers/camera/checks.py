@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from drivers.camera.uvc_capture import MANUAL_EXPOSURE
-from drivers.interfaces import StreamHealth
+from drivers.camera.uvc import MANUAL_EXPOSURE
+from drivers.device.interface import StreamHealth
 from drivers.rig import build_camera
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped

@@ -1,7 +1,6 @@
 """How an emulated device is told to fail, while it runs or by a plan made before.
 
-A fault is written ``device:kind[@start][+duration]``, for example ``force_sensor:freeze@12s+2s``.
-It travels as one JSON datagram to the Unix socket ``<folder>/<device>.control``, which every
+A fault travels as one JSON datagram to the Unix socket ``<folder>/<device>.control``, which every
 emulator polls in its loop.
 """
 
@@ -10,119 +9,13 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import socket
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 
+from drivers.device.faults import Device, Fault, FaultKind, device_named, kind_named
 from tacauchy_rig.errors import ConfigError, DeviceError, RigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
 
-
-class Device(StrEnum):
-    """Emulated devices that can be told to fail."""
-
-    ROBOT = "robot"
-    FORCE_SENSOR = "force_sensor"
-    CAMERA = "camera"
-
-
-class FaultKind(StrEnum):
-    """What can go wrong."""
-
-    FREEZE = "freeze"
-    DROP = "drop"
-    GARBLE = "garble"
-    DELAY = "delay"
-    PROTECTIVE_STOP = "protective-stop"
-    EMERGENCY_STOP = "emergency-stop"
-    UNPLUG = "unplug"
-    SATURATE = "saturate"
-    STALL = "stall"
-
-
-_STREAM_FAULTS = frozenset(
-    {
-        FaultKind.FREEZE,
-        FaultKind.DROP,
-        FaultKind.GARBLE,
-        FaultKind.DELAY,
-        FaultKind.UNPLUG,
-        FaultKind.SATURATE,
-        FaultKind.STALL,
-    }
-)
-
-FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
-    Device.ROBOT: frozenset(
-        {
-            FaultKind.FREEZE,
-            FaultKind.DROP,
-            FaultKind.DELAY,
-            FaultKind.PROTECTIVE_STOP,
-            FaultKind.EMERGENCY_STOP,
-            FaultKind.STALL,
-        }
-    ),
-    Device.FORCE_SENSOR: _STREAM_FAULTS,
-    Device.CAMERA: _STREAM_FAULTS,
-}
-
-_PLAN = re.compile(r"^\s*([^:@+\s]+):([^:@+\s]+)(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
-_EXAMPLE = "write device:kind@start+duration, for example force_sensor:freeze@12s+2s"
 _DATAGRAM_LIMIT = 65536
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
-    """One thing that goes wrong with one device.
-
-    Attributes:
-        duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
-            unplugging somebody has unlocked the arm or plugged the device in again.
-        start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
-        parameters: Numbers that some kinds take, such as ``delay_s`` or ``fraction``.
-    """
-
-    device: Device
-    kind: FaultKind
-    duration_s: float = math.inf
-    start_s: float = 0.0
-    parameters: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.kind not in FAULTS_OF_DEVICE[self.device]:
-            possible = ", ".join(sorted(FAULTS_OF_DEVICE[self.device]))
-            raise ConfigError(
-                f"fault: a {self.device.value} cannot {self.kind.value}",
-                remedy=f"{self.device.value} knows: {possible}",
-            )
-        if not (self.duration_s > 0.0 and 0.0 <= self.start_s < math.inf):
-            raise ConfigError(
-                f"fault {self.device.value}:{self.kind.value}: start {self.start_s} s and duration "
-                f"{self.duration_s} s are impossible",
-                remedy="give a start of 0 s or later and a duration above 0 s",
-            )
-
-
-def parse_fault(text: str) -> Fault:
-    """Parse text such as ``robot:stall@3s+500ms``; start and duration may be left out.
-
-    Raises:
-        ConfigError: Malformed, an unknown device or kind, or a kind the device cannot show.
-    """
-    match = _PLAN.match(text)
-    if match is None:
-        raise ConfigError(f"fault: {text!r} is not understood", remedy=_EXAMPLE)
-    device, kind, start, duration = match.groups()
-    return Fault(
-        device=_device(device),
-        kind=_kind(kind),
-        start_s=_seconds(start) if start else 0.0,
-        duration_s=_seconds(duration) if duration else math.inf,
-    )
 
 
 def send_fault(
@@ -146,7 +39,10 @@ def send_fault(
         DeviceError: No emulator of that device listens in ``folder``.
     """
     fault = Fault(
-        device=_device(device), kind=_kind(kind), duration_s=duration_s, parameters=parameters
+        device=device_named(device),
+        kind=kind_named(kind),
+        duration_s=duration_s,
+        parameters=parameters,
     )
     post_fault(folder, fault)
 
@@ -192,8 +88,8 @@ def decode_fault(datagram: bytes) -> Fault:
         content = json.loads(datagram)
         duration_s = content["duration_s"]
         return Fault(
-            device=_device(content["device"]),
-            kind=_kind(content["kind"]),
+            device=device_named(content["device"]),
+            kind=kind_named(content["kind"]),
             start_s=float(content["start_s"]),
             duration_s=math.inf if duration_s is None else float(duration_s),
             parameters={str(name): float(v) for name, v in content["parameters"].items()},
@@ -279,23 +175,3 @@ class _ShortAddress:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._descriptor)
-
-
-def _device(name: str) -> Device:
-    if name not in set(Device):
-        raise ConfigError(
-            f"fault: device {name!r} is unknown", remedy=f"one of: {', '.join(Device)}"
-        )
-    return Device(name)
-
-
-def _kind(name: str) -> FaultKind:
-    if name not in set(FaultKind):
-        raise ConfigError(
-            f"fault: kind {name!r} is unknown", remedy=f"one of: {', '.join(FaultKind)}"
-        )
-    return FaultKind(name)
-
-
-def _seconds(text: str) -> float:
-    return parse_quantity(text, dimension=Dimension.TIME, field="fault").value

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from drivers.emulators.faults import Device, parse_fault, post_fault
+from drivers.device.faults import Device, parse_fault
+from drivers.emulators.faults import post_fault
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth

@@ -8,8 +8,8 @@ import statistics
 import time
 from pathlib import Path
 
+from drivers.device.interface import StreamHealth
 from drivers.force_sensor.sri_m3733c import SriM3733c
-from drivers.interfaces import StreamHealth
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
 from tacauchy_rig.errors import DeviceError

@@ -7,18 +7,28 @@ identity's settings instead of being an error. What counts is that valid frames 
 
 from __future__ import annotations
 
+import errno
 import logging
+import os
 import termios
 import threading
 import time
+from pathlib import Path
 
 import serial
+from serial.tools import list_ports
 
-from drivers.force_sensor.sri_command import Command, Reply, encode_command, find_reply
-from drivers.force_sensor.sri_frame import FrameParser, frame_length
-from drivers.force_sensor.sri_port import adapter_serial, is_pseudo_terminal, open_port
-from drivers.interfaces import DeviceIdentity, StreamHealth
-from drivers.stream_buffer import StreamBuffer
+from drivers.device.device_file import device_holders
+from drivers.device.interface import DeviceIdentity, StreamHealth
+from drivers.device.stream_buffer import StreamBuffer
+from drivers.force_sensor.sri_wire import (
+    Command,
+    FrameParser,
+    Reply,
+    encode_command,
+    find_reply,
+    frame_length,
+)
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, Wrench
@@ -28,6 +38,8 @@ _logger = logging.getLogger(__name__)
 PORT_ERRORS = (OSError, termios.error)
 BITS_PER_BYTE = 10  # 8N1: start, eight, stop
 FORMAT = "(A01,A02,A03,A04,A05,A06);E;1;(WMA:1)"
+_READ_TIMEOUT_S = 0.05
+_WRITE_TIMEOUT_S = 0.5
 _REPLY_TIMEOUT_S = 0.3
 _QUIET_S = 0.1
 _FIRST_FRAME_S = 0.5
@@ -81,7 +93,7 @@ class SriM3733c:
         """
         deadline = time.monotonic() + self._connect_timeout_s
         self._check_bandwidth()
-        self._port = open_port(self._path, baud_rate=self._baud_rate)
+        self._port = _open_port(self._path, baud_rate=self._baud_rate)
         try:
             settings = self._configure(self._port)
             self._start_reader(self._port)
@@ -99,8 +111,8 @@ class SriM3733c:
             driver="m3733c",
             address=self._path,
             model="SRI M3733C, M8128-family box",
-            serial=adapter_serial(self._path),
-            simulated=self._simulated or is_pseudo_terminal(self._path),
+            serial=_adapter_serial(self._path),
+            simulated=self._simulated or _is_pseudo_terminal(self._path),
             settings=settings,
         )
 
@@ -255,4 +267,82 @@ def _gone(path: str, error: Exception) -> DeviceError:
         f"force sensor: the port {path} is gone ({error})",
         remedy="check the USB cable and the box's power, then start again; nothing reconnects "
         "by itself",
+    )
+
+
+def _open_port(path: str, *, baud_rate: int) -> serial.Serial:
+    """Open ``path`` exclusively, 8N1, and ask the adapter for low latency where it can.
+
+    Raises:
+        DeviceError: Absent, no permission, in use, or not a serial port; each with its remedy.
+    """
+    holders = device_holders(path)
+    if holders:
+        raise _in_use(path, holders)
+    try:
+        port = serial.Serial(
+            path,
+            baudrate=baud_rate,
+            timeout=_READ_TIMEOUT_S,
+            write_timeout=_WRITE_TIMEOUT_S,
+            exclusive=True,
+        )
+    except (OSError, ValueError) as error:
+        raise explain_open_error(path, error) from error
+    try:
+        port.set_low_latency_mode(True)
+    except (OSError, ValueError, NotImplementedError) as error:
+        # Pseudo-terminals and some adapters refuse; doctor reports what the timer is.
+        _logger.debug("%s: low latency mode not available: %s", path, error)
+    return port
+
+
+def explain_open_error(path: str, error: OSError | ValueError) -> DeviceError:
+    """Turn the library's error into one that names the cause and the remedy."""
+    code = error.errno if isinstance(error, OSError) else None
+    text = str(error)
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO):
+        return _absent(path, gone=code != errno.ENOENT)
+    if code in (errno.EACCES, errno.EPERM):
+        return DeviceError(
+            f"force sensor: no permission to open {path}",
+            remedy="sudo usermod -aG dialout $USER, then log out and in again",
+        )
+    if code == errno.EBUSY or "exclusively lock" in text:
+        return _in_use(path, [])
+    return DeviceError(
+        f"force sensor: {path} cannot be used as a serial port: {text}",
+        remedy="set force_sensor.port to the adapter's path below /dev/serial/by-id/",
+    )
+
+
+def _is_pseudo_terminal(path: str) -> bool:
+    """Return whether a program, and no adapter, is behind ``path``."""
+    return os.path.realpath(path).startswith("/dev/pts/")
+
+
+def _adapter_serial(path: str) -> str:
+    """Return the USB serial number of the adapter behind ``path``, or an empty text."""
+    target = os.path.realpath(path)
+    for entry in list_ports.comports():
+        if os.path.realpath(entry.device) == target:
+            return str(entry.serial_number or "")
+    return ""
+
+
+def _absent(path: str, *, gone: bool) -> DeviceError:
+    found = ", ".join(sorted(str(entry) for entry in Path("/dev/serial/by-id").glob("*")))
+    what = "is there but nothing is behind it" if gone else "does not exist"
+    return DeviceError(
+        f"force sensor: the port {path} {what}",
+        remedy="check the USB cable and the box's power; ports present now: "
+        + (found or "none below /dev/serial/by-id"),
+    )
+
+
+def _in_use(path: str, holders: list[str]) -> DeviceError:
+    who = ", ".join(holders) or "another program"
+    return DeviceError(
+        f"force sensor: {path} is in use by {who}",
+        remedy=f"end that program; `fuser -v {path}` names it",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from drivers.interfaces import DeviceIdentity
+from drivers.device.interface import DeviceIdentity
 from drivers.mock.world import MockWorld, Still
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
@@ -16,7 +16,7 @@ PROTECTIVE_STOPPED = 1 << 2
 
 
 class MockArm:
-    """Obeys ``drivers.interfaces.Arm`` without a wire.
+    """Obeys ``drivers.arm.interface.Arm`` without a wire.
 
     Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
     ``arm-stalled`` (it stands still whatever it is told), ``arm-refuses-pose``,

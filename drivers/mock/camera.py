@@ -8,7 +8,7 @@ from collections import deque
 import cv2
 import numpy as np
 
-from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.mock.world import MockWorld
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
@@ -18,7 +18,7 @@ FIRST_S = 0.05
 
 
 class MockCamera:
-    """Obeys ``drivers.interfaces.Camera`` without a device.
+    """Obeys ``drivers.camera.interface.Camera`` without a device.
 
     Faults it knows (in ``world.faults``): ``camera-silent``, ``camera-unplugged``,
     ``camera-overexposed`` (every pixel white).

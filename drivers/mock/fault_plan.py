@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
+from drivers.device.faults import Device, Fault, FaultKind, parse_fault
 from drivers.mock.world import MockWorld
 
 NAMES = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.mock.world import MockWorld
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, Vector6, Wrench
@@ -14,7 +14,7 @@ FIRST_S = 0.02
 
 
 class MockForceSensor:
-    """Obeys ``drivers.interfaces.ForceTorqueSensor`` without a wire.
+    """Obeys ``drivers.force_sensor.interface.ForceTorqueSensor`` without a wire.
 
     Faults it knows (in ``world.faults``): ``force-silent``, ``force-stuck``, ``force-nan``,
     ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from drivers.interfaces import Clock
+from drivers.device.clock import Clock
 from drivers.mock.gel import Gel
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import Pose, Vector6

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from drivers.interfaces import Clock
+from drivers.device.clock import Clock
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, Phase, TrialRecord
 

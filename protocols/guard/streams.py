@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from drivers.interfaces import StreamHealth
+from drivers.device.interface import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ForceSample

@@ -8,8 +8,8 @@ import sys
 import time
 from dataclasses import replace
 
-from drivers.camera.exposure import clipped_ratio
-from drivers.interfaces import Camera
+from drivers.camera.interface import Camera
+from drivers.camera.jpeg import clipped_ratio
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child

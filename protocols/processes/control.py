@@ -12,8 +12,10 @@ import threading
 import time
 from types import FrameType
 
-from drivers.clock import HostClock
-from drivers.interfaces import Arm, DeviceIdentity, ForceTorqueSensor
+from drivers.arm.interface import Arm
+from drivers.device.clock import HostClock
+from drivers.device.interface import DeviceIdentity
+from drivers.force_sensor.interface import ForceTorqueSensor
 from drivers.rig import Rig, build_arm_and_force_sensor
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal

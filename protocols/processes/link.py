@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from drivers.interfaces import StreamHealth
+from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
 from protocols.processes.channel import Channel
 from protocols.processes.entry import Arm, Begin, End, Entry, Event, Force, Frame, encode, keep

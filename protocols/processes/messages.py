@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.rig import FrameMark
 from protocols.trials.programme import PlannedTrial, ProgrammeResult
 from tacauchy_rig.config.model import RigConfig

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.interfaces import DeviceIdentity
+from drivers.device.interface import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.cut_off import complete_results, last_results
 from protocols.processes.launched import Launched, launch_children

@@ -10,7 +10,8 @@ from typing import Annotated
 
 import typer
 
-from drivers.emulators.faults import Device, parse_fault, post_fault
+from drivers.device.faults import Device, parse_fault
+from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import Emulation
 from drivers.emulators.plant.ball_presses import (
     BALL_DIAMETER_M,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fnmatch import fnmatch
 
-from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind
+from drivers.device.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Phase
 

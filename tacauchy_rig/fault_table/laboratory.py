@@ -9,8 +9,9 @@ from types import TracebackType
 from typing import Self
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
+from drivers.device.faults import Device, FaultKind
 from drivers.emulators.arm.trace import TraceRow, read_trace
-from drivers.emulators.faults import Device, FaultKind, post_fault
+from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from drivers.emulators.plant.gel import Geometry, Plant

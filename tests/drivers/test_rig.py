@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.arm.ur5 import Ur5
-from drivers.camera.uvc_camera import UvcCamera
+from drivers.camera.uvc import UvcCamera
 from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.mock.arm import MockArm
 from drivers.mock.camera import MockCamera

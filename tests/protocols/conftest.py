@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.interfaces import StreamHealth
+from drivers.device.interface import StreamHealth
 from drivers.mock.bench import MockBench
 from drivers.mock.camera import MockCamera
 from drivers.mock.clock import SimulatedClock

@@ -19,13 +19,14 @@ import time
 from types import FrameType
 
 from drivers.arm.ur5_safety import RuntimeState
+from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.arm.body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
 from drivers.emulators.arm.program import ControlProgram
 from drivers.emulators.arm.rtde_port import RtdePort
 from drivers.emulators.arm.settings import ControllerSettings, parse_arguments
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import ArmTrace
-from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
+from drivers.emulators.faults import FaultInbox, FaultSchedule
 from drivers.emulators.process import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.errors import DeviceError

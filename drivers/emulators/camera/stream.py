@@ -23,6 +23,7 @@ from typing import TextIO
 
 import cv2
 
+from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.camera.frames import (
     DEPTH_STEP_M,
     LIGHT_STEP,
@@ -32,7 +33,7 @@ from drivers.emulators.camera.frames import (
 )
 from drivers.emulators.camera.http import MjpegServer
 from drivers.emulators.camera.jpeg import DEFAULT_QUALITY
-from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
+from drivers.emulators.faults import FaultInbox, FaultSchedule
 from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
 from drivers.emulators.process import keep_time
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState

@@ -20,7 +20,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
-from drivers.emulators.faults import Device, Fault, FaultInbox, FaultKind, FaultSchedule
+from drivers.device.faults import Device, Fault, FaultKind
+from drivers.emulators.faults import FaultInbox, FaultSchedule
 from drivers.emulators.force_sensor.protocol import BoxCommands, FrameStream, ReplyStyle
 from drivers.emulators.force_sensor.source import (
     TRACE_FILE,

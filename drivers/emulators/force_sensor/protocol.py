@@ -11,9 +11,15 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
-from drivers.emulators.faults import Fault, FaultKind
-from drivers.force_sensor.sri_command import END, Command, Reply, decode_command, encode_reply
-from drivers.force_sensor.sri_frame import encode_frame
+from drivers.device.faults import Fault, FaultKind
+from drivers.force_sensor.sri_wire import (
+    LINE_END,
+    Command,
+    Reply,
+    decode_command,
+    encode_frame,
+    encode_reply,
+)
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.run import Vector6
 
@@ -65,7 +71,7 @@ class BoxCommands:
 
     def receive(self, data: bytes) -> bytes:
         """Take bytes from the host and return the replies to the lines that they complete."""
-        *lines, rest = (self._line + data).split(END)
+        *lines, rest = (self._line + data).split(LINE_END)
         self._line = rest[-_LINE_LIMIT:]
         return b"".join(self._answer(line) for line in lines)
 

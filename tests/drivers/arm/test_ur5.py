@@ -20,8 +20,9 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5 import Ur5
+from drivers.device.faults import Device
 from drivers.emulators.arm.trace import read_events, read_trace, stop_after
-from drivers.emulators.faults import Device, send_fault
+from drivers.emulators.faults import send_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, RigError, SafetyError

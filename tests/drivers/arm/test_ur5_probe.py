@@ -12,7 +12,8 @@ import pytest
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
 from drivers.arm.ur5_safety import RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
-from drivers.emulators.faults import Device, FaultKind, send_fault
+from drivers.device.faults import Device, FaultKind
+from drivers.emulators.faults import send_fault
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError

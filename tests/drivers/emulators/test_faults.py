@@ -10,17 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.device.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind, parse_fault
 from drivers.emulators.faults import (
-    FAULTS_OF_DEVICE,
-    Device,
-    Fault,
     FaultInbox,
-    FaultKind,
     FaultSchedule,
     control_path,
     decode_fault,
     encode_fault,
-    parse_fault,
     send_fault,
 )
 from tacauchy_rig.errors import ConfigError, DeviceError

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.device_file import device_holders
-from drivers.emulators.faults import Device, FaultKind, send_fault
-from drivers.force_sensor.sri_m3733c import SriM3733c
-from drivers.force_sensor.sri_port import explain_open_error
+from drivers.device.device_file import device_holders
+from drivers.device.faults import Device, FaultKind
+from drivers.emulators.faults import send_fault
+from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample

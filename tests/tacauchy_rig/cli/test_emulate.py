@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from drivers.emulators.faults import Device, FaultInbox, FaultKind
+from drivers.device.faults import Device, FaultKind
+from drivers.emulators.faults import FaultInbox
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.emulators.faults import Device, FaultKind
+from drivers.device.faults import Device, FaultKind
 from tacauchy_rig.fault_table.case import observe_case
 from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase, Kill, Moment, Victim
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.emulators.faults import FAULTS_OF_DEVICE
+from drivers.device.faults import FAULTS_OF_DEVICE
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.fault_table.cases import Moment, Victim, all_cases, select_cases
 

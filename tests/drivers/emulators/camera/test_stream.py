@@ -23,10 +23,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.camera.frames import FrameFactory, PressKey, draw_number, read_number
 from drivers.emulators.camera.jpeg import JpegMosaic
 from drivers.emulators.camera.stream import FaultyOutput
-from drivers.emulators.faults import Device, Fault, FaultKind, send_fault
+from drivers.emulators.faults import send_fault
 from drivers.emulators.plant.gel import Geometry, Plant
 from drivers.emulators.plant.press_table import case_for
 from drivers.emulators.plant.still import render_press

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from drivers.device_file import device_holders
+from drivers.device.device_file import device_holders
 from tacauchy_rig.errors import DeviceError
 
 _PORTS = {"http": 80, "https": 443, "rtsp": 554}

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.stream_buffer import StreamBuffer
+from drivers.device.stream_buffer import StreamBuffer
 from tacauchy_rig.errors import DeviceError
 
 LOST = DeviceError("the device is gone")

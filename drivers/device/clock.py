@@ -1,8 +1,21 @@
-"""The host's monotonic clock, which stamps everything that arrives."""
+"""The one clock of a run: the host's monotonic clock, or a simulated one in mocks."""
 
 from __future__ import annotations
 
 import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What stamps everything that arrives."""
+
+    def now_ns(self) -> int:
+        """Return nanoseconds since an arbitrary start."""
+        ...
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait for ``duration_s`` [s]."""
+        ...
 
 
 class HostClock:

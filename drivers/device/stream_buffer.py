@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Hashable
 from typing import Generic, TypeVar
 
-from drivers.interfaces import StreamHealth
+from drivers.device.interface import StreamHealth
 from tacauchy_rig.errors import DeviceError
 
 SampleT = TypeVar("SampleT")

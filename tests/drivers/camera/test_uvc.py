@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.uvc_camera import UvcCamera
-from drivers.camera.uvc_capture import CameraMode
+from drivers.camera.uvc import CameraMode, UvcCamera
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 

@@ -1,6 +1,11 @@
-"""What can be told about a JPEG without decoding it: that it is whole, and its size."""
+"""What can be told about a JPEG cheaply: that it is whole, its size, whether it is overexposed."""
 
 from __future__ import annotations
+
+import cv2
+import numpy as np
+
+CLIPPED_LEVEL = 250
 
 _START = b"\xff\xd8"
 _END = b"\xff\xd9"
@@ -33,3 +38,13 @@ def jpeg_size(data: bytes) -> tuple[int, int] | None:
             return width, height
         position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
     return None
+
+
+def clipped_ratio(jpeg: bytes) -> float | None:
+    """Return the share of pixels at full scale, judged at an eighth of the size.
+
+    Returns:
+        None where the bytes cannot be decoded.
+    """
+    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    return None if grey is None else float(np.mean(grey >= CLIPPED_LEVEL))

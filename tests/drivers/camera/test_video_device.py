@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera.uvc_device import (
+from drivers.camera.video_device import (
     VideoDevice,
     check_access,
     find_device,

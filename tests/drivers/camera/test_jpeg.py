@@ -1,4 +1,4 @@
-"""What is told about a JPEG without decoding it."""
+"""What is told about a JPEG cheaply: whether it is whole, its size, and too much light."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.camera.uvc_jpeg import jpeg_size
+from drivers.camera.jpeg import clipped_ratio, jpeg_size
 
 
 def encoded(width: int, height: int, *flags: int) -> bytes:
@@ -51,3 +51,21 @@ def test_any_bytes_are_answered(data: bytes) -> None:
     """No input raises or loops, with or without the right ends."""
     jpeg_size(data)
     jpeg_size(b"\xff\xd8" + data + b"\xff\xd9")
+
+
+def lit_from_above(white_rows: int) -> bytes:
+    """Return a grey image of 240 x 320 pixels whose first rows are white."""
+    image = np.full((240, 320, 3), 150, np.uint8)
+    image[:white_rows] = 255
+    return cv2.imencode(".jpg", image)[1].tobytes()
+
+
+@pytest.mark.parametrize(("white_rows", "ratio"), [(0, 0.0), (60, 0.25), (240, 1.0)])
+def test_the_share_of_white_pixels_is_found(white_rows: int, ratio: float) -> None:
+    """An eighth of the size is enough to see it."""
+    assert clipped_ratio(lit_from_above(white_rows)) == pytest.approx(ratio, abs=0.02)
+
+
+def test_bytes_that_are_no_image_have_no_share() -> None:
+    """A damaged frame says nothing about the light."""
+    assert clipped_ratio(b"\xff\xd8 no image \xff\xd9") is None

@@ -1,0 +1,1 @@
+"""What devices of every kind share: who answered, how a stream fares, clocks, faults."""
