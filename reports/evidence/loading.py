@@ -6,83 +6,77 @@ from collections.abc import Mapping
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
+from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.evidence import (
-    Curve,
     EmulatedWorld,
-    ImageGeometry,
     JournalSummary,
     RunEvidence,
-    StreamTiming,
     Thresholds,
     TrialEvidence,
-    TrialImages,
 )
-from reports.evidence.extraction import depth_curve, force_curve, stream_timing, trial_images
 from reports.scores.force_agreement import merge_histories
 from reports.truth import read_true_dwells
-from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent, Replay, TrialRecord
 from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.recording.reading import Recording
 from tacauchy_rig.store.run_store import RunStore
 
 FORCE_TRACE = "force_trace.jsonl"
-Z, FZ = 2, 2
+Z = 2
 
 
-def load_evidence(
-    store: RunStore, replay: Replay | None, *, geometry: ImageGeometry | None = None
-) -> RunEvidence:
+def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
     """Read all that a report needs.
 
-    Of each trial the latest passed attempt counts, or else the latest that ended.
-
     Args:
-        store: The run.
+        run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
-        geometry: How frames become scored images; the sensor's file knows it.
 
     Raises:
         RecordError: A recording or a replayed image is missing or damaged.
     """
-    geometry = geometry or ImageGeometry()
-    config = store.config
-    records = {
-        index: store.accepted(index) or store.latest(index)
-        for index in range(1, len(config.protocol.force_targets) + 1)
-    }
+    store, config = run.store, run.store.config
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curve = _stated_curve(replay)
-    trials = []
-    for index, target in enumerate(config.protocol.force_targets, start=1):
-        recorded = _read_attempt(store, records[index], geometry)
-        trials.append(
-            TrialEvidence(
-                index=index,
-                force_target_n=target,
-                record=records[index],
-                replay=replayed.get(index),
-                simulated_image=_simulated_image(store, replay, index),
-                force_depth_simulated=curve,
-                **recorded,
-            )
+    trials = tuple(
+        TrialEvidence(
+            index=index,
+            force_target_n=target,
+            record=run.records[index],
+            replay=replayed.get(index),
+            simulated_image=_simulated_image(store, replay, index),
+            force_depth_simulated=curve,
+            **_recorded(run.attempt(index)),
         )
+        for index, target in enumerate(config.protocol.force_targets, start=1)
+    )
     return RunEvidence(
-        trials=tuple(trials),
+        trials=trials,
         simulated=store.simulated,
         thresholds=Thresholds(
             max_force_mismatch_n=config.report.max_force_mismatch,
             ssim=config.report.ssim,
             require_discrimination=config.report.require_discrimination,
         ),
-        geometry=geometry,
+        geometry=run.geometry,
         provenance=_provenance(store, replay),
         journal=summarize_journal(read_journal(store.paths.journal)),
         contact_force_n=config.protocol.contact_force,
         model={} if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
-        world=_world(store, records),
+        world=_world(store, run.records),
     )
+
+
+def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
+    if attempt is None:
+        return {}
+    return {
+        "images": attempt.images,
+        "streams": attempt.streams,
+        "dwell_s": attempt.dwell_s,
+        "force_curve": attempt.force_curve,
+        "depth_curve": attempt.depth_curve,
+    }
 
 
 def _stated_curve(replay: Replay | None) -> FloatArray | None:
@@ -93,78 +87,6 @@ def _stated_curve(replay: Replay | None) -> FloatArray | None:
     fitted = [[(d, f / stiffer) for d, f in trial.force_history] for trial in replay.trials]
     stated = [(d, f) for d, f in replay.model.get("stated_force_history", ())]
     return merge_histories([stated, *fitted])
-
-
-def _read_attempt(
-    store: RunStore, record: TrialRecord | None, geometry: ImageGeometry
-) -> dict[str, Any]:
-    if record is None:
-        return {}
-    path = store.paths.recording(record.index, record.attempt)
-    if not record.passed and not path.exists():
-        return {}
-    recording = Recording.open(path)
-    return {
-        "images": _images(recording, record, geometry),
-        "streams": _streams(recording, store.config),
-        "dwell_s": _dwell(record),
-        **_curves(recording, record, store.config),
-    }
-
-
-def _images(
-    recording: Recording, record: TrialRecord, geometry: ImageGeometry
-) -> TrialImages | None:
-    if record.dwell_start_ns is None or record.reference_start_ns is None:
-        return None
-    return trial_images(
-        recording.frames(record.dwell_start_ns, record.dwell_end_ns),
-        recording.frames(record.reference_start_ns, record.reference_end_ns),
-        geometry,
-    )
-
-
-def _dwell(record: TrialRecord) -> tuple[float, float] | None:
-    if record.dwell_start_ns is None or record.dwell_end_ns is None:
-        return None
-    return 0.0, (record.dwell_end_ns - record.dwell_start_ns) * 1e-9
-
-
-def _curves(
-    recording: Recording, record: TrialRecord, config: RigConfig
-) -> dict[str, Curve | None]:
-    zero = recording.start_ns if record.dwell_start_ns is None else record.dwell_start_ns
-    force, depth = None, None
-    if record.tare_before is not None:
-        raw = recording.force()
-        force = force_curve(
-            raw.stamp_ns,
-            raw.wrench,
-            tare_fz_n=record.tare_before.mean[FZ],
-            sign=config.force_sensor.compression_sign,
-            zero_ns=zero,
-        )
-    if record.contact_z_m is not None:
-        arm = recording.arm()
-        depth = depth_curve(arm.stamp_ns, arm.pose, contact_z_m=record.contact_z_m, zero_ns=zero)
-    return {"force_curve": force, "depth_curve": depth}
-
-
-def _streams(recording: Recording, config: RigConfig) -> tuple[StreamTiming, ...]:
-    force = recording.force()
-    frame_stamps, frame_counters = recording.frame_stamps()
-    return (
-        stream_timing(
-            "force",
-            force.stamp_ns,
-            counter=force.counter,
-            nominal_rate_hz=config.force_sensor.rate,
-        ),
-        stream_timing(
-            "image", frame_stamps, counter=frame_counters, nominal_rate_hz=config.camera.rate
-        ),
-        stream_timing("arm", recording.arm().stamp_ns),
-    )
 
 
 def _simulated_image(store: RunStore, replay: Replay | None, index: int) -> ColorImage | None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from reports.evidence.extraction import crop_and_resize
+from reports.evidence.attempt import crop_and_resize
 from sim.optics.calibrate.presses.ball_press import grey_levels, read_ball_presses, read_rgb
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.scale.target import find_target

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
+from reports.evidence.attempt import RunReading
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.cli.press_terms import parse_tolerance
-from tacauchy_rig.loop.replaying import replay_run, report_run
+from tacauchy_rig.loop.replaying import read_run, replay_run, report_run
 from tacauchy_rig.store.export import ExportKind, export_run
 from tacauchy_rig.store.run_store import RunStore
 
@@ -28,14 +29,14 @@ def replay(
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the trials of a run again and write its report."""
-    store = RunStore.open(folder)
-    replay_run(store, tolerance=None if tolerance is None else parse_tolerance(tolerance))
-    _report(store, json_file)
+    run = read_run(RunStore.open(folder))
+    replay_run(run, tolerance=None if tolerance is None else parse_tolerance(tolerance))
+    _report(run, json_file)
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
     """Write the report of a run again from what was recorded and replayed."""
-    _report(RunStore.open(folder), json_file)
+    _report(read_run(RunStore.open(folder)), json_file)
 
 
 def export(
@@ -52,7 +53,7 @@ def export(
     write_json(json_file, {"files": written})
 
 
-def _report(store: RunStore, json_file: Path | None) -> None:
-    summary = report_run(store)
+def _report(run: RunReading, json_file: Path | None) -> None:
+    summary = report_run(run)
     write_json(json_file, summary.content)
     raise typer.Exit(0 if summary.passed else 1)

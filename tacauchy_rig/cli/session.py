@@ -27,7 +27,7 @@ from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
 from tacauchy_rig.errors import AbortedError, RecordError
 from tacauchy_rig.loop.replay_settings import check_replay
-from tacauchy_rig.loop.replaying import replay_run, report_run
+from tacauchy_rig.loop.replaying import read_run, replay_run, report_run
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.free_space import check_free_space
 from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
@@ -134,8 +134,9 @@ def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | No
     if press_only:
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code)
-    replay_run(store)
-    summary = report_run(store)
+    recorded = read_run(store)
+    replay_run(recorded)
+    summary = report_run(recorded)
     write_json(json_file, summary.content)
     raise typer.Exit(0 if summary.passed else 1)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.evidence.extraction import median_image, scored_frames
+from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import ImageArray
@@ -19,11 +19,7 @@ from sim.optics.render.render import TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.optics import OpticalCalibration
-from tacauchy_rig.loop.views import scored_geometry
-from tacauchy_rig.run import TrialRecord
-from tacauchy_rig.store.recording.reading import Recording
 from tacauchy_rig.store.replay_files import ReplayFields
-from tacauchy_rig.store.run_store import RunStore
 
 _SAMPLES = 2  # of a pixel, along rows and along columns
 
@@ -37,9 +33,8 @@ class RenderedTrial:
 
 
 def render_trial(
-    store: RunStore,
+    attempt: AttemptReading,
     sensor: Sensor,
-    record: TrialRecord,
     fields: TrialFields,
     optics: OpticalCalibration,
 ) -> RenderedTrial:
@@ -49,13 +44,12 @@ def render_trial(
         RecordError: The recording has no readable no-contact frame.
         ConfigError: The frame's markers are not where the sensor's file says.
     """
-    geometry = optics.geometry
-    unloaded = _image(store, record, sensor, (record.reference_start_ns, record.reference_end_ns))
+    geometry, unloaded = optics.geometry, attempt.reference
     if unloaded is None:
         raise RecordError(
-            f"{store.paths.recording(record.index, record.attempt)}: trial {record.index} has no "
+            f"{attempt.recording.path}: trial {attempt.record.index} has no "
             "readable no-contact frame",
-            remedy=f"`tacauchy-rig recover {store.paths.root}`, or repeat the trial",
+            remedy=f"`tacauchy-rig recover {attempt.store.paths.root}`, or repeat the trial",
         )
     printed = printed_markers(unloaded, sensor.markers, geometry) if sensor.markers else None
     bare = unloaded if printed is None else printed.bare
@@ -64,7 +58,7 @@ def render_trial(
     if printed is not None and sensor.markers is not None:
         found = surface_displacement(fields.surface, printed.places_m)[:, :2]
         image = printed.over(image, found, geometry)
-        pressed = _image(store, record, sensor, (record.dwell_start_ns, record.dwell_end_ns))
+        pressed = None if attempt.images is None else attempt.images.real
         moved = _compared(printed, fields, optics, (unloaded, pressed), sensor.markers.radius_m)
     return RenderedTrial(
         kept=ReplayFields(
@@ -73,7 +67,7 @@ def render_trial(
             image=image,
             surface_vtu=fields.surface_vtu,
         ),
-        markers=None if moved is None else {"trial": record.index, **moved},
+        markers=None if moved is None else {"trial": attempt.record.index, **moved},
     )
 
 
@@ -132,13 +126,3 @@ def _rms(vectors: np.ndarray) -> float:
 
 def _largest(vectors: np.ndarray) -> float:
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
-
-
-def _image(
-    store: RunStore, record: TrialRecord, sensor: Sensor, window: tuple[int | None, int | None]
-) -> ImageArray | None:
-    if None in window:
-        return None
-    recording = Recording.open(store.paths.recording(record.index, record.attempt))
-    images = scored_frames(recording.frames(*window), scored_geometry(sensor))
-    return median_image(images) if images else None

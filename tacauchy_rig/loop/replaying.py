@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from reports.comparison import compare
+from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.loading import load_evidence
 from reports.modulus import ModulusFit, fit_modulus
 from reports.page.writing import write_report
@@ -48,7 +49,12 @@ class Summary:
     passed: bool
 
 
-def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay:
+def read_run(store: RunStore) -> RunReading:
+    """Return what replay and report read of a run; each recording is opened once for both."""
+    return RunReading(store, scored_geometry(sensor_of(store.config)))
+
+
+def replay_run(run: RunReading, *, tolerance: Tolerance | None = None) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
     Args:
@@ -59,10 +65,11 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
         ConfigError: No preset keeps the tolerance, or there are no optics to render with.
         ConvergenceError: A force cannot be reached.
     """
-    config = store.config
+    store, config = run.store, run.store.config
     sensor, indenter = sensor_of(config), indenter_of(config)
     check_optics(config, sensor)
-    records = _measured_trials(store)
+    attempts = _measured_attempts(run)
+    records = [attempt.record for attempt in attempts]
     say(f"replaying {len(records)} trials")
     replay, fields = _replayed(config, sensor, indenter, records, tolerance)
     stated, fit = replay, _modulus_of(config, records, replay)
@@ -79,8 +86,8 @@ def replay_run(store: RunStore, *, tolerance: Tolerance | None = None) -> Replay
     )
     optics = optics_of(store, sensor, camera_geometry(sensor))
     rendered = {
-        record.index: render_trial(store, sensor, record, trial_fields, optics)
-        for record, trial_fields in zip(records, fields, strict=True)
+        attempt.record.index: render_trial(attempt, sensor, trial_fields, optics)
+        for attempt, trial_fields in zip(attempts, fields, strict=True)
     }
     markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
     _say_markers(markers)
@@ -184,11 +191,11 @@ def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
     }
 
 
-def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
+def report_run(run: RunReading, *, name: str = REPLAY_NAME) -> Summary:
     """Write the report of a run and say where it is."""
+    store = run.store
     replay = store.load_replay(name) if name in store.replays() else None
-    geometry = scored_geometry(sensor_of(store.config))
-    report = compare(load_evidence(store, replay, geometry=geometry))
+    report = compare(load_evidence(run, replay))
     paths = write_report(report, store.paths.report)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
@@ -196,13 +203,13 @@ def report_run(store: RunStore, *, name: str = REPLAY_NAME) -> Summary:
     return Summary(content=content, passed=report.passed)
 
 
-def _measured_trials(store: RunStore) -> list[TrialRecord]:
-    count = len(store.config.protocol.force_targets)
-    records = [store.accepted(index) or store.latest(index) for index in range(1, count + 1)]
-    measured = [r for r in records if r is not None and r.force_measured_n is not None]
+def _measured_attempts(run: RunReading) -> list[AttemptReading]:
+    records = [record for record in run.records.values() if record is not None]
+    measured = [record for record in records if record.force_measured_n is not None]
     if not measured:
+        root = run.store.paths.root
         raise RecordError(
-            f"{store.paths.root}: no trial has a measured force to replay",
-            remedy=f"`tacauchy-rig resume {store.paths.root}` records them",
+            f"{root}: no trial has a measured force to replay",
+            remedy=f"`tacauchy-rig resume {root}` records them",
         )
-    return measured
+    return [run.read(record) for record in measured]

@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 
-from reports.evidence.evidence import ImageGeometry
-from reports.evidence.extraction import (
+from reports.evidence.attempt import (
+    AttemptReading,
     crop_and_resize,
     decode_frame,
-    depth_curve,
-    force_curve,
     median_image,
     stream_timing,
-    trial_images,
 )
+from reports.evidence.evidence import ImageGeometry
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.store.recording.writing import RecordingWriter
+from tacauchy_rig.store.run_store import RunStore
 
 GEOMETRY = ImageGeometry()
 
 
-def frame(image: np.ndarray, counter: int = 0) -> ImageFrame:
+def frame(image: np.ndarray, stamp_ns: int = 0) -> ImageFrame:
     """Return an RGB image as the camera would send it."""
     done, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])
     assert done
     return ImageFrame(
-        stamp_ns=counter,
-        counter=counter,
+        stamp_ns=stamp_ns,
+        counter=0,
         device_stamp_s=None,
         width=image.shape[1],
         height=image.shape[0],
@@ -39,6 +43,29 @@ def frame(image: np.ndarray, counter: int = 0) -> ImageFrame:
 def flat(color: tuple[int, int, int], shape: tuple[int, int] = (480, 640)) -> np.ndarray:
     """Return an image of one colour."""
     return np.broadcast_to(np.array(color, np.uint8), (*shape, 3)).copy()
+
+
+def read(
+    store: RunStore,
+    press: SimpleNamespace,
+    frames: Sequence[ImageFrame],
+    *,
+    force_n: Sequence[float] = (),
+    z_m: Sequence[float] = (),
+) -> AttemptReading:
+    """Record frames, raw forces and heights (10 ms apart from the dwell on) and read them."""
+    path = store.paths.recording(1, 1)
+    path.unlink()
+    with RecordingWriter(path, metadata={}) as writer:
+        for k, value in enumerate(force_n):
+            wrench = Wrench(force=(0.0, 0.0, value), torque=(0.0, 0.0, 0.0))
+            stamp = press.at(2.0 + 0.01 * k)
+            writer.write_force([ForceSample(stamp_ns=stamp, counter=k, wrench=wrench)])
+        for k, value in enumerate(z_m):
+            writer.write_arm([press.arm_at(press.at(2.0 + 0.01 * k), value)])
+        for one in frames:
+            writer.write_frame(one)
+    return AttemptReading(store, press.record(1), GEOMETRY)
 
 
 def test_colours_come_out_as_rgb() -> None:
@@ -81,13 +108,13 @@ def test_median_ignores_an_outlier() -> None:
     assert np.all(median_image(frames) == 100)
 
 
-def test_trial_images_split_the_dwell_and_skip_broken_frames() -> None:
+def test_dwell_is_split_and_broken_frames_are_left_out(
+    store: RunStore, press: SimpleNamespace
+) -> None:
     """Halves come from the two ends of the dwell; bytes that are no image are left out."""
-    dwell = [frame(flat((90 + k, 90, 90)), k) for k in range(6)]
-    broken = ImageFrame(
-        stamp_ns=9, counter=9, device_stamp_s=None, width=640, height=480, jpeg=b"\xff\xd8junk"
-    )
-    images = trial_images([*dwell, broken], [frame(flat((50, 50, 50)))], GEOMETRY)
+    dwell = [frame(flat((90 + k, 90, 90)), press.at(2.0 + 0.1 * k)) for k in range(6)]
+    broken = replace(dwell[0], stamp_ns=press.at(2.9), jpeg=b"\xff\xd8junk")
+    images = read(store, press, [frame(flat((50, 50, 50)), press.at(0.5)), *dwell, broken]).images
     assert images is not None
     assert images.frame_count == 6
     assert images.first_half is not None
@@ -97,29 +124,33 @@ def test_trial_images_split_the_dwell_and_skip_broken_frames() -> None:
     assert images.reference.mean() == pytest.approx(50, abs=2)
 
 
-def test_too_few_frames() -> None:
+@pytest.mark.parametrize("unloaded", [0, 1])
+def test_too_few_frames(store: RunStore, press: SimpleNamespace, unloaded: int) -> None:
     """Three frames make an image but no halves; none in either window makes nothing."""
-    dark = [frame(flat((50, 50, 50)))]
-    images = trial_images(dark * 3, dark, GEOMETRY)
-    assert images is not None
-    assert images.first_half is None
-    assert trial_images([], dark, GEOMETRY) is None
-    assert trial_images(dark, [], GEOMETRY) is None
+    dark = flat((50, 50, 50))
+    reference = [frame(dark, press.at(0.5))] * unloaded
+    images = read(store, press, [*reference, *[frame(dark, press.at(2.5))] * 3]).images
+    assert (images is None) is (unloaded == 0)
+    assert images is None or images.first_half is None
+    assert read(store, press, reference).images is None
 
 
-def test_force_is_tared_and_positive_in_compression() -> None:
+def test_force_is_tared_and_positive_in_compression(
+    store: RunStore, press: SimpleNamespace
+) -> None:
     """A sensor that reads -3.2 N when pressed and 0.8 N unloaded felt 4 N."""
-    wrench = np.array([[0, 0, 0.8, 0, 0, 0], [0, 0, -3.2, 0, 0, 0]], dtype=np.float64)
-    stamps = np.array([10_000_000_000, 10_010_000_000])
-    curve = force_curve(stamps, wrench, tare_fz_n=0.8, sign=-1, zero_ns=10_000_000_000)
+    sensor = store.config.force_sensor.model_copy(update={"compression_sign": -1})
+    store.config = store.config.model_copy(update={"force_sensor": sensor})
+    curve = read(store, press, [], force_n=(0.8, -3.2)).force_curve
+    assert curve is not None
     assert curve.value == pytest.approx([0.0, 4.0])
     assert curve.time_s == pytest.approx([0.0, 0.01])
 
 
-def test_depth_grows_downwards() -> None:
+def test_depth_grows_downwards(store: RunStore, press: SimpleNamespace) -> None:
     """Half a millimetre below first contact is a depth of 0.5 mm."""
-    pose = np.array([[0, 0, 0.2005, 0, 0, 0], [0, 0, 0.1995, 0, 0, 0]])
-    curve = depth_curve(np.array([0, 1]), pose, contact_z_m=0.2, zero_ns=0)
+    curve = read(store, press, [], z_m=(0.2002, 0.1992)).depth_curve
+    assert curve is not None
     assert curve.value == pytest.approx([-0.5e-3, 0.5e-3])
 
 

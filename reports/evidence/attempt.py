@@ -1,0 +1,228 @@
+"""What is read of an attempt: its recording is opened once, each of its frames decoded once."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from reports.arrays import ColorImage, FloatArray
+from reports.evidence.evidence import Curve, ImageGeometry, StreamTiming, TrialImages
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import ImageFrame, TrialRecord
+from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
+from tacauchy_rig.store.run_store import RunStore
+
+IntArray = NDArray[np.int64]
+FZ, Z = 2, 2
+MIN_FRAMES_TO_SPLIT = 4
+
+logger = logging.getLogger(__name__)
+
+
+class AttemptReading:
+    """One attempt at a trial; what is asked for is read when it is first asked for, and kept.
+
+    Attributes:
+        store: The run that it belongs to.
+        record: What the protocol wrote of it.
+        recording: Its streams.
+
+    Raises:
+        RecordError: The recording is missing or damaged.
+    """
+
+    def __init__(self, store: RunStore, record: TrialRecord, geometry: ImageGeometry) -> None:
+        self.store = store
+        self.record = record
+        self.recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        self._geometry = geometry
+
+    @cached_property
+    def force(self) -> ForceArrays:
+        """The force stream, raw."""
+        return self.recording.force()
+
+    @cached_property
+    def arm(self) -> ArmArrays:
+        """The arm's states."""
+        return self.recording.arm()
+
+    @cached_property
+    def reference(self) -> ColorImage | None:
+        """Pixelwise median of the no-contact frames; None when none is readable."""
+        unloaded = self._frames(self.record.reference_start_ns, self.record.reference_end_ns)
+        return median_image(unloaded) if unloaded else None
+
+    @cached_property
+    def images(self) -> TrialImages | None:
+        """Medians of the dwell beside the reference; None where either has no readable frame."""
+        pressed = self._frames(self.record.dwell_start_ns, self.record.dwell_end_ns)
+        if not pressed or self.reference is None:
+            return None
+        half = len(pressed) // 2
+        split = len(pressed) >= MIN_FRAMES_TO_SPLIT
+        return TrialImages(
+            real=median_image(pressed),
+            reference=self.reference,
+            first_half=median_image(pressed[:half]) if split else None,
+            second_half=median_image(pressed[half:]) if split else None,
+            frame_count=len(pressed),
+        )
+
+    @property
+    def dwell_s(self) -> tuple[float, float] | None:
+        """Start and end of the dwell on the time axis of the curves [s]."""
+        start_ns, end_ns = self.record.dwell_start_ns, self.record.dwell_end_ns
+        return None if start_ns is None or end_ns is None else (0.0, (end_ns - start_ns) * 1e-9)
+
+    @property
+    def force_curve(self) -> Curve | None:
+        """The tared pressing force [N], positive in compression; None without a tare."""
+        tare, sign = self.record.tare_before, self.store.config.force_sensor.compression_sign
+        if tare is None:
+            return None
+        return self._curve(self.force.stamp_ns, sign * (self.force.wrench[:, FZ] - tare.mean[FZ]))
+
+    @property
+    def depth_curve(self) -> Curve | None:
+        """The travel below the height of first contact [m]; None where nothing was touched."""
+        contact_z_m = self.record.contact_z_m
+        if contact_z_m is None:
+            return None
+        return self._curve(self.arm.stamp_ns, contact_z_m - self.arm.pose[:, Z])
+
+    @property
+    def streams(self) -> tuple[StreamTiming, ...]:
+        """When the samples of each stream arrived, and how many are missing."""
+        config = self.store.config
+        stamps, counters = self.recording.frame_stamps()
+        return (
+            stream_timing(
+                "force",
+                self.force.stamp_ns,
+                counter=self.force.counter,
+                nominal_rate_hz=config.force_sensor.rate,
+            ),
+            stream_timing("image", stamps, counter=counters, nominal_rate_hz=config.camera.rate),
+            stream_timing("arm", self.arm.stamp_ns),
+        )
+
+    def _frames(self, start_ns: int | None, end_ns: int | None) -> list[ColorImage]:
+        if start_ns is None or end_ns is None:
+            return []
+        decoded = map(decode_frame, self.recording.frames(start_ns, end_ns))
+        return [crop_and_resize(image, self._geometry) for image in decoded if image is not None]
+
+    def _curve(self, stamp_ns: IntArray, value: FloatArray) -> Curve:
+        dwell_start_ns = self.record.dwell_start_ns
+        zero_ns = self.recording.start_ns if dwell_start_ns is None else dwell_start_ns
+        return Curve(time_s=_seconds(stamp_ns - zero_ns), value=value)
+
+
+class RunReading:
+    """The attempts of a run that count: of each trial the latest passed, or else the latest ended.
+
+    Args:
+        store: The run.
+        geometry: How frames become scored images; the sensor's file knows it.
+
+    Attributes:
+        records: What the protocol wrote, by trial; None for one that has not ended.
+    """
+
+    def __init__(self, store: RunStore, geometry: ImageGeometry) -> None:
+        self.store = store
+        self.geometry = geometry
+        count = len(store.config.protocol.force_targets)
+        self.records = {
+            index: store.accepted(index) or store.latest(index) for index in range(1, count + 1)
+        }
+        self._attempts: dict[int, AttemptReading] = {}
+
+    def attempt(self, trial: int) -> AttemptReading | None:
+        """Return what is read of a trial; None where nothing was recorded.
+
+        Raises:
+            RecordError: The recording of a passed attempt is missing, or it is damaged.
+        """
+        record = self.records[trial]
+        if record is None:
+            return None
+        recorded = self.store.paths.recording(record.index, record.attempt).exists()
+        return self.read(record) if recorded or record.passed else None
+
+    def read(self, record: TrialRecord) -> AttemptReading:
+        """Return what is read of an attempt, its recording opened once.
+
+        Raises:
+            RecordError: The recording is missing or damaged.
+        """
+        if record.index not in self._attempts:
+            self._attempts[record.index] = AttemptReading(self.store, record, self.geometry)
+        return self._attempts[record.index]
+
+
+def decode_frame(frame: ImageFrame) -> ColorImage | None:
+    """Decode a JPEG frame to RGB, shape [height, width, 3]; None when it is no whole image."""
+    data = np.frombuffer(frame.jpeg, dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        logger.warning("frame %d (%d bytes) is no image; left out", frame.counter, data.size)
+        return None
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def crop_and_resize(image: ColorImage, geometry: ImageGeometry) -> ColorImage:
+    """Cut the borders off and average down to the scored size.
+
+    Raises:
+        RecordError: The crop leaves fewer pixels than the scored image has.
+    """
+    height, width = image.shape[:2]
+    top = math.floor(height * geometry.crop_fraction)
+    left = math.floor(width * geometry.crop_fraction)
+    cropped = image[top : height - top, left : width - left]
+    if cropped.shape[0] < geometry.height_px or cropped.shape[1] < geometry.width_px:
+        raise RecordError(
+            f"a {width}x{height} px frame is smaller after the crop than the scored"
+            f" {geometry.width_px}x{geometry.height_px} px",
+            remedy="choose a larger camera mode, or a smaller image in the sensor's file",
+        )
+    size = (geometry.width_px, geometry.height_px)
+    resized = cv2.resize(np.ascontiguousarray(cropped), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(resized, dtype=np.uint8)
+
+
+def median_image(images: Sequence[ColorImage]) -> ColorImage:
+    """Return the pixelwise median of at least one image, rounded to 8 bits."""
+    middle = np.rint(np.median(np.stack(images), axis=0))
+    return np.asarray(middle, dtype=np.uint8)
+
+
+def stream_timing(
+    name: str,
+    stamp_ns: IntArray,
+    *,
+    counter: IntArray | None = None,
+    nominal_rate_hz: float | None = None,
+) -> StreamTiming:
+    """Return the arrival intervals of a stream, and its losses where it has a counter."""
+    lost = None
+    if counter is not None and len(counter):
+        lost = int(counter[-1] - counter[0] + 1 - len(counter))
+    return StreamTiming(
+        name=name,
+        nominal_rate_hz=nominal_rate_hz,
+        intervals_s=_seconds(np.diff(stamp_ns)),
+        lost_count=lost,
+    )
+
+
+def _seconds(duration_ns: IntArray) -> FloatArray:
+    return np.asarray(duration_ns * 1e-9, dtype=np.float64)
