@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
-from sim.scene.indenter import Indenter
-from sim.scene.triangle_indenter import MeshIndenter
+from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model

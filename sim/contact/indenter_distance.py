@@ -15,8 +15,7 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact.triangle_distance import DeviceSurface, surface_distance, uploaded_surface
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
-from sim.scene.triangle_indenter import MeshIndenter
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere
 
 PLANE = wp.constant(0)
 CYLINDER = wp.constant(1)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.scene.triangle_indenter import MeshIndenter
+from sim.scene.indenter import MeshIndenter
 
 _FACE = wp.constant(0)
 _EDGE = wp.constant(1)

@@ -15,10 +15,9 @@ from enum import StrEnum
 import numpy as np
 
 from sim.effects.estimates import expected_depth
-from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.indenter import Cylinder, MeshIndenter, Sphere
+from sim.scene.pad import SurfacePad
 from sim.scene.scene import Preset, Scene
-from sim.scene.triangle_indenter import MeshIndenter
-from sim.scene.triangle_pad import SurfacePad
 
 # Of the expected depth: a rim that is tilted by less touches all around.
 _TILT_SHARE = 0.75

@@ -20,10 +20,9 @@ from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder
-from sim.scene.layers import interface_shares, law_name, sector_factor
-from sim.scene.material import LawName
+from sim.scene.material import LawName, interface_shares, law_name, sector_factor
+from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
-from sim.scene.triangle_pad import SurfacePad
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
 

@@ -6,8 +6,7 @@ import numpy as np
 import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
-from sim.scene.pad import BoxPad, Pad, ParametricPad
-from sim.scene.triangle_pad import SurfacePad
+from sim.scene.pad import BoxPad, Pad, ParametricPad, SurfacePad
 from tacauchy_rig.errors import ConfigError
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
-from sim.scene.triangle_surface import TriangleSurface, closed_surface
-from sim.scene.underside import underside
+from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
 
 _SECTORS = 256
 _FILLET_RINGS = 8

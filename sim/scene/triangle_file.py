@@ -1,8 +1,9 @@
-"""Reads triangles from STL (binary or text) and OBJ files in file units."""
+"""Reads triangles from STL (binary or text) and OBJ files."""
 
 from __future__ import annotations
 
 import importlib
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,38 @@ from tacauchy_rig.errors import ConfigError
 _EXPORT = "export the part again, as binary STL"
 
 
-def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
+class MeshUnit(StrEnum):
+    """Unit of a mesh file's coordinates; the files themselves name none."""
+
+    MICROMETRE = "um"
+    MILLIMETRE = "mm"
+    CENTIMETRE = "cm"
+    METRE = "m"
+    INCH = "in"
+
+    @property
+    def metres(self) -> float:
+        """Length of the unit [m]."""
+        return _METRES[self]
+
+
+_METRES = {
+    MeshUnit.MICROMETRE: 1e-6,
+    MeshUnit.MILLIMETRE: 1e-3,
+    MeshUnit.CENTIMETRE: 1e-2,
+    MeshUnit.METRE: 1.0,
+    MeshUnit.INCH: 25.4e-3,
+}
+
+
+def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:
     """Read a file of triangles; polygons of an OBJ are cut into triangles.
 
     Coordinates of an STL are of single precision, as its binary form has them.
 
     Returns:
-        Vertices in the file's own unit, shape [vertex_count, 3], corners of neighbouring triangles
-        not merged; and faces, shape [face_count, 3].
+        Vertices [m], shape [vertex_count, 3], corners of neighbouring triangles not merged; and
+        faces, shape [face_count, 3].
 
     Raises:
         ConfigError: The file is missing, damaged, empty, or of another kind.
@@ -43,7 +68,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         raise ConfigError(f"{path} holds no triangle", remedy=_EXPORT)
     if not np.isfinite(vertices).all():
         raise ConfigError(f"{path} has coordinates that are not finite", remedy=_EXPORT)
-    return vertices, faces
+    return vertices * unit.metres, faces
 
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:

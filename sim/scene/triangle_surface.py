@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: merged vertices, neighbours, and the normals that tell the inside.
+"""Closed triangle surfaces: merged vertices, neighbours, normals, and their height from below.
 
 The sign of the distance to a triangle surface is that of the pseudonormal at the nearest point: the
 normal of a face, the sum of two faces' normals on an edge, and the normals weighted by the faces'
@@ -7,16 +7,27 @@ angles at a vertex (Baerentzen and Aanaes 2005).
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
 import scipy.spatial
+import warp as wp
 
 from sim.arrays import FloatArray, IntArray
+from sim.warp_start import start_warp
 from tacauchy_rig.errors import ConfigError
 
+start_warp()
+
+# Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6
+# A face that rises more steeply than by this z of its unit normal is a wall.
+_UPRIGHT = 1e-3
+# Rays start below a surface of size one about z = 0.
+_RAY_START = -2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +53,13 @@ class TriangleSurface:
     ring_faces: IntArray
     face_normals: FloatArray
     vertex_normals: FloatArray
+
+    @property
+    def content_hash(self) -> str:
+        """First 16 hex digits of the SHA-256 of vertices and faces."""
+        digest = hashlib.sha256(self.vertices.tobytes())
+        digest.update(np.ascontiguousarray(self.faces).tobytes())
+        return digest.hexdigest()[:16]
 
 
 def closed_surface(vertices: FloatArray, faces: IntArray, *, name: str) -> TriangleSurface:
@@ -140,3 +158,69 @@ def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatAr
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def _first_face(
+    # Model:
+    mesh: wp.uint64,
+    start_z: wp.float32,
+    # Data in:
+    plan: wp.array(dtype=wp.vec2f),
+    # Data out:
+    face_out: wp.array(dtype=wp.int32),
+):
+    """Find the first face above every point of the plan, -1 where there is none."""
+    i = wp.tid()
+    start = wp.vec3f(plan[i][0], plan[i][1], start_z)
+    hit = wp.mesh_query_ray(mesh, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
+    face_out[i] = -1
+    if hit.result:
+        face_out[i] = hit.face
+
+
+def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the lowest height of a surface over points of the plan, inf beside it.
+
+    Rays in single precision find the face; the height on it is computed in double precision.
+
+    Args:
+        surface: Any unit.
+        x: Any shape.
+        y: Shape that broadcasts with that of ``x``.
+    """
+    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    # Unit size, so that single precision and Warp's own thresholds meet numbers near one.
+    centre, scale = 0.5 * (low + high), float((high - low).max())
+    mesh = wp.Mesh(
+        points=wp.array((surface.vertices - centre) / scale, dtype=wp.vec3f, device="cpu"),
+        indices=wp.array(surface.faces.reshape(-1), dtype=wp.int32, device="cpu"),
+    )
+    faces = wp.empty(len(plan), dtype=wp.int32, device="cpu")
+    rays: Any = wp.array((plan - centre[:2]) / scale, dtype=wp.vec2f, device="cpu")
+    wp.launch(
+        _first_face,
+        dim=len(plan),
+        inputs=[mesh.id, _RAY_START, rays],
+        outputs=[faces],
+        device="cpu",
+    )
+    found = faces.numpy()
+    heights = np.full(len(plan), np.inf)
+    hit = found >= 0
+    heights[hit] = _height_on(surface, found[hit], plan[hit])
+    return heights.reshape(x.shape)
+
+
+def _height_on(surface: TriangleSurface, faces: IntArray, plan: FloatArray) -> FloatArray:
+    """Return the height of the faces' planes at points, kept within the faces."""
+    corners = surface.vertices[surface.faces[faces]]
+    normals = surface.face_normals[faces]
+    rise = np.einsum("ij,ij->i", normals[:, :2], corners[:, 0, :2] - plan)
+    # A wall that a ray grazes has no height of its own there: its lower end counts.
+    upright = np.abs(normals[:, 2]) < _UPRIGHT
+    height = corners[:, 0, 2] + rise / np.where(upright, 1.0, normals[:, 2])
+    height = np.where(upright, -np.inf, height)
+    return np.clip(height, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))

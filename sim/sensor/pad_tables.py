@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sim.scene.pad import SurfacePad, read_surface_pad
 from sim.scene.tetwild_options import Filling
-from sim.scene.triangle_indenter import MeshUnit
-from sim.scene.triangle_pad import SurfacePad, read_surface_pad
+from sim.scene.triangle_file import MeshUnit
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 

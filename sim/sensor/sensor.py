@@ -8,8 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from sim.scene.layers import interface_shares
-from sim.scene.material import Layer, Material
+from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
 from sim.scene.tetwild_options import Filling
 from sim.sensor.numbers import (

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from sim.error.tolerance import Tolerance
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import LawName, Layer, Material
-from sim.scene.pad import BoxPad, DiscPad, Pad
+from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.tetwild_options import Filling
-from sim.scene.triangle_indenter import MeshIndenter, MeshUnit, read_mesh_indenter
-from sim.scene.triangle_pad import SurfacePad, read_surface_pad
+from sim.scene.triangle_file import MeshUnit
 from sim.sensor.pad_tables import filling_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity

@@ -9,8 +9,7 @@ import typer
 
 from sim.effects.estimates import expected_force
 from sim.error.tolerance import keeping
-from sim.scene.layers import interface_shares
-from sim.scene.material import LawName, Layer, Material
+from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
 from sim.scene.tetwild_options import Filling

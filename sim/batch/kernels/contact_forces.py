@@ -24,8 +24,7 @@ from sim.contact.indenter_distance import Body, body_at, distance_curvature, sig
 from sim.contact.state import ContactOptions
 from sim.device import Device
 from sim.mesh.discretisation import Discretisation
-from sim.scene.indenter import Indenter, Plane
-from sim.scene.triangle_indenter import MeshIndenter
+from sim.scene.indenter import Indenter, MeshIndenter, Plane
 
 
 @wp.struct

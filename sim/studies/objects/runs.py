@@ -14,8 +14,8 @@ from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.render import ColourModel, TactileRenderer
 from sim.optics.render.shadows.shadow import ShadowCaster
 from sim.press import follow, path_for
+from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.triangle_indenter import MeshIndenter
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.sensor import Sensor
 from sim.solve.newton import NewtonOptions

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.scene.triangle_indenter import MeshIndenter, mesh_indenter
+from sim.scene.indenter import MeshIndenter, mesh_indenter
 
 _HEIGHT_M = 4e-3
 _AROUND = 192

@@ -10,10 +10,9 @@ from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry
 from sim.press import follow, path_for
-from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
+from sim.scene.pad import SurfacePad
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.triangle_indenter import MeshIndenter
-from sim.scene.triangle_pad import SurfacePad
 from sim.sensor.sensor import Sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.verification.quarter_mesh import quarter_mesh

@@ -21,14 +21,12 @@ from sim.mesh.footprint import footprint
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.tet_mesh import TetMesh, mesh_statistics
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
-from sim.scene.layers import interface_shares
-from sim.scene.material import Material
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
+from sim.scene.material import Material, interface_shares
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Motion, Preset, Scene, Target
 from sim.scene.tetwild_options import Filling
 from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
-from sim.scene.triangle_indenter import mesh_indenter
 from sim.scene.triangle_surface import closed_surface
 from sim.sensor.sensor import load_sensor, sensor_names
 from sim.solve.load_steps.path import LoadingPath

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.scene.triangle_file import read_triangles
+from sim.scene.triangle_file import MeshUnit, read_triangles
 from tacauchy_rig.errors import ConfigError
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.25, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 0.123456789012]])
@@ -51,7 +51,7 @@ def obj(faces: str = "f 1 3 2\nf 1//1 2//1 4//1\nf -3 -2 -1\nf 3 1 4\n") -> byte
 def test_every_form_gives_the_same_triangles(tmp_path: Path, name: str, data: bytes) -> None:
     """Order and orientation stay; STL is of single precision, OBJ of double."""
     (tmp_path / name).write_bytes(data)
-    vertices, faces = read_triangles(tmp_path / name)
+    vertices, faces = read_triangles(tmp_path / name, MeshUnit.METRE)
     rounding = 0.0 if name.endswith("obj") else 1e-7
     np.testing.assert_allclose(vertices[faces], CORNERS[FACES], rtol=rounding, atol=0.0)
 
@@ -60,7 +60,7 @@ def test_polygons_are_cut_into_triangles(tmp_path: Path) -> None:
     """A square keeps its area and its side."""
     path = tmp_path / "square.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", "ascii")
-    vertices, faces = read_triangles(path)
+    vertices, faces = read_triangles(path, MeshUnit.METRE)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), [0.0, 0.0, 2.0])
 
@@ -83,7 +83,7 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str, data: bytes, messa
     """The file, what is wrong with it, and a remedy."""
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ConfigError, match=message) as caught:
-        read_triangles(tmp_path / name)
+        read_triangles(tmp_path / name, MeshUnit.METRE)
     assert name in caught.value.message
     assert caught.value.remedy
 
@@ -91,4 +91,4 @@ def test_damaged_files_are_refused(tmp_path: Path, name: str, data: bytes, messa
 def test_missing_file_is_named(tmp_path: Path) -> None:
     """As any file that cannot be opened."""
     with pytest.raises(ConfigError, match=r"gel\.stl cannot be read"):
-        read_triangles(tmp_path / "gel.stl")
+        read_triangles(tmp_path / "gel.stl", MeshUnit.METRE)

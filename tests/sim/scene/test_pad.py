@@ -15,10 +15,9 @@ from sim.effects.presets import build_model
 from sim.mesh.pad_surface import pad_surface
 from sim.scene.indenter import Sphere
 from sim.scene.material import Layer, Material
-from sim.scene.pad import BoxPad
+from sim.scene.pad import BoxPad, read_surface_pad, surface_pad
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.triangle_indenter import MeshUnit
-from sim.scene.triangle_pad import read_surface_pad, surface_pad
+from sim.scene.triangle_file import MeshUnit
 from sim.sensor.sensor import parse_sensor
 from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.errors import ConfigError

@@ -21,8 +21,7 @@ from sim.mesh.tet_mesh import TetMesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
 from sim.scene.indenter import Cylinder
-from sim.scene.layers import interface_shares, law_name, sector_factor
-from sim.scene.material import LawName, Layer, Material
+from sim.scene.material import LawName, Layer, Material, interface_shares, law_name, sector_factor
 from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
