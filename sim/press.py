@@ -196,7 +196,7 @@ def measure(
     """Evaluate an equilibrium."""
     model = path.model
     contact = contact_measures(path, point)
-    reaction = -model.mesh.fold.whole_force(
+    reaction = -model.mesh.symmetry.whole_force(
         point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
     )
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
@@ -242,7 +242,7 @@ def surface_traction_gap(model: Model, point: PathPoint) -> float:
     touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
     stress = surface_stress(model, point.state.positions)
     traction = stress.traction_pa[touching] * stress.areas_m2[touching, None]
-    carried = model.mesh.fold.whole_force(traction.sum(axis=0))
+    carried = model.mesh.symmetry.whole_force(traction.sum(axis=0))
     return float(np.linalg.norm(carried + point.force_n)) / size
 
 
@@ -260,7 +260,7 @@ class ContactMeasures:
 def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     """Sum moment, area and pressure over the contact points."""
     model, contact = path.model, point.equilibrium.contact
-    fold = model.mesh.fold
+    symmetry = model.mesh.symmetry
     normals = model.deformed_area_vectors(point.state.positions)
     areas = np.linalg.norm(normals, axis=2)
     strength = np.linalg.norm(contact.forces, axis=2)
@@ -269,9 +269,9 @@ def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     pressure = strength[touching] / areas[touching]
     gaps = model.gaps(point.state.positions, path.indenter, point.state)
     return ContactMeasures(
-        moment_nm=fold.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
-        area_m2=fold.copies * float(areas[touching].sum()),
-        area_seen_m2=fold.copies * float(np.abs(normals[..., 2])[touching].sum()),
+        moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
+        area_m2=symmetry.copies * float(areas[touching].sum()),
+        area_seen_m2=symmetry.copies * float(np.abs(normals[..., 2])[touching].sum()),
         pressure_max_pa=float(pressure.max()) if touching.any() else 0.0,
         gap_min_m=float(gaps.min()),
     )

@@ -133,7 +133,7 @@ def replay_scene(
         pad=sensor.pad,
         material=sensor.material,
         layers=sensor.layers,
-        filling=sensor.filling,
+        tetwild=sensor.tetwild,
         indenter=indenter,
         target=Target(force_n=max([0.0, *forces_n])),
         centre_m=centre_m,

@@ -62,7 +62,7 @@ class Batch:
         filled = [*self.environments, *[self.environments[-1]] * missing]
         self.tick = Tick(pilot, filled, count=count, options=self.options, device=self._device)
         courses = np.stack([environment.course for environment in self.environments], axis=1)
-        copies = pilot.model.mesh.fold.copies if pilot.is_pushed else 1
+        copies = pilot.model.mesh.symmetry.copies if pilot.is_pushed else 1
         self._stretches = stretches(pilot, courses / copies)
         self._graphs: list[Any] = []
 
@@ -120,7 +120,7 @@ class Batch:
             self.tick.run()
 
     def _result(self, wall_s: float) -> BatchResult:
-        count, fold = len(self.environments), self.pilot.model.mesh.fold
+        count, symmetry = len(self.environments), self.pilot.model.mesh.symmetry
         found = self.tick.found
         part = on_host(found.push)[:, :count]
         residual, imbalance, gap = (
@@ -129,7 +129,7 @@ class Batch:
         )
         depth = on_host(self.tick.depths) if not self.pilot.is_pushed else -on_host(self.tick.lifts)
         return BatchResult(
-            force_n=np.sum([sign * part for sign in fold.signs()], axis=0),
+            force_n=np.sum([sign * part for sign in symmetry.signs()], axis=0),
             depth_m=np.where(np.isnan(residual), np.nan, depth[:, :count]),
             residual=residual,
             imbalance=imbalance,

@@ -185,7 +185,7 @@ class Tick:
         pilot, device = self._pilot, self._device
         courses = np.stack([e.course for e in self._environments], axis=1)
         if pilot.is_pushed:
-            courses = courses / pilot.model.mesh.fold.copies
+            courses = courses / pilot.model.mesh.symmetry.copies
         self._shares = device.array(extrapolation(courses), wp.float64)
         depths = np.zeros_like(courses) if pilot.is_pushed else courses
         loads = courses if pilot.is_pushed else np.zeros_like(courses)

@@ -35,12 +35,12 @@ def refuse_unfit(pilot: Pilot, environments: Sequence[Environment]) -> None:
                 f"environment {number} has {given}, and the pilot is made for {wanted}",
                 remedy=f"give {wanted}, or make a pilot for {given}",
             )
-        fold = pilot.model.mesh.fold
+        symmetry = pilot.model.mesh.symmetry
         turned = not np.array_equal(environment.rotation, np.eye(3))
-        if fold.copies > 1 and (turned or environment.offset_m != (0.0, 0.0)):
+        if symmetry.copies > 1 and (turned or environment.offset_m != (0.0, 0.0)):
             raise ConfigError(
                 f"environment {number} moves or turns the indenter, but symmetry lets only a "
-                f"{'quarter' if fold.copies == 4 else 'half'} of the pad be modelled",
+                f"{'quarter' if symmetry.copies == 4 else 'half'} of the pad be modelled",
                 remedy="mesh the whole pad: switch the effect symmetry off",
             )
 

@@ -30,5 +30,5 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
         barrier_m=BARRIER_SHARE * scene.pad.height_m,
         effects=((Effect.FINITE_STRAIN, True), (Effect.LOCKING_FREE_ELEMENT, True)),
     )
-    mesh = mesh_for(scene, folded=symmetric, refinement=refinement, resolution=BATCH)
+    mesh = mesh_for(scene, symmetric=symmetric, refinement=refinement, resolution=BATCH)
     return build_model(scene, plan=plan_effects(scene), mesh=mesh)

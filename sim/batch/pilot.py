@@ -99,7 +99,7 @@ class Pilot:
         )
         self.touch_m = path.touch_m
         points = [path.advance(float(depth)) for depth in self.depths_m]
-        copies = self.model.mesh.fold.copies
+        copies = self.model.mesh.symmetry.copies
         self.forces_n = np.array([point.force_n[2] for point in points]) / copies
         self.stiffnesses = [self._stiffness(point) for point in points]
         self.setup_s = time.perf_counter() - started

@@ -96,13 +96,13 @@ def refined_under(
     """
     sizing = _sizing(scene, touched, FOOTPRINT_RESOLUTIONS[scene.preset], refinement)
     fine = bisected(base, sizing.size_at)
-    reach = 2.0 * (scene.filling.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
+    reach = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
     fitted = with_top_fitted(fine, scene.pad, reach_m=reach)
     fitted = with_rim_fitted(
         fitted, scene.pad, touched.rim, reach_m=_RIM_REACH_SHARE * sizing.edge_m
     )
     mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
-    refuse_flat(mesh, scene.filling.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
+    refuse_flat(mesh, scene.tetwild.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
     return mesh
 
 
@@ -111,8 +111,8 @@ def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
     settings = WildSettings(
         spacing_m=_SPACING_M,
         coarse_m=_coarse_m(scene),
-        envelope_share=scene.filling.epsilon_r or _EPSILON_R,
-        stop_energy=scene.filling.stop_energy or _STOP_ENERGY,
+        envelope_share=scene.tetwild.epsilon_r or _EPSILON_R,
+        stop_energy=scene.tetwild.stop_energy or _STOP_ENERGY,
     )
     key = mesh_key(scene.pad, settings, shares)
     return stored_mesh(
@@ -156,7 +156,7 @@ def _sizing(
 
 
 def _coarse_m(scene: Scene) -> float:
-    return _COARSE_M if scene.filling.l_r is None else scene.filling.l_r * diagonal(scene.pad)
+    return _COARSE_M if scene.tetwild.l_r is None else scene.tetwild.l_r * diagonal(scene.pad)
 
 
 def diagonal(pad: Pad) -> float:

@@ -151,7 +151,7 @@ def build_model(
     if not plan.is_on(Effect.FINITE_STRAIN):
         name = LawName.LINEAR
     if mesh is None:
-        mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY), refinement=refinement)
+        mesh = mesh_for(scene, symmetric=plan.is_on(Effect.SYMMETRY), refinement=refinement)
     young, poisson = element_constants(mesh, scene.materials)
     options = ContactOptions(
         distance_m=scene.contact_distance_m,
@@ -175,14 +175,14 @@ def build_model(
 def mesh_for(
     scene: Scene,
     *,
-    folded: bool = True,
+    symmetric: bool = True,
     refinement: float = 1.0,
     resolution: Resolution | None = None,
 ) -> TetMesh:
     """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
 
     Args:
-        folded: Mesh a part where symmetry allows.
+        symmetric: Mesh a part where symmetry allows.
         refinement: Make every edge this many times shorter; preset paper has but one mesh.
         resolution: Take these numbers for a revolved mesh instead of the preset's.
     """
@@ -199,7 +199,7 @@ def mesh_for(
         sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
-        folded=folded,
+        symmetric=symmetric,
         circumscribed=scene.has_sharp_rim,
     )
 
@@ -262,12 +262,12 @@ def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
         key,
         lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
     )
-    refuse_flat(mesh, scene.filling.dihedral_min_rad or 0.0)
+    refuse_flat(mesh, scene.tetwild.dihedral_min_rad or 0.0)
     return mesh
 
 
 def _paper_sizing(scene: Scene) -> WildSizing:
-    asked = scene.filling
+    asked = scene.tetwild
     return replace(
         PAPER_SIZING,
         coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(scene.pad),

@@ -115,7 +115,7 @@ def _traction(
         _smooth_traction(model, layer_stress(model, positions, side), faces, normals)
         for side in (labels == layer, labels == layer + 1)
     )
-    fold = model.mesh.fold
+    symmetry = model.mesh.symmetry
     nodes = np.unique(faces)
     forces, forces_above = (
         _nodal_forces(model, positions, side)[nodes] for side in (below, ~below)
@@ -130,11 +130,11 @@ def _traction(
         above_pa=upper,
         smooth_below_pa=smooth_lower,
         smooth_above_pa=smooth_upper,
-        force_n=-fold.whole_force(forces.sum(axis=0)),
-        force_below_n=-fold.whole_force(np.einsum("fpi,fp->i", lower, areas)),
-        force_above_n=-fold.whole_force(np.einsum("fpi,fp->i", upper, areas)),
-        force_smooth_below_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_lower, areas)),
-        force_smooth_above_n=-fold.whole_force(np.einsum("fpi,fp->i", smooth_upper, areas)),
+        force_n=-symmetry.whole_force(forces.sum(axis=0)),
+        force_below_n=-symmetry.whole_force(np.einsum("fpi,fp->i", lower, areas)),
+        force_above_n=-symmetry.whole_force(np.einsum("fpi,fp->i", upper, areas)),
+        force_smooth_below_n=-symmetry.whole_force(np.einsum("fpi,fp->i", smooth_lower, areas)),
+        force_smooth_above_n=-symmetry.whole_force(np.einsum("fpi,fp->i", smooth_upper, areas)),
     )
 
 
@@ -215,7 +215,7 @@ def _recovered(
         (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape
     )
     size = float(np.abs(model.mesh.vertices).max())
-    held = model.mesh.fold.on_plane(model.nodes[nodes], size)
+    held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
     traction = np.zeros_like(forces)
     for axis in range(3):
         free = np.flatnonzero(~held[:, axis])

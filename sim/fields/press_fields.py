@@ -13,7 +13,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.fields.stress import nodal_contact, surface_stress
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
-from sim.mesh.symmetry import Unfolding
+from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.load_steps.path_point import PathPoint
@@ -71,7 +71,7 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     stress = surface_stress(model, point.state.positions)
     contact = nodal_contact(model, point)
     nodes, faces = _renumbered(model.faces, len(model.nodes))
-    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     return TrialFields(
         arrays={
             "node_rest_m": whole.vectors(model.nodes[nodes]),
@@ -103,7 +103,7 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     options = model.contact_options
     reach = options.distance_m if options.is_wide else 0.0
     nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
-    whole = Unfolding(model.mesh.fold, model.nodes[nodes])
+    whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     faces = whole.faces(faces)
     return SurfaceState(
         positions_rest=whole.vectors(model.nodes[nodes]),

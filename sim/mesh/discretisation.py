@@ -80,7 +80,7 @@ def discretise(mesh: TetMesh, *, order: ElementOrder, face_splits: int) -> Discr
         nodes, elements = mesh.vertices, mesh.tets
     faces, parents = boundary_faces(elements)
     clamped = nodes[:, 2] <= 1e-6 * mesh.vertices[:, 2].max()
-    held = mesh.fold.on_plane(nodes, float(np.abs(mesh.vertices).max()))
+    held = mesh.symmetry.on_plane(nodes, float(np.abs(mesh.vertices).max()))
     outer = ~clamped[faces[:, :3]].all(axis=1)
     outer &= ~np.any(held[faces[:, :3]].all(axis=1), axis=1)
     corners = nodes[elements[:, :4]]

@@ -51,9 +51,9 @@ def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float)
     near = distance < reach_m
     wanted = mesh.vertices.copy()
     wanted[top[near]] = rim[nearest[near]]
-    mirrored = [mesh.fold.mirror_x, mesh.fold.mirror_y, False]
+    mirrored = [mesh.symmetry.mirror_x, mesh.symmetry.mirror_y, False]
     wanted[:, mirrored] = np.abs(wanted[:, mirrored])
-    wanted[mesh.fold.on_plane(mesh.vertices, reach_m)] = 0.0
+    wanted[mesh.symmetry.on_plane(mesh.vertices, reach_m)] = 0.0
     return replace(mesh, vertices=_moved(mesh, wanted))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.graded_plane import Grading, Triangulation, triangulate_half_section
-from sim.mesh.symmetry import Fold
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
 from tacauchy_rig.errors import ConfigError
@@ -27,7 +27,7 @@ def revolved_mesh(
     centre_m: tuple[float, float],
     sector_count: int,
     name: str,
-    folded: bool = True,
+    symmetric: bool = True,
     interface_shares: tuple[float, ...] = (),
     circumscribed: bool = False,
 ) -> TetMesh:
@@ -36,7 +36,7 @@ def revolved_mesh(
     Args:
         centre_m: Axis of revolution, x and y [m], inside the pad.
         sector_count: Sectors of a full turn.
-        folded: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
+        symmetric: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.
         circumscribed: Let the ring of nodes on the rim be a polygon around the rim instead of in
             it, so that no face outside it is touched.
@@ -46,8 +46,12 @@ def revolved_mesh(
     """
     centre = np.array(centre_m)
     round_m = _round_radius(pad, grading, centre)
-    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0) if folded else Fold()
-    start, end = _turn(fold)
+    symmetry = (
+        MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
+        if symmetric
+        else MirrorSymmetry()
+    )
+    start, end = _turn(symmetry)
     angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
     if circumscribed:
         outwards = 1.0 / np.cos(0.5 * float(np.diff(angles).max()))
@@ -55,7 +59,7 @@ def revolved_mesh(
             grading, start_m=outwards * grading.start_m, end_m=outwards * grading.end_m
         )
     mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
-    if fold.copies == 1:
+    if symmetry.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
     levels = tuple(share * pad.height_m for share in interface_shares)
     section = triangulate_half_section(mean_reach, pad.height_m, grading, levels_m=levels)
@@ -65,19 +69,19 @@ def revolved_mesh(
     ]
     vertices = _raised(pad, np.stack(rings) + centre, section.points[:, 1])
     on_axis = section.points[:, 0] <= 1e-12
-    sectors = len(angles) if fold.copies == 1 else len(angles) - 1
+    sectors = len(angles) if symmetry.copies == 1 else len(angles) - 1
     tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
     layers = section.layers[source] if interface_shares else None
-    vertices[fold.on_plane(vertices, mean_reach)] = 0.0
-    return oriented(vertices, tets, name=name, fold=fold, layers=layers, axis_m=centre_m)
+    vertices[symmetry.on_plane(vertices, mean_reach)] = 0.0
+    return oriented(vertices, tets, name=name, symmetry=symmetry, layers=layers, axis_m=centre_m)
 
 
 def revolved_section(
     pad: ParametricPad, grading: Grading, *, centre_m: tuple[float, float], sector_count: int
 ) -> Triangulation:
     """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
-    fold = Fold(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
-    start, end = _turn(fold)
+    symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
+    start, end = _turn(symmetry)
     _, reaches = pad.sectors(np.array(centre_m), sector_count, start_rad=start, end_rad=end)
     mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
     return triangulate_half_section(mean_reach, pad.height_m, grading)
@@ -110,13 +114,13 @@ def _raised(pad: ParametricPad, plan: FloatArray, heights: FloatArray) -> FloatA
     return np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
 
 
-def _turn(fold: Fold) -> tuple[float, float]:
+def _turn(symmetry: MirrorSymmetry) -> tuple[float, float]:
     """Return the first and last direction of the modelled part [rad]."""
-    if fold.mirror_x and fold.mirror_y:
+    if symmetry.mirror_x and symmetry.mirror_y:
         return 0.0, 0.5 * np.pi
-    if fold.mirror_x:
+    if symmetry.mirror_x:
         return -0.5 * np.pi, 0.5 * np.pi
-    return (0.0, np.pi) if fold.mirror_y else (0.0, 2.0 * np.pi)
+    return (0.0, np.pi) if symmetry.mirror_y else (0.0, 2.0 * np.pi)
 
 
 def _plan(

@@ -15,7 +15,7 @@ _SAME_POINT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fold:
+class MirrorSymmetry:
     """Which coordinate planes mirror the modelled part.
 
     Attributes:
@@ -55,16 +55,16 @@ class Fold:
             yield np.array([x, y, 1.0])
 
 
-class Unfolding:
+class WholeSurface:
     """The node numbering of the whole surface.
 
     Args:
-        fold: The symmetry.
+        symmetry: By which the part stands for the whole.
         rest: Nodes of the part at rest [m], shape [node_count, 3].
     """
 
-    def __init__(self, fold: Fold, rest: FloatArray) -> None:
-        self._signs = list(fold.signs())
+    def __init__(self, symmetry: MirrorSymmetry, rest: FloatArray) -> None:
+        self._signs = list(symmetry.signs())
         copies = np.concatenate([rest * sign for sign in self._signs])
         grid = np.round(copies / (_SAME_POINT * max(float(np.abs(rest).max()), 1e-30)))
         _, first, inverse = np.unique(grid + 0.0, axis=0, return_index=True, return_inverse=True)

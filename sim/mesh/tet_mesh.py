@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces
-from sim.mesh.symmetry import Fold
+from sim.mesh.symmetry import MirrorSymmetry
 from tacauchy_rig.errors import ConfigError
 
 
@@ -21,7 +21,7 @@ class TetMesh:
         vertices: Positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0.
         tets: Shape [tet_count, 4].
         name: Where it came from, for reports.
-        fold: The symmetry by which these tetrahedra stand for the whole pad.
+        symmetry: The symmetry by which these tetrahedra stand for the whole pad.
         layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
             mesh was made for a gel of one material.
         axis_m: Axis about which it was revolved, x and y [m]; None where it was not.
@@ -30,7 +30,7 @@ class TetMesh:
     vertices: FloatArray
     tets: IntArray
     name: str
-    fold: Fold = field(default_factory=Fold)
+    symmetry: MirrorSymmetry = field(default_factory=MirrorSymmetry)
     layers: IntArray | None = None
     axis_m: tuple[float, float] | None = None
 
@@ -49,7 +49,7 @@ def oriented(
     tets: IntArray,
     *,
     name: str,
-    fold: Fold | None = None,
+    symmetry: MirrorSymmetry | None = None,
     layers: IntArray | None = None,
     axis_m: tuple[float, float] | None = None,
 ) -> TetMesh:
@@ -61,7 +61,12 @@ def oriented(
     negative = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
     return TetMesh(
-        vertices=vertices, tets=tets, name=name, fold=fold or Fold(), layers=layers, axis_m=axis_m
+        vertices=vertices,
+        tets=tets,
+        name=name,
+        symmetry=symmetry or MirrorSymmetry(),
+        layers=layers,
+        axis_m=axis_m,
     )
 
 

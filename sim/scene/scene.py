@@ -8,7 +8,7 @@ from enum import StrEnum
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import Pad
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from tacauchy_rig.errors import ConfigError
 
 BARRIER_M = 5e-6
@@ -135,7 +135,7 @@ class Scene:
         drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
-        filling: Settings of fTetWild, for meshes that it makes.
+        tetwild: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
     """
 
@@ -157,7 +157,7 @@ class Scene:
     refinement: float = 1.0
     force_tolerance_n: float = 1e-3
     barrier_m: float | None = None
-    filling: Filling = field(default_factory=Filling)
+    tetwild: TetWildOptions = field(default_factory=TetWildOptions)
     sensor: str = ""
 
     @property

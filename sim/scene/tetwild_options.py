@@ -12,7 +12,7 @@ _REGULAR_ENERGY = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Filling:
+class TetWildOptions:
     """How fTetWild fills a pad; None leaves a setting to the preset.
 
     Attributes:

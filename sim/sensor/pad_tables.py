@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from sim.scene.pad import SurfacePad, read_surface_pad
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 SURFACE_KEYS = ("surface", "unit", "source")
-_FILLING = {
+_TETWILD = {
     "l_r": Dimension.RATIO,
     "epsilon_r": Dimension.RATIO,
     "stop_energy": Dimension.RATIO,
@@ -48,24 +48,24 @@ def surface_of(section: Mapping[str, Any], *, origin: str, folder: Path) -> Surf
         raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
 
 
-def filling_of(section: Mapping[str, Any], *, origin: str) -> Filling:
+def tetwild_options_of(section: Mapping[str, Any], *, origin: str) -> TetWildOptions:
     """Read fTetWild's settings: ``l_r``, ``epsilon_r``, ``stop_energy``, ``dihedral_min``.
 
     Raises:
         ConfigError: A setting is unknown, no number, or out of its range.
     """
-    unknown = [key for key in section if key not in _FILLING]
+    unknown = [key for key in section if key not in _TETWILD]
     if unknown:
         raise ConfigError(
             f"{origin}: unknown mesh setting {', '.join(unknown)}",
-            remedy=f"settings are {', '.join(_FILLING)}",
+            remedy=f"settings are {', '.join(_TETWILD)}",
         )
     given = {
-        key: parse_quantity(str(value), dimension=_FILLING[key], field=f"{origin}: {key}").value
+        key: parse_quantity(str(value), dimension=_TETWILD[key], field=f"{origin}: {key}").value
         for key, value in section.items()
     }
     try:
-        return Filling(
+        return TetWildOptions(
             l_r=given.get("l_r"),
             epsilon_r=given.get("epsilon_r"),
             stop_energy=given.get("stop_energy"),

@@ -10,7 +10,7 @@ from typing import Any
 
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from sim.sensor.numbers import (
     DIMENSIONS,
     MATERIAL,
@@ -21,7 +21,7 @@ from sim.sensor.numbers import (
     refuse_unknown,
 )
 from sim.sensor.optics_tables import SensorOptics, parse_optics
-from sim.sensor.pad_tables import filling_of, surface_of
+from sim.sensor.pad_tables import surface_of, tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension
 
@@ -62,7 +62,7 @@ class Sensor:
     Attributes:
         material: Of the whole gel, or of the layer that is touched.
         layers: From the clamped base upwards; empty for a gel of one material.
-        filling: Settings of fTetWild.
+        tetwild: Settings of fTetWild.
         numbers: Every number of the file by its dotted name, for reports; layers count from 1.
     """
 
@@ -74,7 +74,7 @@ class Sensor:
     camera: CameraView
     markers: MarkerGrid | None
     optics: SensorOptics
-    filling: Filling
+    tetwild: TetWildOptions
     numbers: dict[str, Measured]
 
     def young_uncertainty(self) -> tuple[float, str]:
@@ -150,7 +150,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         ),
         markers=_markers(numbers, counts),
         optics=parse_optics(data, origin),
-        filling=filling_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
+        tetwild=tetwild_options_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
         numbers=numbers,
     )
 

@@ -45,7 +45,7 @@ def markers(
         pad=known.pad,
         material=known.material,
         layers=known.layers,
-        filling=known.filling,
+        tetwild=known.tetwild,
         indenter=parse_indenter(indenter),
         target=Target(depth_m=press_depth),
         contact=ContactMode.FRICTION,

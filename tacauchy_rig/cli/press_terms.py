@@ -9,9 +9,9 @@ from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, 
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
-from sim.sensor.pad_tables import filling_of
+from sim.sensor.pad_tables import tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 
@@ -49,14 +49,14 @@ def _surface(text: str) -> SurfacePad:
     return read_surface_pad(Path(file), unit=MeshUnit(unit))
 
 
-def parse_filling(text: str) -> Filling:
+def parse_tetwild_options(text: str) -> TetWildOptions:
     """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg``, each if wanted.
 
     Raises:
         ConfigError: A setting is unknown, no number, or out of its range.
     """
     given = dict(part.partition("=")[::2] for part in text.split(","))
-    return filling_of(given, origin="--mesh")
+    return tetwild_options_of(given, origin="--mesh")
 
 
 def _box(sizes: str) -> BoxPad:

@@ -12,16 +12,16 @@ from sim.error.tolerance import keeping
 from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
-    parse_filling,
     parse_indenter,
     parse_layer,
     parse_pad,
     parse_pair,
     parse_switch,
+    parse_tetwild_options,
     parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
@@ -164,7 +164,7 @@ def scene_of(terms: SceneTerms) -> Scene:
         effects=tuple(parse_switch(text) for text in terms.effects or ()),
         drive=terms.drive,
         preset=terms.preset or Preset.BALANCED,
-        filling=_filling(known, terms),
+        tetwild=_tetwild_options(known, terms),
         sensor=terms.sensor or "",
     )
     if terms.tolerance is None:
@@ -197,11 +197,11 @@ def _target(terms: SceneTerms, pad: Pad) -> Target:
     return Target(depth_m=depth, force_n=force)
 
 
-def _filling(sensor: Sensor | None, terms: SceneTerms) -> Filling:
+def _tetwild_options(sensor: Sensor | None, terms: SceneTerms) -> TetWildOptions:
     """Return the sensor's settings of fTetWild unless others are given."""
     if terms.mesh is not None:
-        return parse_filling(terms.mesh)
-    return Filling() if sensor is None else sensor.filling
+        return parse_tetwild_options(terms.mesh)
+    return TetWildOptions() if sensor is None else sensor.tetwild
 
 
 def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:

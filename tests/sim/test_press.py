@@ -35,7 +35,7 @@ SCENE = Scene(
 )
 
 
-def small_model(*, folded: bool, centre_m: tuple[float, float] = (0.0, 0.0)) -> Model:
+def small_model(*, symmetric: bool, centre_m: tuple[float, float] = (0.0, 0.0)) -> Model:
     """Return a coarse domed pad, whole or a quarter of it."""
     mesh = revolved_mesh(
         PAD,
@@ -43,7 +43,7 @@ def small_model(*, folded: bool, centre_m: tuple[float, float] = (0.0, 0.0)) -> 
         centre_m=centre_m,
         sector_count=8,
         name="test",
-        folded=folded,
+        symmetric=symmetric,
     )
     return Model(
         mesh,
@@ -71,9 +71,10 @@ def test_press_balances_and_never_overlaps(indenter: Indenter, contact: ContactM
 
 
 def test_quarter_gives_what_the_whole_gives() -> None:
-    """The folded model's force, stiffness and moment are the whole's."""
+    """A part's force, stiffness and moment are the whole's."""
     found = [
-        LoadingPath(small_model(folded=folded), PUNCH).advance(0.12e-3) for folded in (True, False)
+        LoadingPath(small_model(symmetric=symmetric), PUNCH).advance(0.12e-3)
+        for symmetric in (True, False)
     ]
     assert found[0].force_n == pytest.approx(found[1].force_n, rel=1e-6, abs=1e-9)
     assert found[0].stiffness_n_m == pytest.approx(found[1].stiffness_n_m, rel=1e-4)
@@ -81,7 +82,7 @@ def test_quarter_gives_what_the_whole_gives() -> None:
 
 def test_stiffness_is_the_slope_of_the_force() -> None:
     """The tangent's dF/d(depth) agrees with a difference."""
-    path = LoadingPath(small_model(folded=True), PUNCH)
+    path = LoadingPath(small_model(symmetric=True), PUNCH)
     first = path.advance(0.150e-3)
     second = path.advance(0.151e-3)
     slope = (second.force_n[2] - first.force_n[2]) / 1e-6
@@ -90,8 +91,8 @@ def test_stiffness_is_the_slope_of_the_force() -> None:
 
 def test_off_centre_press_balances_without_symmetry() -> None:
     """A press to the side of a dome is solved on the whole pad, and its moment is not zero."""
-    model = small_model(folded=True, centre_m=(1.5e-3, 1.0e-3))
-    assert model.mesh.fold.copies == 1
+    model = small_model(symmetric=True, centre_m=(1.5e-3, 1.0e-3))
+    assert model.mesh.symmetry.copies == 1
     result = press(replace(SCENE, centre_m=(1.5e-3, 1.0e-3)), model=model)
     assert result.force_balance_relative < 1e-6
     assert result.force_n[2] > 0.1
@@ -108,7 +109,7 @@ def test_same_press_again_gives_the_same_numbers() -> None:
 
 def test_no_travel_means_no_force() -> None:
     """At zero depth the gel may only be grazed by the barrier; above it nothing is felt."""
-    path = LoadingPath(small_model(folded=True), PUNCH)
+    path = LoadingPath(small_model(symmetric=True), PUNCH)
     point = path.advance(-1e-4)
     assert not point.force_n.any()
     assert point.equilibrium.iterations == 0
@@ -122,7 +123,7 @@ def test_force_target_is_met() -> None:
 
 def test_failed_press_names_how_far_it_got() -> None:
     """Newton cut short at some depth: the message has the last good depth and force."""
-    path = LoadingPath(small_model(folded=True), PUNCH)
+    path = LoadingPath(small_model(symmetric=True), PUNCH)
     path.advance(0.05e-3)
     path.options = NewtonOptions(iteration_max=0)
     with pytest.raises(ConvergenceError, match=r"stopped at 0\.05\d* mm and 0\.\d+ N on the way"):
@@ -131,7 +132,7 @@ def test_failed_press_names_how_far_it_got() -> None:
 
 def test_pressing_flat_does_not_break() -> None:
     """80 % of the height: every step converges and the force only grows."""
-    path = LoadingPath(small_model(folded=True), PUNCH, step_max_m=0.2e-3)
+    path = LoadingPath(small_model(symmetric=True), PUNCH, step_max_m=0.2e-3)
     forces = [path.advance(depth * 1e-3).force_n[2] for depth in (0.8, 1.6, 2.4, 3.2)]
     assert np.all(np.diff(forces) > 0.0)
 

@@ -82,7 +82,7 @@ def test_a_tolerance_chooses_the_replays_preset() -> None:
 def test_fields_are_the_whole_pads(
     replayed: tuple[Replay, list[TrialFields], list[str]],
 ) -> None:
-    """Nodal contact forces of the unfolded surface sum to the trial's force."""
+    """Nodal contact forces of the whole surface sum to the trial's force."""
     replay, fields, _ = replayed
     for trial, field in zip(replay.trials, fields, strict=True):
         total = field.arrays["contact_force_n"].sum(axis=0)

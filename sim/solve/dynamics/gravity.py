@@ -53,10 +53,10 @@ def weight(
         acceleration_m_s2: Free fall in the pad's frame: -z for a sensor that looks up.
 
     Raises:
-        ConfigError: The weight pulls across a plane of symmetry of a folded mesh.
+        ConfigError: The weight pulls across a plane of symmetry of a mesh of a part.
     """
-    fold = model.mesh.fold
-    if (fold.mirror_x and acceleration_m_s2[0]) or (fold.mirror_y and acceleration_m_s2[1]):
+    symmetry = model.mesh.symmetry
+    if (symmetry.mirror_x and acceleration_m_s2[0]) or (symmetry.mirror_y and acceleration_m_s2[1]):
         raise ConfigError(
             f"weight along {acceleration_m_s2} m/s2 breaks the symmetry by which the pad is "
             "modelled in part",

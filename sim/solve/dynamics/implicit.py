@@ -92,7 +92,7 @@ class DynamicPress:
             )
         self._path, self._model = path, path.model
         self._masses = inertial_masses(path.model, density_kg_m3)
-        self._copies = path.model.mesh.fold.copies
+        self._copies = path.model.mesh.symmetry.copies
         self.state = self._start(depth_m) if path.last is None else path.last.state.copy()
         self.velocities = np.zeros_like(self.state.positions)
         self._time_s, self._work_j = 0.0, 0.0
@@ -192,8 +192,8 @@ class DynamicPress:
     def _accept(
         self, state: State, found: Equilibrium, iterations: int, step_s: float
     ) -> DynamicStep:
-        fold, model = self._model.mesh.fold, self._model
-        force = fold.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
+        symmetry, model = self._model.mesh.symmetry, self._model
+        force = symmetry.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
         self._work_j -= float(force @ (state.tip - self.state.tip))
         self.velocities = (state.positions - self.state.positions) / step_s
         self.state = state

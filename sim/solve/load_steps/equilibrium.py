@@ -117,7 +117,7 @@ class Settling:
             return None
         trial, wanted = state.copy(), options.residual_relative
         if load_n is not None:
-            load_n, wanted = load_n / self.model.mesh.fold.copies, min(wanted, _LOAD_MET)
+            load_n, wanted = load_n / self.model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
         relative = _PASSING_QUICKLY if passing else wanted
         found = self.quick.settle(trial, load_n=load_n, residual_relative=relative)
         if found is None:
@@ -135,7 +135,7 @@ class Settling:
         pushed = found.contact.forces.reshape(-1, 3).sum(axis=0)
         return PathPoint(
             depth_m=self.touch_m - float(state.tip[2]),
-            force_n=self.model.mesh.fold.whole_force(pushed),
+            force_n=self.model.mesh.symmetry.whole_force(pushed),
             stiffness_n_m=stiffness_n_m,
             state=state,
             equilibrium=found,
@@ -164,11 +164,11 @@ class Settling:
         change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
         motion = -pattern.nodal(self.solver.solve(pattern.unknowns(self.model.scatter(change))))
         lifted = float(np.sum(self.model.scatter(contact.stiffness[..., 2]) * motion))
-        rate = self.model.mesh.fold.copies * (float(change[..., 2].sum()) + lifted)
+        rate = self.model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
         return motion, rate
 
     def _problem(self, load_n: float | None) -> Problem:
-        copies = self.model.mesh.fold.copies
+        copies = self.model.mesh.symmetry.copies
         return Problem(
             self.model,
             self.solver,

@@ -226,7 +226,7 @@ class LoadingPath:
         part = np.zeros(3)
         for potential in self.potentials:
             part += potential.gradient(point.state.positions)[free].sum(axis=0)
-        return self.model.mesh.fold.whole_force(part)
+        return self.model.mesh.symmetry.whole_force(part)
 
     def _quick(self) -> QuickSettling:
         return QuickSettling(

@@ -45,7 +45,7 @@ def _posed(scene: Scene) -> Scene:
 
 def _name(scene: Scene, depths_m: Sequence[float]) -> str:
     plan = plan_effects(scene)
-    mesh = mesh_for(scene, folded=plan.is_on(Effect.SYMMETRY)).content_hash
+    mesh = mesh_for(scene, symmetric=plan.is_on(Effect.SYMMETRY)).content_hash
     on = sorted(row.effect.value for row in plan.effects if row.on)
     text = repr((_posed(scene), mesh, on, tuple(depths_m)))
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -141,7 +141,7 @@ def _pressed(scene: Scene, name: str) -> SurfaceState:
         pad=sensor.pad,
         material=sensor.material,
         layers=sensor.layers,
-        filling=sensor.filling,
+        tetwild=sensor.tetwild,
         target=Target(depth_m=_DEPTH_M),
         preset=Preset.FAST,
         sensor=name,

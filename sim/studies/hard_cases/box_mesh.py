@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.mesh.symmetry import Fold
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 
 
@@ -46,5 +46,5 @@ def box_mesh(
         vertices,
         np.concatenate(tets),
         name=f"box, {cells[0]}x{cells[1]}x{cells[2]}",
-        fold=Fold(mirror_x=quarter, mirror_y=quarter),
+        symmetry=MirrorSymmetry(mirror_x=quarter, mirror_y=quarter),
     )

@@ -57,12 +57,17 @@ def round_mesh(
     size_m: float = 0.4e-3,
     growth: float = 2.0,
     sector_count: int = 8,
-    folded: bool = True,
+    symmetric: bool = True,
 ) -> TetMesh:
     """Return a coarse mesh revolved about the z axis, fine between two radii."""
     grading = Grading(start_m=start_m, end_m=end_m, size_m=size_m, growth=growth)
     return revolved_mesh(
-        pad, grading, centre_m=(0.0, 0.0), sector_count=sector_count, name="hard", folded=folded
+        pad,
+        grading,
+        centre_m=(0.0, 0.0),
+        sector_count=sector_count,
+        name="hard",
+        symmetric=symmetric,
     )
 
 

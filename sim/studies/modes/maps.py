@@ -34,7 +34,7 @@ class SurfaceMaps:
 
 
 def surface_maps(path: LoadingPath, point: PathPoint) -> SurfaceMaps:
-    """Average the contact points' tractions at the nodes of a whole, unfolded pad."""
+    """Average the contact points' tractions at the nodes of a whole pad, not of a part."""
     model = path.model
     traction = contact_traction(point)
     areas = np.linalg.norm(model.deformed_area_vectors(point.state.positions), axis=2)

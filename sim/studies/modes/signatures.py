@@ -123,7 +123,7 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
 
 
 def contact_signature(model: Model, point: PathPoint) -> ContactSignature:
-    """Measure the contact of an equilibrium of a whole, unfolded pad."""
+    """Measure the contact of an equilibrium of a whole pad, not of a part."""
     traction = contact_traction(point)
     pressed, tangential = traction.normal_n.reshape(-1), traction.tangential_n.reshape(-1, 3)
     centre = pressed @ traction.arms_m.reshape(-1, 3) / max(float(pressed.sum()), 1e-300)

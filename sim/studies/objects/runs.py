@@ -76,7 +76,7 @@ def press_object(
         pad=sensor.pad,
         material=sensor.material,
         layers=sensor.layers,
-        filling=sensor.filling,
+        tetwild=sensor.tetwild,
         indenter=body,
         target=Target(depth_m=DEPTH_M),
         preset=preset,

@@ -52,7 +52,7 @@ def pressed(indenter: Indenter, preset: Preset, sensor: Sensor) -> SurfaceState:
     scene = Scene(
         pad=sensor.pad,
         material=sensor.material,
-        filling=sensor.filling,
+        tetwild=sensor.tetwild,
         indenter=indenter,
         target=Target(depth_m=_DEPTH_M),
         preset=preset,

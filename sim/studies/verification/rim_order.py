@@ -39,7 +39,7 @@ def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
         mesh = mesh_for(_SCENE, resolution=resolution)
         path = LoadingPath(build_model(_SCENE, plan=plan, mesh=mesh), _SCENE.indenter)
         point = path.advance(0.1e-3)
-        forces.append(float(mesh.fold.whole_force(point.force_n)[2]))
+        forces.append(float(mesh.symmetry.whole_force(point.force_n)[2]))
     return tuple(forces)
 
 

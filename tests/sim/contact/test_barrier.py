@@ -35,7 +35,7 @@ def contact_model(*, bonded: bool = False, friction: float = 0.0) -> Model:
         centre_m=(0.0, 0.0),
         sector_count=8,
         name="test",
-        folded=False,
+        symmetric=False,
     )
     return Model(
         mesh,

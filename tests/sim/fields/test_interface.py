@@ -45,7 +45,7 @@ def pressed(model: Model) -> tuple[InterfaceTraction, float, float]:
     point = LoadingPath(model, Sphere(diameter_m=16e-3)).advance(0.15e-3)
     (interface,) = interface_traction(model, point.state.positions)
     clamped = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
-    return interface, point.force_n[2], -model.mesh.fold.whole_force(clamped)[2]
+    return interface, point.force_n[2], -model.mesh.symmetry.whole_force(clamped)[2]
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
@@ -65,7 +65,7 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
         assert side[..., 2] == pytest.approx(expected, rel=5e-3)
     assert interface.jump_relative < 1e-2
     assert interface.smooth_jump_relative < 1e-2
-    assert interface.areas_m2.sum() * model.mesh.fold.copies == pytest.approx(
+    assert interface.areas_m2.sum() * model.mesh.symmetry.copies == pytest.approx(
         np.pi * PAD.radius_m**2, rel=0.1
     )
 

@@ -30,7 +30,7 @@ SCENE = Scene(
 @pytest.fixture(scope="module")
 def model() -> Model:
     """A layered box, whole."""
-    mesh = mesh_for(SCENE, folded=False)
+    mesh = mesh_for(SCENE, symmetric=False)
     assert mesh.layers is not None
     young = np.where(mesh.layers == 0, SOFT.young_pa, HARD.young_pa)
     return Model(

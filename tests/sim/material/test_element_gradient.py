@@ -24,7 +24,7 @@ _GRADING = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3, growth=2.0)
 def test_an_element_at_a_time_is_a_point_at_a_time(name: LawName, order: ElementOrder) -> None:
     """Every law and order, in a gel of two moduli, at a random deformed state."""
     mesh = revolved_mesh(
-        _PAD, _GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", folded=False
+        _PAD, _GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetric=False
     )
     young_pa = np.where(np.arange(len(mesh.tets)) % 2, 2e5, 4e5)
     model = Model(mesh, order=order, law=law(name), young_pa=young_pa, poisson=0.48)

@@ -22,7 +22,7 @@ GRADING = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3, growth=2.0)
 def coarse_model(name: LawName, order: ElementOrder) -> Model:
     """Return a pad of some hundred elements."""
     mesh = revolved_mesh(
-        PAD, GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", folded=False
+        PAD, GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetric=False
     )
     return Model(mesh, order=order, law=law(name), young_pa=4e5, poisson=0.48)
 

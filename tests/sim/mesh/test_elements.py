@@ -25,7 +25,7 @@ def mesh() -> TetMesh:
     """Return a whole box."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.5e-3)
     return revolved_mesh(
-        PAD, grading, centre_m=(0.5e-3, 0.0), sector_count=12, name="box", folded=False
+        PAD, grading, centre_m=(0.5e-3, 0.0), sector_count=12, name="box", symmetric=False
     )
 
 

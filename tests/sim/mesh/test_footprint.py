@@ -25,7 +25,7 @@ from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
 from sim.scene.material import Material, interface_shares
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Motion, Preset, Scene, Target
-from sim.scene.tetwild_options import Filling
+from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
 from sim.scene.triangle_surface import closed_surface
 from sim.sensor.sensor import load_sensor, sensor_names
@@ -63,7 +63,7 @@ def test_built_in_sensors_bring_their_coarse_mesh(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     sensor = load_sensor(name)
     scene = replace(
-        SCENE, pad=sensor.pad, layers=sensor.layers, filling=sensor.filling, sensor=name
+        SCENE, pad=sensor.pad, layers=sensor.layers, tetwild=sensor.tetwild, sensor=name
     )
     mesh = footprint_mesh(scene, shares=interface_shares(sensor.layers))
     assert len(mesh.tets) > 500
@@ -143,7 +143,7 @@ def coarse() -> TetMesh:
     """Return a small mesh without fTetWild."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=1.5e-3, growth=2.0)
     return revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", folded=False
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", symmetric=False
     )
 
 
@@ -239,7 +239,7 @@ def test_triangles_press_like_the_formula() -> None:
 def test_impossible_mesh_settings_are_refused(setting: str, value: float) -> None:
     """The message names the setting and its range."""
     with pytest.raises(ConfigError, match="mesh setting") as caught:
-        Filling(**{setting: value})
+        TetWildOptions(**{setting: value})
     assert setting.removesuffix("_rad") in caught.value.message
 
 
@@ -247,4 +247,4 @@ def test_least_angle_is_held_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     """A mesh that misses the angle asked for is refused, not pressed."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(ConfigError, match="less than the 35 deg"):
-        footprint_mesh(replace(SCENE, filling=Filling(dihedral_min_rad=math.radians(35.0))))
+        footprint_mesh(replace(SCENE, tetwild=TetWildOptions(dihedral_min_rad=math.radians(35.0))))

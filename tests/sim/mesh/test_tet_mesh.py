@@ -42,7 +42,7 @@ def test_revolved_box_fills_the_box(x: float, y: float, sectors: int, growth: fl
     """Wherever the axis stands: positive tetrahedra that fill the box, and nodes on the rim."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3, growth=growth)
     mesh = revolved_mesh(
-        BOX, grading, centre_m=(x, y), sector_count=sectors, name="box", folded=False
+        BOX, grading, centre_m=(x, y), sector_count=sectors, name="box", symmetric=False
     )
     corners = mesh.vertices[mesh.tets]
     assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0.0
@@ -56,7 +56,7 @@ def test_folded_mesh_is_a_quarter() -> None:
     """The quarter's volume is a quarter's, and it lies in the first quadrant."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
     mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 0.0), sector_count=16, name="box")
-    assert mesh.fold.copies == 4
+    assert mesh.symmetry.copies == 4
     assert mesh.vertices.min() >= 0.0
     assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 4, rel=1e-9)
 
@@ -65,7 +65,7 @@ def test_half_is_meshed_when_the_axis_lies_on_one_plane() -> None:
     """Off centre along y only: x = 0 still mirrors."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
     mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 2e-3), sector_count=16, name="box")
-    assert (mesh.fold.mirror_x, mesh.fold.mirror_y) == (True, False)
+    assert (mesh.symmetry.mirror_x, mesh.symmetry.mirror_y) == (True, False)
     assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 2, rel=1e-9)
 
 

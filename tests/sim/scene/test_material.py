@@ -188,7 +188,7 @@ def test_confined_compression_is_the_laminates(order: ElementOrder, ratio: float
     moved[free] = scipy.sparse.linalg.spsolve(
         stiffness[free][:, free].tocsc(), -(stiffness @ moved)[free]
     )
-    force = -model.mesh.fold.copies * float((stiffness @ moved)[pushed].sum())
+    force = -model.mesh.symmetry.copies * float((stiffness @ moved)[pushed].sum())
     compliance = sum(
         layer.share
         * FLAT.height_m

@@ -136,9 +136,9 @@ def test_sensor_names_a_surface(tmp_path: Path) -> None:
     text += '\n[mesh]\nl_r = 0.1\nepsilon_r = 1e-3\nstop_energy = 8\ndihedral_min = "4 deg"\n'
     sensor = parse_sensor(text, origin="mine.toml", folder=tmp_path)
     assert sensor.pad.height_m == pytest.approx(4e-3, abs=1e-6)
-    assert sensor.filling.l_r == pytest.approx(0.1)
-    assert sensor.filling.stop_energy == pytest.approx(8.0)
-    assert sensor.filling.dihedral_min_rad == pytest.approx(np.radians(4.0))
+    assert sensor.tetwild.l_r == pytest.approx(0.1)
+    assert sensor.tetwild.stop_energy == pytest.approx(8.0)
+    assert sensor.tetwild.dihedral_min_rad == pytest.approx(np.radians(4.0))
 
 
 @pytest.mark.parametrize(

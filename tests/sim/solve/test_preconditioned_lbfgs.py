@@ -50,7 +50,7 @@ def test_it_finds_what_newton_finds_with_fewer_factors(indenter: Indenter) -> No
         assert one.force_n[2] == pytest.approx(other.force_n[2], rel=1e-5)
         assert one.depth_m == pytest.approx(depth, rel=1e-9)
         reaction = one.equilibrium.elastic_gradient[quick.model.clamped].sum(axis=0)
-        whole = quick.model.mesh.fold.whole_force(reaction)
+        whole = quick.model.mesh.symmetry.whole_force(reaction)
         assert whole[2] == pytest.approx(one.force_n[2], rel=2e-6)
         assert one.equilibrium.min_jacobian == pytest.approx(
             other.equilibrium.min_jacobian, rel=1e-3

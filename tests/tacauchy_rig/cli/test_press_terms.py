@@ -11,10 +11,10 @@ from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import ContactMode
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
-    parse_filling,
     parse_indenter,
     parse_layer,
     parse_pad,
+    parse_tetwild_options,
     parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
@@ -112,14 +112,14 @@ def test_wrong_pad_files_are_explained(text: str, message: str) -> None:
 
 def test_mesh_settings_are_read() -> None:
     """Those that are given; the others stay the preset's."""
-    filling = parse_filling("l_r=0.08,dihedral_min=5deg")
-    assert filling.l_r == pytest.approx(0.08)
-    assert filling.dihedral_min_rad == pytest.approx(0.0872664626)
-    assert filling.stop_energy is None
+    tetwild = parse_tetwild_options("l_r=0.08,dihedral_min=5deg")
+    assert tetwild.l_r == pytest.approx(0.08)
+    assert tetwild.dihedral_min_rad == pytest.approx(0.0872664626)
+    assert tetwild.stop_energy is None
     with pytest.raises(ConfigError, match="unknown mesh setting edge"):
-        parse_filling("edge=1mm")
+        parse_tetwild_options("edge=1mm")
     with pytest.raises(ConfigError, match="l_r = 3"):
-        parse_filling("l_r=3")
+        parse_tetwild_options("l_r=3")
 
 
 def test_layer_is_read_with_its_law() -> None:

@@ -50,7 +50,7 @@ def ball_profiles(
         pad=sensor.pad,
         material=sensor.material,
         layers=sensor.layers,
-        filling=sensor.filling,
+        tetwild=sensor.tetwild,
         indenter=Sphere(diameter_m=ball_diameter_m),
         target=Target(depth_m=depths_m[-1]),
         preset=preset,

@@ -74,7 +74,7 @@ def _pressed(scene: Scene) -> Measured:
     forces, balance, gap = [0.0], 0.0, np.inf
     for depth in DEPTHS_M:
         point = path.advance(depth)
-        reaction = model.mesh.fold.whole_force(
+        reaction = model.mesh.symmetry.whole_force(
             point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
         )
         size = float(np.linalg.norm(point.force_n))

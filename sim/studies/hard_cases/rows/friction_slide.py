@@ -47,7 +47,7 @@ class Slide:
 def slide_and_return() -> Slide:
     """Press a ball in, slide it by 0.2 mm and back at the same depth."""
     options = ContactOptions(distance_m=BARRIER_M, friction=0.4)
-    mesh = round_mesh(folded=False)
+    mesh = round_mesh(symmetric=False)
     model = pad_model(mesh, order=ElementOrder.P1, contact_options=options)
     path = LoadingPath(model, BALL, step_max_m=_LEG_M)
     point = path.advance(_DEPTH_M)
@@ -75,7 +75,7 @@ def slide_and_return() -> Slide:
 def balance_relative(model: Model, point: PathPoint) -> float:
     """Return |indenter's force less base reaction| over the force."""
     clamp = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
-    away = point.force_n - model.mesh.fold.whole_force(clamp)
+    away = point.force_n - model.mesh.symmetry.whole_force(clamp)
     return float(np.linalg.norm(away) / np.linalg.norm(point.force_n))
 
 

@@ -62,7 +62,7 @@ def _thrown(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], Flo
     shares = path.model.nodes[:, 2] / HEIGHT_M
     press.velocities[:, 2] = speed_m_s * shares
     masses = inertial_masses(path.model, DENSITY_KG_M3)
-    thrown_j = 0.5 * path.model.mesh.fold.copies * float(masses @ (speed_m_s * shares) ** 2)
+    thrown_j = 0.5 * path.model.mesh.symmetry.copies * float(masses @ (speed_m_s * shares) ** 2)
     step_s = _TRAVEL_A_STEP_M / speed_m_s
     steps = press.run(lambda _: _START_M, step_s=step_s, duration_s=_STEP_COUNT * step_s)
     energies = [step.elastic_j + step.kinetic_j + step.contact_j for step in steps]

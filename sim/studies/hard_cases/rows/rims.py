@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.mesh.elements import ElementOrder
-from sim.mesh.symmetry import Fold
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.indenter import Cylinder
 from sim.solve.load_steps.path import LoadingPath
@@ -26,7 +26,7 @@ def moved_rim(*, depth_m: float = 0.4e-3) -> Outcome:
     One is uniform and knows nothing of the punch; the other is fine at the rim's first place.
     """
     uniform_m, rim_m = 1e-3, 0.2e-3
-    fitted = round_mesh(start_m=PUNCH.radius_m, end_m=PUNCH.radius_m, size_m=rim_m, folded=False)
+    fitted = round_mesh(start_m=PUNCH.radius_m, end_m=PUNCH.radius_m, size_m=rim_m, symmetric=False)
     meshes = {"uniform": (uniform_mesh(uniform_m), uniform_m), "fitted": (fitted, rim_m)}
     measured: Measured = {}
     spreads = []
@@ -55,7 +55,7 @@ def uniform_mesh(size_m: float, *, extent_m: float = 10e-3) -> TetMesh:
         (extent_m, 0.5 * extent_m, HEIGHT_M), (2 * count, count, round(HEIGHT_M / size_m))
     )
     raised = mesh.vertices + np.array([0.0, 0.25 * extent_m, 0.0])
-    return replace(mesh, vertices=raised, fold=Fold(mirror_y=True))
+    return replace(mesh, vertices=raised, symmetry=MirrorSymmetry(mirror_y=True))
 
 
 CASES: tuple[HardCase, ...] = (

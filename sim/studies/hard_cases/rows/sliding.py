@@ -32,7 +32,7 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     Creep is the motion along the indenter of points that stick, in one step.
     """
     options = ContactOptions(distance_m=2e-6, friction=FRICTION, slip_m=SLIP_M)
-    mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, folded=False)
+    mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
     path = LoadingPath(pad_model(mesh, contact_options=options), Sphere(diameter_m=10e-3))
     path.advance(0.3e-3)
     legs = [(1.0, 1), (0.0, hold_count), (1.0, step_count), (0.0, hold_count), (-1.0, step_count)]
@@ -114,7 +114,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
 def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
     """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
     pad = DiscPad(radius_m=4e-3, height_m=HEIGHT_M)
-    mesh = round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, folded=False)
+    mesh = round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, symmetric=False)
     options = ContactOptions(distance_m=2e-6, bonded=True)
     path = LoadingPath(pad_model(mesh, contact_options=options), Plane())
     point = path.advance(0.2 * HEIGHT_M)

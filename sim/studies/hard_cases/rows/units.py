@@ -66,7 +66,7 @@ def _answer(length: float, stress: float) -> _Answer:
     """Return what a press gives where the metre is 1/length and the pascal 1/stress as large."""
     positions, forces, iterations = [], [], 0
     for order, friction in ((ElementOrder.P2, 0.0), (ElementOrder.P1, 0.4)):
-        mesh = round_mesh(folded=friction == 0.0)
+        mesh = round_mesh(symmetric=friction == 0.0)
         model = pad_model(
             replace(mesh, vertices=mesh.vertices * length),
             order=order,

@@ -38,7 +38,7 @@ def coarse(
     poisson: float = 0.45,
     bonded: bool = False,
     terms: tuple[RelaxationTerm, ...] = (),
-    folded: bool = True,
+    symmetric: bool = True,
 ) -> Model:
     """Return a disc, or a quarter of it, of few elements."""
     mesh = revolved_mesh(
@@ -47,7 +47,7 @@ def coarse(
         centre_m=(0.0, 0.0),
         sector_count=8,
         name="test",
-        folded=folded,
+        symmetric=symmetric,
     )
     return Model(
         mesh,
@@ -90,7 +90,7 @@ def test_held_press_settles_to_the_static_force(step_s: float) -> None:
 
 def test_layer_rings_as_the_scheme_says() -> None:
     """Let go from its lowest tone, the pad follows implicit Euler's own recurrence for it."""
-    model = coarse(poisson=0.3, folded=False)
+    model = coarse(poisson=0.3, symmetric=False)
     frequency, shape = lowest_tone(model)
     quarter_wave = math.sqrt(YOUNG_PA / 2.6 / DENSITY) / (4.0 * PAD.height_m)
     assert frequency == pytest.approx(quarter_wave, rel=0.2)

@@ -29,11 +29,13 @@ DENSITY = 1070.0
 YOUNG_PA = 4e5
 
 
-def disc(order: ElementOrder, *, folded: bool = False, law_name: LawName = LawName.LINEAR) -> Model:
+def disc(
+    order: ElementOrder, *, symmetric: bool = False, law_name: LawName = LawName.LINEAR
+) -> Model:
     """Return a clamped disc of some hundred elements."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0)
     mesh = revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="test", folded=folded
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetric=symmetric
     )
     return Model(mesh, order=order, law=law(law_name), young_pa=YOUNG_PA, poisson=0.3)
 
@@ -74,7 +76,7 @@ def test_weight_does_the_work_of_a_linear_motion(order: ElementOrder) -> None:
 
 def test_weight_sags_the_pad_as_a_column_does() -> None:
     """A wide clamped layer sinks by rho g H^2 / (2 M), M the modulus without sideways strain."""
-    model = disc(ElementOrder.P2, folded=True)
+    model = disc(ElementOrder.P2, symmetric=True)
     positions = unloaded_positions(
         model,
         linear_solver(model.pattern),
@@ -91,7 +93,7 @@ def test_weight_sags_the_pad_as_a_column_does() -> None:
 def test_weight_across_a_symmetry_plane_is_refused() -> None:
     """A quarter of a pad cannot hang sideways."""
     with pytest.raises(ConfigError, match="breaks the symmetry"):
-        weight(disc(ElementOrder.P1, folded=True), DENSITY, acceleration_m_s2=(9.8, 0.0, 0.0))
+        weight(disc(ElementOrder.P1, symmetric=True), DENSITY, acceleration_m_s2=(9.8, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("kind", ["weight", "inertia"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.mesh.symmetry import Fold
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.objects.shapes import bar
@@ -52,7 +52,7 @@ def test_the_quarter_mesh_lies_in_its_quarter() -> None:
         sensor=sensor.name,
     )
     mesh = quarter_mesh(scene, sensor.pad)
-    assert mesh.fold == Fold(mirror_x=True, mirror_y=True)
+    assert mesh.symmetry == MirrorSymmetry(mirror_x=True, mirror_y=True)
     assert mesh.axis_m is None
     assert mesh.vertices[:, :2].min() == pytest.approx(0.0, abs=1e-15)
     edge = np.abs(mesh.vertices[:, 0] - 4e-3) < 1e-9

@@ -12,7 +12,7 @@ from sim.studies.hard_cases.rows.rims import forces_beside, uniform_mesh
 def test_uniform_mesh_is_half_a_pad() -> None:
     """It lies at y >= 0, fills its half, and has its mirror plane's faces."""
     mesh = uniform_mesh(2e-3)
-    assert mesh.fold.copies == 2
+    assert mesh.symmetry.copies == 2
     assert mesh.vertices[:, 1].min() == pytest.approx(0.0, abs=1e-15)
     corners = mesh.vertices[mesh.tets]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0

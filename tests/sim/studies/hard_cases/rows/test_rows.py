@@ -80,7 +80,7 @@ def test_a_shallow_start_inside_is_resolved() -> None:
     path = LoadingPath(model, indenter)
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
     found = equilibrate(Problem(model, path.solver, indenter), state, options=NewtonOptions())
-    force = model.mesh.fold.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
+    force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
     assert force == pytest.approx(path.advance(0.5e-3).force_n[2], rel=1e-6)
     assert model.gaps(state.positions, indenter, state).min() > 0.0
 
