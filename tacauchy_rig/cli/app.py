@@ -11,7 +11,7 @@ import typer
 from tacauchy_rig import __version__
 from tacauchy_rig.cli import calibrate, config_commands, emulate, session
 from tacauchy_rig.cli.doctor import doctor
-from tacauchy_rig.cli.folders import export, replay, report
+from tacauchy_rig.cli.folders import export, recover, replay, report
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.plan import plan
 from tacauchy_rig.cli.press import press
@@ -34,7 +34,7 @@ app = typer.Typer(
 app.command("dry-run")(session.dry_run)
 app.command("run")(session.run)
 app.command("resume")(session.resume)
-app.command("recover")(session.recover)
+app.command("recover")(recover)
 app.command("replay")(replay)
 app.command("report")(report)
 app.command("export")(export)

@@ -18,7 +18,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.views import scored_geometry
+from tacauchy_rig.loop.opening import scored_geometry
 
 
 def scale(

@@ -12,7 +12,7 @@ from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import console, say, write_json
 from tacauchy_rig.config.load import example_text, load_config
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.replay_settings import check_replay
+from tacauchy_rig.loop.settings import check_replay
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and write rig.toml.")
 

@@ -7,13 +7,12 @@ from typing import Annotated
 import typer
 
 from drivers.checks import device_checks
-from drivers.emulators.launch import emulated_devices
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.doctor.host import host_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
-from tacauchy_rig.loop.replay_settings import replay_check
+from tacauchy_rig.loop.settings import replay_check
 
 _MARKS = {
     CheckStatus.OK: "ok  ",
@@ -40,7 +39,7 @@ def doctor(
         for check in device_checks(config):
             checks.append(check)
             _show(check)
-    if emulated_devices(config):
+    if config.has_emulated_devices:
         say("emulated devices are started by the run itself, so there is nothing to check of them")
     failed = [check for check in checks if check.status is CheckStatus.FAIL]
     say(f"{len(checks)} checks, {len(failed)} failed")

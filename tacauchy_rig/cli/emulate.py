@@ -20,7 +20,7 @@ from drivers.emulators.plant.ball_presses import (
 )
 from drivers.emulators.plant.truth import draw_truth
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulated_unit import emulated_unit
+from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, writable_folder, write_json
 from tacauchy_rig.config.load import load_config

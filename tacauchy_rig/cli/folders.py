@@ -1,18 +1,27 @@
-"""Commands on a run folder: ``replay``, ``report``, ``export``."""
+"""Commands on a run folder: ``replay``, ``report``, ``export``, ``recover``."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from reports.evidence.attempt import RunReading
+from sim.error.tolerance import Alternative, Tolerance
+from tacauchy_rig.cli.cost_lines import cost_lines
+from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.press_terms import parse_tolerance
-from tacauchy_rig.loop.replaying import read_run, replay_run, report_run
+from tacauchy_rig.loop.opening import open_run
+from tacauchy_rig.loop.replay import replay_run
+from tacauchy_rig.loop.report import report_run
+from tacauchy_rig.loop.settings import parse_tolerance
+from tacauchy_rig.run import Replay
 from tacauchy_rig.store.export import ExportKind, export_run
+from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 
@@ -29,14 +38,15 @@ def replay(
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the trials of a run again and write its report."""
-    run = read_run(RunStore.open(folder))
-    replay_run(run, tolerance=None if tolerance is None else parse_tolerance(tolerance))
-    _report(run, json_file)
+    run = open_run(folder)
+    kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
+    replay_and_show(run, tolerance=kept)
+    report_and_exit(run, json_file)
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
     """Write the report of a run again from what was recorded and replayed."""
-    _report(read_run(RunStore.open(folder)), json_file)
+    report_and_exit(open_run(folder), json_file)
 
 
 def export(
@@ -53,7 +63,63 @@ def export(
     write_json(json_file, {"files": written})
 
 
-def _report(run: RunReading, json_file: Path | None) -> None:
-    summary = report_run(run)
-    write_json(json_file, summary.content)
-    raise typer.Exit(0 if summary.passed else 1)
+def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
+    """Repair recordings that were cut off; the torn originals are kept beside them."""
+    RunStore.open(folder)
+    reports = recover_run(folder)
+    for report in reports:
+        say_recovered(report)
+    if not any(report.changed or report.problems for report in reports):
+        say(f"{folder}: every recording is whole")
+    write_json(json_file, {"recordings": reports})
+
+
+def say_recovered(report: RecoveryReport) -> None:
+    """Say what was mended of a recording, and what could not be."""
+    if report.changed:
+        merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
+        say(
+            f"{report.path}: was {report.before}; {report.message_count} messages readable"
+            f"{merged}; the original is kept as {report.original}"
+        )
+    for problem in report.problems:
+        say(f"{report.path}: {problem}")
+
+
+def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> None:
+    """Replay a run and say what its forces are worth."""
+    replay = replay_run(
+        run, tolerance=tolerance, calibrate=emulated_calibration(run.store), on_progress=say
+    )
+    _say_markers(replay.model["markers"])
+    _say_cost(replay)
+
+
+def report_and_exit(run: RunReading, json_file: Path | None) -> None:
+    """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
+    report, paths = report_run(run)
+    say(report.verdict)
+    say(f"report {paths.html.resolve()}")
+    write_json(json_file, json.loads(paths.summary.read_text("utf-8")))
+    raise typer.Exit(0 if report.passed else 1)
+
+
+def _say_cost(replay: Replay) -> None:
+    """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
+    facts = replay.model
+    worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
+    others = [Alternative(**other) for other in facts["alternatives"]]
+    error, cost = facts["force_error_largest_relative"], f"{facts['wall_s']:.1f} s"
+    for line in cost_lines(error, worst.force_error_basis, cost, others):
+        say(f"  {line}")
+
+
+def _say_markers(markers: Sequence[Mapping[str, Any]]) -> None:
+    for found in markers:
+        if found.get("tracked"):
+            say(
+                f"  markers of trial {found['trial']}: {found['tracked']} tracked, moved "
+                f"{found['recorded_largest_m'] * 1e3:.3f} mm at most, the simulated ones "
+                f"{found['simulated_largest_m'] * 1e3:.3f} mm; "
+                f"{found['apart_rms_m'] * 1e3:.3f} mm apart rms"
+            )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim.error.tolerance import Tolerance
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
@@ -13,7 +12,7 @@ from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
 from sim.sensor.pad_tables import tetwild_options_of
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
+from tacauchy_rig.quantities import Dimension, parse_quantity
 
 
 def parse_pad(text: str) -> Pad:
@@ -177,23 +176,6 @@ def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[floa
         for part in parts
     ]
     return values[0], values[1] if len(values) == 2 else 0.0
-
-
-def parse_tolerance(text: str, *, field: str = "--tolerance") -> Tolerance:
-    """Read ``0.02N`` or ``1%``; a number without a unit could be meant as either.
-
-    Raises:
-        ConfigError: Neither a force nor a share in percent, or not above zero.
-    """
-    parts = split_quantity(text)
-    unit = "" if parts is None else parts[1]
-    is_force = unit in UNITS[Dimension.FORCE]
-    if not is_force and unit != "%":
-        problem = "is no tolerance" if parts is None or unit else "has no unit"
-        raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
-    dimension = Dimension.FORCE if is_force else Dimension.RATIO
-    value = parse_quantity(text, dimension=dimension, field=field).value
-    return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 
 def parse_switch(text: str) -> tuple[Effect, bool]:

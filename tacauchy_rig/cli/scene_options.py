@@ -22,9 +22,9 @@ from tacauchy_rig.cli.press_terms import (
     parse_pair,
     parse_switch,
     parse_tetwild_options,
-    parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.settings import parse_tolerance
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 IndenterOption = Annotated[
@@ -169,7 +169,7 @@ def scene_of(terms: SceneTerms) -> Scene:
     )
     if terms.tolerance is None:
         return scene
-    tolerance = parse_tolerance(terms.tolerance)
+    tolerance = parse_tolerance(terms.tolerance, field="--tolerance")
     if terms.preset is None:
         return keeping(scene, tolerance)
     return replace(scene, tolerance=tolerance.of(expected_force(scene)))

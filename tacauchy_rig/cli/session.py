@@ -1,4 +1,4 @@
-"""Commands that press: ``dry-run``, ``run``, ``resume``; and ``recover`` after them."""
+"""Commands that press: ``dry-run``, ``run``, ``resume``."""
 
 from __future__ import annotations
 
@@ -13,24 +13,21 @@ import typer
 from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
 from drivers.emulators.plant.truth import TRUTH_FILE
 from protocols.confirmation import confirmation_screen, expected_answer
-from protocols.guard.abort import AbortWatch
 from protocols.processes.supervisor import SessionResult
-from protocols.session import run_session
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulated_unit import emulated_unit
-from tacauchy_rig.cli.missed import missed_lines
+from tacauchy_rig.cli.emulation import emulated_unit
+from tacauchy_rig.cli.folders import replay_and_show, report_and_exit, say_recovered
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
-from tacauchy_rig.cli.output import complain, console, say, write_json
+from tacauchy_rig.cli.output import complain, console, say
 from tacauchy_rig.cli.progress import SessionProgress
-from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
-from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
-from tacauchy_rig.loop.replay_settings import check_replay
-from tacauchy_rig.loop.replaying import read_run, replay_run, report_run
+from tacauchy_rig.loop.opening import open_run
+from tacauchy_rig.loop.record import create_run, missed_lines, record_run
+from tacauchy_rig.loop.settings import check_replay
 from tacauchy_rig.run import Outcome
-from tacauchy_rig.store.free_space import check_free_space
-from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
+from tacauchy_rig.store.recording.recover import recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 
@@ -76,51 +73,17 @@ def resume(
     if not press_only:
         check_replay(store.config)
     for mended in recover_run(folder):
-        _say_recovered(mended)
+        say_recovered(mended)
     _press_and_report(store, press_only=press_only, json_file=json_file)
-
-
-def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Repair recordings that were cut off; the torn originals are kept beside them."""
-    RunStore.open(folder)
-    reports = recover_run(folder)
-    for report in reports:
-        _say_recovered(report)
-    if not any(report.changed or report.problems for report in reports):
-        say(f"{folder}: every recording is whole")
-    write_json(json_file, {"recordings": reports})
-
-
-def _say_recovered(report: RecoveryReport) -> None:
-    if report.changed:
-        merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
-        say(
-            f"{report.path}: was {report.before}; {report.message_count} messages readable"
-            f"{merged}; the original is kept as {report.original}"
-        )
-    for problem in report.problems:
-        say(f"{report.path}: {problem}")
 
 
 def _new_run(loaded: LoadedConfig, text: str, *, press_only: bool, json_file: Path | None) -> None:
     config = loaded.config
     if not press_only:  # a wrong name here must not wait until six presses are done
         check_replay(config)
-    parent = Path(config.run.output_directory)
-    check_free_space(parent, config)
-    store = RunStore.create(
-        parent, loaded, config_text=text, simulated=_is_simulated(config), versions=versions()
-    )
+    store = create_run(loaded, text)
     say(f"run folder {store.paths.root}")
     _press_and_report(store, press_only=press_only, json_file=json_file)
-
-
-def _is_simulated(config: RigConfig) -> bool:
-    return (
-        config.robot.driver is not RobotDriver.UR5
-        or config.force_sensor.driver is not ForceSensorDriver.M3733C
-        or config.camera.driver is not CameraDriver.UVC
-    )
 
 
 def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | None) -> None:
@@ -134,11 +97,9 @@ def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | No
     if press_only:
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code)
-    recorded = read_run(store)
-    replay_run(recorded)
-    summary = report_run(recorded)
-    write_json(json_file, summary.content)
-    raise typer.Exit(0 if summary.passed else 1)
+    recorded = open_run(store.paths.root)
+    replay_and_show(recorded)
+    report_and_exit(recorded, json_file)
 
 
 def press(store: RunStore) -> SessionResult:
@@ -162,11 +123,8 @@ def press(store: RunStore) -> SessionResult:
             say(f"starting emulated {', '.join(sorted(chosen))}")
             addresses = emulation.start()
             shutil.copyfile(store.paths.emulation / TRUTH_FILE, store.paths.truth)
-        watch = stack.enter_context(AbortWatch())
         progress = stack.enter_context(SessionProgress(len(config.protocol.force_targets)))
-        return run_session(
-            store, with_addresses(config, addresses), on_event=progress, abort=watch.abort
-        )
+        return record_run(store, with_addresses(config, addresses), on_event=progress)
 
 
 def _confirm(config: RigConfig) -> None:

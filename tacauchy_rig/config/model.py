@@ -310,3 +310,21 @@ class RigConfig(Section):
     def moves_real_hardware(self) -> bool:
         """True when an arm that is not started by this program would move."""
         return self.robot.driver is RobotDriver.UR5
+
+    @property
+    def has_emulated_devices(self) -> bool:
+        """True when this program starts a stand-in for any of the three devices."""
+        return (
+            self.robot.driver is RobotDriver.EMULATED
+            or self.force_sensor.driver is ForceSensorDriver.EMULATED
+            or self.camera.driver is CameraDriver.EMULATED
+        )
+
+    @property
+    def is_simulated(self) -> bool:
+        """True when any of the three devices is emulated or mocked."""
+        return (
+            self.robot.driver is not RobotDriver.UR5
+            or self.force_sensor.driver is not ForceSensorDriver.M3733C
+            or self.camera.driver is not CameraDriver.UVC
+        )

@@ -8,7 +8,6 @@ import shutil
 import time
 from pathlib import Path
 
-from tacauchy_rig.cli.missed import MISSED
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
 from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase
@@ -16,6 +15,7 @@ from tacauchy_rig.fault_table.laboratory import FaultBench
 from tacauchy_rig.fault_table.observation import KILLED_EXIT_CODE, Observation, Resumed
 from tacauchy_rig.fault_table.record import acknowledged_messages, attempts_of, kept_messages
 from tacauchy_rig.fault_table.session import CommandProcess, WatchedRun
+from tacauchy_rig.loop.record import MISSED
 from tacauchy_rig.run import Phase
 from tacauchy_rig.store.run_store import RunStore
 

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from drivers.emulators.plant.ball_presses import (
-    BALL_DIAMETER_M,
-    CIRCLES,
-    NO_CONTACT,
-    POSITIONS,
-    write_ball_presses,
-)
-from drivers.emulators.plant.truth import read_truth
 from sim.optics.calibrate.blur import BLUR_PX
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
@@ -29,12 +21,19 @@ from sim.optics.render.grey_depth import GreyDepthModel
 from sim.optics.render.photometric.model import PhotometricModel, load_photometric
 from sim.optics.render.sensor_lamps import nominal_model, shadows_of
 from sim.optics.render.shadows.shadow import SHADOWS, ShadowCaster, read_shadows
+from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.cli.output import say
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.store.run_store import RunStore
 
+CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
 _SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
+
+Say = Callable[[str], None]
+"""Told of progress, a line of text each time."""
+
+
+def say_nothing(_: str) -> None:
+    """Take a line of progress and drop it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +46,12 @@ class OpticalCalibration:
     blur_px: float = 0.0
 
 
+Calibrate = Callable[[Sensor, Say], OpticalCalibration]
+"""Calibrates the optics of a sensor, telling of progress."""
+
+
 def calibrate_folder(
-    folder: Path, sensor: Sensor, nominal: CameraGeometry, *, ball_diameter_m: float
+    folder: Path, sensor: Sensor, *, ball_diameter_m: float, on_progress: Say = say_nothing
 ) -> OpticalCalibration:
     """Fit scale and optics to a folder of ball presses.
 
@@ -58,13 +61,15 @@ def calibrate_folder(
     Args:
         folder: ``circles.csv``, the images that it names, ``no_contact.png`` and, for the scale,
             ``positions.csv``.
-        sensor: Its pad is pressed in the simulator to know the gel around the ball.
-        nominal: The camera as the sensor's file has it; kept where there are no positions.
+        sensor: Its pad is pressed in the simulator to know the gel around the ball; the camera of
+            its file is kept where there are no positions.
         ball_diameter_m: Diameter of the ball [m].
+        on_progress: Told the scale that was found.
 
     Raises:
         ConfigError: A file is missing or damaged, or there are too few presses.
     """
+    nominal = camera_geometry(sensor)
     presses = read_ball_presses(folder, folder / CIRCLES)
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     unloaded = read_rgb(folder / NO_CONTACT)
@@ -77,7 +82,7 @@ def calibrate_folder(
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
         residual_px = fit.residual_px
-        say(
+        on_progress(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {known} presses"
         )
@@ -122,32 +127,51 @@ def _fit_scale(
     return fit, len(known)
 
 
-def optics_of(store: RunStore, sensor: Sensor, nominal: CameraGeometry) -> OpticalCalibration:
-    """Return how a run's images are rendered.
+def optics_of(
+    given: str, sensor: Sensor, *, calibrate: Calibrate | None = None, on_progress: Say
+) -> OpticalCalibration:
+    """Return how a sensor's images are rendered.
 
-    A configured calibration file wins; an emulated world is calibrated from ball presses on it;
-    without either the sensor's nominal lamps have to do, and the model's provenance says so.
+    A calibration file wins; without one the sensor is calibrated if there is a way to, or else
+    its file's nominal lamps have to do, and the model's provenance says so.
+
+    Args:
+        given: The calibration file, or nothing.
+        sensor: Its camera looks where its file says.
+        calibrate: How the sensor is calibrated without a file.
+        on_progress: Told of what is done.
 
     Raises:
         ConfigError: The calibration file is missing or damaged, or the sensor names no lamps.
     """
-    given = store.config.sensor.optics_calibration
     if given:
-        return calibrated_optics(given, nominal)
-    if store.paths.truth.exists():
-        return calibrate_emulated(store, sensor, nominal)
-    say("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+        return calibrated_optics(given, sensor)
+    if calibrate is not None:
+        return calibrate(sensor, on_progress)
+    on_progress("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+    return nominal_optics(sensor)
+
+
+def nominal_optics(sensor: Sensor) -> OpticalCalibration:
+    """Return the lamps that a sensor's file names, as they are without a calibration.
+
+    Raises:
+        ConfigError: The file names no lamps.
+    """
     return OpticalCalibration(
-        model=nominal_model(sensor), geometry=nominal, shadows=shadows_of(sensor)
+        model=nominal_model(sensor),
+        geometry=camera_geometry(sensor),
+        shadows=shadows_of(sensor),
     )
 
 
-def calibrated_optics(given: str, nominal: CameraGeometry) -> OpticalCalibration:
+def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
     """Return what a calibration file holds, for images that look where a sensor's file says.
 
     Raises:
         ConfigError: The file is missing or damaged, or is of images of another size or scale.
     """
+    nominal = camera_geometry(sensor)
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)
     blur_px = model.provenance.get(BLUR_PX, 0.0)
@@ -176,16 +200,3 @@ def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeo
                 f"sensor's file says {scale_m * 1e3:.4f} mm",
                 remedy="calibrate with this sensor's --scale, or correct the sensor's file",
             )
-
-
-def calibrate_emulated(
-    store: RunStore, sensor: Sensor, nominal: CameraGeometry
-) -> OpticalCalibration:
-    """Calibrate an emulated sensor the way a lab calibrates its own: from ball presses on it.
-
-    The presses know nothing of the six trials; of the emulated world only its images are used.
-    """
-    folder = store.paths.root / "calibration"
-    say("calibrating optics and scale from ball presses on the emulated sensor")
-    write_ball_presses(read_truth(store.paths.truth), folder)
-    return calibrate_folder(folder, sensor, nominal, ball_diameter_m=BALL_DIAMETER_M)

@@ -15,10 +15,11 @@ from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.markers.tracking import track_markers
+from sim.optics.render.nominal_renderer import GREY_LEVEL
 from sim.optics.render.render import TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.loop.optics import OpticalCalibration
+from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.store.replay_files import ReplayFields
 
 _SAMPLES = 2  # of a pixel, along rows and along columns
@@ -91,6 +92,21 @@ def image_of(
         blur_px=optics.blur_px,
     )
     return height_maps(surface, geometry, pad=sensor.pad), renderer.render(fine.loaded)
+
+
+class ReplayImages:
+    """Makes images of pressed surfaces without a recording: nominal optics over even grey."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._sensor = sensor
+        self._optics = nominal_optics(sensor)
+        geometry = self._optics.geometry
+        shape = (geometry.height, geometry.width, 3)
+        self._unloaded = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+
+    def __call__(self, surface: SurfaceState) -> ImageArray:
+        """Return the image of a pressed surface, RGB uint8, shape [height, width, 3]."""
+        return image_of(surface, self._sensor, self._optics, unloaded=self._unloaded)[1]
 
 
 def _compared(

@@ -35,7 +35,7 @@ from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, writable_folder, write_json
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.cli.studies.accuracy_page import OLD_PROMISES, PROMISES, study_name, write_page
-from tacauchy_rig.cli.versions import versions
+from tacauchy_rig.versions import versions
 
 _PROMISES = {
     PROMISES: (FRESH, promises.TITLE, ""),

@@ -10,10 +10,10 @@ from typing import Any
 from sim.studies.accuracy.study import error_bar
 from sim.studies.accuracy.tables import presets_section, seed_section
 from tacauchy_rig.cli.output import write_text
-from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table
+from tacauchy_rig.versions import machine, versions
 
 PROMISES, OLD_PROMISES = "promises.json", "promises-judged-before.json"
 _IMAGE = "accuracy.png"

@@ -26,10 +26,10 @@ from tacauchy_rig.cli.output import (
     write_text,
 )
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
-from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.loop.replay_images import ReplayImages
+from tacauchy_rig.loop.rendering import ReplayImages
 from tacauchy_rig.page import criteria_page
+from tacauchy_rig.versions import machine, versions
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 

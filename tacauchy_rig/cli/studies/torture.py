@@ -16,8 +16,8 @@ from sim.studies.hard_cases.page import markdown, shown_numbers, summary_line, v
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
 from tacauchy_rig.cli.studies.side_by_side import Jobs
-from tacauchy_rig.cli.versions import versions
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.versions import versions
 
 _PAGE = Path("docs/hard_cases.md")
 

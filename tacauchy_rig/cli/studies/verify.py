@@ -11,10 +11,10 @@ from sim.studies.verification.catalogue import ON_REQUEST, SECTIONS
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.cli.studies.side_by_side import Jobs, side_by_side
-from tacauchy_rig.cli.versions import machine, versions
 from tacauchy_rig.errors import ConfigError, RigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table
+from tacauchy_rig.versions import machine, versions
 
 _TITLE = "Verification of the simulator"
 _SOURCE = "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"

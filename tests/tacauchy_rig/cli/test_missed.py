@@ -10,8 +10,8 @@ import typer
 
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.cli import session
-from tacauchy_rig.cli.missed import missed_lines
 from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.loop.record import missed_lines
 from tacauchy_rig.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
 

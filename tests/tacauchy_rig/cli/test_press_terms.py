@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from sim.error.tolerance import Tolerance
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad
@@ -15,7 +14,6 @@ from tacauchy_rig.cli.press_terms import (
     parse_layer,
     parse_pad,
     parse_tetwild_options,
-    parse_tolerance,
 )
 from tacauchy_rig.errors import ConfigError
 
@@ -39,38 +37,6 @@ def test_disc_and_indenters() -> None:
     assert parse_indenter("plane") == Plane()
     assert parse_contact("bonded") == (ContactMode.BONDED, 0.0)
     assert parse_contact("friction:0.5") == (ContactMode.FRICTION, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("text", "tolerance"),
-    [
-        ("0.02N", Tolerance(force_n=0.02)),
-        ("20 mN", Tolerance(force_n=0.02)),
-        ("1%", Tolerance(relative=0.01)),
-        (" 0.5 % ", Tolerance(relative=0.005)),
-    ],
-)
-def test_tolerances_are_forces_or_shares(text: str, tolerance: Tolerance) -> None:
-    """The unit says which."""
-    assert parse_tolerance(text) == tolerance
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("1", '"1" has no unit'),
-        ("0.01", '"0.01" has no unit'),
-        ("1 mm", '"1 mm" is no tolerance'),
-        ("small", '"small" is no tolerance'),
-        ("0,5%", '"0,5%" is no tolerance'),
-    ],
-)
-def test_a_tolerance_needs_its_unit(text: str, problem: str) -> None:
-    """One could be meant as newtons or percent, and would be all of the force."""
-    with pytest.raises(ConfigError) as caught:
-        parse_tolerance(text, field="replay.tolerance")
-    assert caught.value.message == f"replay.tolerance: {problem}"
-    assert caught.value.remedy == "give 0.02N or 1%"
 
 
 @pytest.mark.parametrize(

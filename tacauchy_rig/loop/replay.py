@@ -1,32 +1,24 @@
-"""From a recorded run to its replay, and from there to the report."""
+"""From a recorded run to its replay: the simulator presses until it meets each measured force."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-from reports.comparison import compare
 from reports.evidence.attempt import AttemptReading, RunReading
-from reports.evidence.loading import load_evidence
 from reports.modulus import ModulusFit, fit_modulus
-from reports.page.writing import write_report
 from reports.scores.force_agreement import merge_histories
-from sim.error.tolerance import Alternative, Tolerance
+from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.optics.sensor_camera import camera_geometry
 from sim.replay import replay_forces
-from sim.scene.indenter import Indenter
 from sim.scene.material import Material
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.cli.cost_lines import cost_lines
-from tacauchy_rig.cli.output import say
 from tacauchy_rig.config.model import ModulusSource, RigConfig
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.loop.optics import OpticalCalibration, optics_of
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.rendering import render_trial
-from tacauchy_rig.loop.replay_settings import (
+from tacauchy_rig.loop.settings import (
     check_optics,
     drive_of,
     indenter_of,
@@ -34,31 +26,26 @@ from tacauchy_rig.loop.replay_settings import (
     sensor_of,
     tolerance_of,
 )
-from tacauchy_rig.loop.views import scored_geometry
 from tacauchy_rig.run import Replay, TrialRecord
-from tacauchy_rig.store.run_store import RunStore
 
 REPLAY_NAME = "force-matched"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
-    """What a report found: its ``summary.json``, and whether every criterion was met."""
-
-    content: dict[str, Any]
-    passed: bool
-
-
-def read_run(store: RunStore) -> RunReading:
-    """Return what replay and report read of a run; each recording is opened once for both."""
-    return RunReading(store, scored_geometry(sensor_of(store.config)))
-
-
-def replay_run(run: RunReading, *, tolerance: Tolerance | None = None) -> Replay:
+def replay_run(
+    run: RunReading,
+    *,
+    tolerance: Tolerance | None = None,
+    calibrate: Calibrate | None = None,
+    on_progress: Say = say_nothing,
+) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
     Args:
+        run: The run; the replay is written into its folder.
         tolerance: Take the cheapest preset that keeps it, whatever is configured.
+        calibrate: How the sensor is calibrated where the run's configuration names no calibration
+            file; its file's nominal lamps do without it.
+        on_progress: Told of every step.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -66,32 +53,32 @@ def replay_run(run: RunReading, *, tolerance: Tolerance | None = None) -> Replay
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    sensor, indenter = sensor_of(config), indenter_of(config)
+    sensor = sensor_of(config)
     check_optics(config, sensor)
     attempts = _measured_attempts(run)
     records = [attempt.record for attempt in attempts]
-    say(f"replaying {len(records)} trials")
-    replay, fields = _replayed(config, sensor, indenter, records, tolerance)
-    stated, fit = replay, _modulus_of(config, records, replay)
+    on_progress(f"replaying {len(records)} trials")
+    replay, fields = _replayed(config, sensor, records, tolerance, on_progress)
+    stated, fit = replay, _modulus_of(config, records, replay, on_progress)
     if fit is not None:
         sensor = _stiffened(sensor, fit.factor)
-        say(
+        on_progress(
             f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
             f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
         )
-        replay, fields = _replayed(config, sensor, indenter, records, tolerance)
+        replay, fields = _replayed(config, sensor, records, tolerance, on_progress)
     trials = tuple(
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    optics = optics_of(store, sensor, camera_geometry(sensor))
+    optics = optics_of(
+        config.sensor.optics_calibration, sensor, calibrate=calibrate, on_progress=on_progress
+    )
     rendered = {
         attempt.record.index: render_trial(attempt, sensor, trial_fields, optics)
         for attempt, trial_fields in zip(attempts, fields, strict=True)
     }
     markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
-    _say_markers(markers)
-    _say_cost(replay)
     facts = {
         **replay.model,
         **_stated_facts(sensor, optics),
@@ -106,25 +93,25 @@ def replay_run(run: RunReading, *, tolerance: Tolerance | None = None) -> Replay
 def _replayed(
     config: RigConfig,
     sensor: Sensor,
-    indenter: Indenter,
     records: Sequence[TrialRecord],
     tolerance: Tolerance | None,
+    on_progress: Say,
 ) -> tuple[Replay, list[TrialFields]]:
     return replay_forces(
         sensor,
-        indenter,
+        indenter_of(config),
         [record.force_measured_n or 0.0 for record in records],
         preset=preset_of(config),
         tolerance=tolerance or tolerance_of(config),
         drive=drive_of(config),
         tolerance_n=config.replay.force_tolerance,
         name=REPLAY_NAME,
-        on_progress=lambda _, text: say(f"  {text}"),
+        on_progress=lambda _, text: on_progress(f"  {text}"),
     )
 
 
 def _modulus_of(
-    config: RigConfig, records: Sequence[TrialRecord], replay: Replay
+    config: RigConfig, records: Sequence[TrialRecord], replay: Replay, on_progress: Say
 ) -> ModulusFit | None:
     """Return what the gel's modulus is to be multiplied by, where the run's depths decide it."""
     given = config.replay
@@ -133,7 +120,7 @@ def _modulus_of(
     curve = merge_histories([trial.force_history for trial in replay.trials])
     fit = fit_modulus(records, curve, contact_force_n=config.protocol.contact_force)
     if fit is None:
-        say("  too few depths were measured to tell the modulus: the stated one is taken")
+        on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
     return fit
 
 
@@ -158,27 +145,6 @@ def _modulus_facts(fit: ModulusFit | None, stated: Replay) -> dict[str, Any]:
     }
 
 
-def _say_cost(replay: Replay) -> None:
-    """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
-    facts = replay.model
-    worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
-    others = [Alternative(**other) for other in facts["alternatives"]]
-    error, cost = facts["force_error_largest_relative"], f"{facts['wall_s']:.1f} s"
-    for line in cost_lines(error, worst.force_error_basis, cost, others):
-        say(f"  {line}")
-
-
-def _say_markers(markers: Sequence[Mapping[str, Any]]) -> None:
-    for found in markers:
-        if found.get("tracked"):
-            say(
-                f"  markers of trial {found['trial']}: {found['tracked']} tracked, moved "
-                f"{found['recorded_largest_m'] * 1e3:.3f} mm at most, the simulated ones "
-                f"{found['simulated_largest_m'] * 1e3:.3f} mm; "
-                f"{found['apart_rms_m'] * 1e3:.3f} mm apart rms"
-            )
-
-
 def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
     uncertainty, source = sensor.young_uncertainty()
     return {
@@ -189,18 +155,6 @@ def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
         "image_centre_m": optics.geometry.centre_from_middle_m,
         "scale_y_m_px": optics.geometry.scale_y_m,
     }
-
-
-def report_run(run: RunReading, *, name: str = REPLAY_NAME) -> Summary:
-    """Write the report of a run and say where it is."""
-    store = run.store
-    replay = store.load_replay(name) if name in store.replays() else None
-    report = compare(load_evidence(run, replay))
-    paths = write_report(report, store.paths.report)
-    say(report.verdict)
-    say(f"report {paths.html.resolve()}")
-    content = json.loads(paths.summary.read_text("utf-8"))
-    return Summary(content=content, passed=report.passed)
 
 
 def _measured_attempts(run: RunReading) -> list[AttemptReading]:

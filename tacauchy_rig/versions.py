@@ -1,4 +1,4 @@
-"""Versions of everything that a result depends on."""
+"""Versions of everything that a result depends on, and the machine that it was made on."""
 
 from __future__ import annotations
 
@@ -23,19 +23,26 @@ _DISTRIBUTIONS = (
 )
 
 
-def versions() -> dict[str, str]:
-    """Return name and version of the program, its numerical libraries and device clients."""
-    found = {
-        "tacauchy-rig": __version__,
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-    }
-    for name in _DISTRIBUTIONS:
+def installed(*distributions: str) -> dict[str, str]:
+    """Return the version of Python and of each distribution, ``absent`` where there is none."""
+    found = {"python": platform.python_version()}
+    for name in distributions:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             found[name] = "absent"
     return found
+
+
+def versions() -> dict[str, str]:
+    """Return name and version of the program, its numerical libraries and device clients."""
+    libraries = installed(*_DISTRIBUTIONS)
+    return {
+        "tacauchy-rig": __version__,
+        "python": libraries.pop("python"),
+        "platform": platform.platform(),
+        **libraries,
+    }
 
 
 def machine() -> str:

@@ -1,4 +1,4 @@
-"""What the emulators need to know of a sensor's file to stand in for such a sensor."""
+"""An emulated sensor as its file says, and its calibration from ball presses on it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ import math
 
 import numpy as np
 
+from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_presses
 from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.truth import read_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
 from sim.scene.pad import BoxPad
 from sim.sensor.optics_tables import OpticsKind
 from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
+from tacauchy_rig.store.run_store import RunStore
 
 
 def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
@@ -82,3 +86,21 @@ def _dome_radius(sensor: Sensor) -> float:
         return math.inf
     curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
     return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
+
+
+def emulated_calibration(store: RunStore) -> Calibrate | None:
+    """Return how a run's emulated sensor is calibrated; None where a real sensor was pressed.
+
+    It is done the way a lab calibrates its own, from ball presses on it. The presses know nothing
+    of the trials; of the emulated world only its images are used.
+    """
+    if not store.paths.truth.exists():
+        return None
+
+    def calibrate(sensor: Sensor, say: Say) -> OpticalCalibration:
+        folder = store.paths.root / "calibration"
+        say("calibrating optics and scale from ball presses on the emulated sensor")
+        write_ball_presses(read_truth(store.paths.truth), folder)
+        return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M, on_progress=say)
+
+    return calibrate

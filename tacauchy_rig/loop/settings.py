@@ -6,20 +6,18 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TypeVar
 
-from drivers.emulators.launch import emulated_devices
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.optics.render.sensor_lamps import nominal_model
-from sim.optics.sensor_camera import camera_geometry
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Preset
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.cli.press_terms import parse_tolerance
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.doctor.result import CheckResult, failed, passed
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import calibrated_optics
+from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
@@ -60,9 +58,9 @@ def check_optics(config: RigConfig, sensor: Sensor) -> str:
     """
     given = config.sensor.optics_calibration
     if given:
-        calibrated_optics(given, camera_geometry(sensor))
+        calibrated_optics(given, sensor)
         return f"optics from {given}"
-    if emulated_devices(config):
+    if config.has_emulated_devices:
         return "optics calibrated on the emulated sensor"
     nominal_model(sensor)
     return "nominal optics of the sensor's file, not calibrated"
@@ -113,6 +111,23 @@ def tolerance_of(config: RigConfig) -> Tolerance | None:
     """
     text = config.replay.tolerance
     return None if text is None else parse_tolerance(text, field="replay.tolerance")
+
+
+def parse_tolerance(text: str, *, field: str) -> Tolerance:
+    """Read ``0.02N`` or ``1%``; a number without a unit could be meant as either.
+
+    Raises:
+        ConfigError: Neither a force nor a share in percent, or not above zero.
+    """
+    parts = split_quantity(text)
+    unit = "" if parts is None else parts[1]
+    is_force = unit in UNITS[Dimension.FORCE]
+    if not is_force and unit != "%":
+        problem = "is no tolerance" if parts is None or unit else "has no unit"
+        raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
+    dimension = Dimension.FORCE if is_force else Dimension.RATIO
+    value = parse_quantity(text, dimension=dimension, field=field).value
+    return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 
 def drive_of(config: RigConfig) -> Drive:

@@ -1,0 +1,84 @@
+"""Make a run and press it: every trial without a passed attempt is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from protocols.guard.abort import AbortWatch
+from protocols.processes.supervisor import SessionResult
+from protocols.session import run_session
+from tacauchy_rig.config.load import LoadedConfig
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.run import Criterion, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.store.free_space import check_free_space
+from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.versions import versions
+
+MISSED = "missed: "
+
+
+def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
+    """Make a run's folder where its configuration says.
+
+    Args:
+        loaded: The configuration.
+        config_text: Its file as it was written, kept in the folder.
+
+    Raises:
+        RecordError: The folder cannot be made, or has no room for the recordings.
+    """
+    config = loaded.config
+    parent = Path(config.run.output_directory)
+    check_free_space(parent, config)
+    return RunStore.create(
+        parent,
+        loaded,
+        config_text=config_text,
+        simulated=config.is_simulated,
+        versions=versions(),
+    )
+
+
+def record_run(
+    store: RunStore,
+    config: RigConfig | None = None,
+    *,
+    on_event: Callable[[JournalEvent], None],
+) -> SessionResult:
+    """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
+
+    A real arm moves. Nothing here asks whether it may.
+
+    Args:
+        store: The run, new or begun.
+        config: The run's own, unless addresses of emulated devices are filled in.
+        on_event: Told of every journal event, and of ``progress`` five times a second, in this
+            thread.
+
+    Raises:
+        RecordError: Another program works on the run.
+        DeviceError: Devices did not connect; all of them are named.
+    """
+    with AbortWatch() as watch:
+        return run_session(store, config or store.config, on_event=on_event, abort=watch.abort)
+
+
+def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
+    """Yield a line for each criterion that the last attempt at a trial missed.
+
+    It names the trial, the criterion, what was measured, what was asked, and what to do.
+    """
+    for record in records:
+        if record.outcome is not Outcome.FAILED:
+            continue
+        tries = f", attempt {record.attempt}" if record.attempt > 1 else ""
+        for criterion in record.criteria:
+            if not criterion.passed:
+                yield f"{MISSED}trial {record.index}{tries}: {_told(criterion)}"
+
+
+def _told(criterion: Criterion) -> str:
+    measured = f"{criterion.measured:.4g} {criterion.unit}".rstrip()
+    text = f"{criterion.name} is {measured}, asked: {criterion.limit}"
+    return f"{text} -> {criterion.remedy}" if criterion.remedy else text
