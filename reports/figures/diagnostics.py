@@ -10,7 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
-from reports.figures.style import (
+from reports.figures.trials import label_forces
+from reports.results import TrialResult, ValidationReport
+from reports.scores.contact import ContactScores
+from tacauchy_rig.figure_style import (
     BLUE,
     COLUMN_IN,
     GREEN,
@@ -21,9 +24,6 @@ from reports.figures.style import (
     letter,
     new_figure,
 )
-from reports.figures.trials import label_forces
-from reports.results import TrialResult, ValidationReport
-from reports.scores.contact import ContactScores
 
 STREAMS = {"force": ("Force", BLUE), "image": ("Images", ORANGE), "arm": ("Arm", GREEN)}
 

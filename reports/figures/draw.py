@@ -14,8 +14,8 @@ from reports.figures.forces import draw_force_depth, draw_time_curves
 from reports.figures.images import draw_images
 from reports.figures.matrices import draw_matrices
 from reports.figures.scores import draw_errors, draw_similarities
-from reports.figures.style import STYLE, save
 from reports.results import ValidationReport
+from tacauchy_rig.figure_style import STYLE, save_figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ def draw_figures(report: ValidationReport, folder: Path) -> list[DrawnFigure]:
     with mpl.rc_context(STYLE):
         for plan in _PLANS:
             if plan.wanted(report):
-                save(plan.draw(report), folder, plan.name)
+                save_figure(plan.draw(report), folder, plan.name)
                 drawn.append(DrawnFigure(name=plan.name, caption=plan.caption))
     return drawn
 

@@ -10,9 +10,18 @@ from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
 from reports.evidence.evidence import Curve, TrialEvidence
-from reports.figures.style import BLUE, COLUMN_IN, GREEN, GREY, LIGHT, ORANGE, PAGE_IN, new_figure
 from reports.figures.trials import force_label, shown
 from reports.results import TrialResult, ValidationReport
+from tacauchy_rig.figure_style import (
+    BLUE,
+    COLUMN_IN,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PAGE_IN,
+    new_figure,
+)
 
 MAX_POINTS = 1500
 MARGIN_S = 1.5

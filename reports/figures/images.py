@@ -9,9 +9,9 @@ from matplotlib.image import AxesImage
 
 from reports.arrays import FloatArray
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
-from reports.figures.style import GREY, PAGE_IN, new_figure
 from reports.figures.trials import shown
 from reports.scores.metrics import to_grey
+from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
 
 ROWS = ("Real", "Simulated", "Difference")
 SCALE_BAR_M = 5e-3

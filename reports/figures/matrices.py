@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from reports.figures.style import GREY, INK, ORANGE, PAGE_IN, new_figure
 from reports.results import ValidationReport
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import Metric
+from tacauchy_rig.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure
 
 TITLES = {
     Metric.SSIM.value: "SSIM",

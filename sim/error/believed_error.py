@@ -1,6 +1,6 @@
 """What is believed about the error of F_z on a mesh, from presses that were measured.
 
-``sim.studies.accuracy.preset_errors`` presses a few scenes with every setting and on finer meshes,
+``sim.studies.accuracy.force_error_table`` presses scenes with every setting and on finer meshes,
 lays a fit through what it finds (``sim.error.fit``) and writes both to a file that ships with the
 program. A scene outside what was measured gets no number here: ``sim.force_error_estimate`` presses
 it again on coarser meshes.

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from sim.mesh.elements import ElementOrder
 from sim.scene.scene import Effect, Preset, Scene
 from sim.solve.newton import NewtonOptions
+from sim.studies.accuracy.force_limit import COARSENING
 
 PAPER_BARRIER_M = 1e-3
-REFERENCE_COARSENING = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +67,7 @@ def coarser(reference: Configuration) -> Configuration:
     return replace(
         reference,
         name=f"{reference.name}, coarser",
-        refinement=reference.refinement / REFERENCE_COARSENING,
+        refinement=reference.refinement / COARSENING,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from sim.force_error_estimate import error_order
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.scene import Preset, Scene
-from sim.studies.accuracy.configurations import REFERENCE_COARSENING, Configuration, coarser
-from sim.studies.accuracy.force_limit import extrapolated
+from sim.studies.accuracy.configurations import Configuration, coarser
+from sim.studies.accuracy.force_limit import COARSENING, extrapolated
 from sim.studies.accuracy.mesh_chance import (
     MeasuredChance,
     MeshKey,
@@ -48,16 +48,16 @@ class Row:
     """
 
     configuration: Configuration
-    errors: dict[str, float]
-    chances: dict[str, float]
-    zncc_contact: float
-    setup_s: float
-    solve_s: float
-    cpu_s: float
-    steps: int
-    newton_iterations: int
-    tet_count: int
-    node_count: int
+    errors: dict[str, float] = field(default_factory=dict)
+    chances: dict[str, float] = field(default_factory=dict)
+    zncc_contact: float = np.nan
+    setup_s: float = np.nan
+    solve_s: float = np.nan
+    cpu_s: float = np.nan
+    steps: int = 0
+    newton_iterations: int = 0
+    tet_count: int = 0
+    node_count: int = 0
     on_front: bool = False
     failure: str = ""
 
@@ -192,10 +192,9 @@ class _Judge:
         self._image = render(exact.maps)
         self._force, self._depth = exact.force_n, exact.depth_m
         drift, _ = self.errors(coarse)
-        first = 1.0 / (REFERENCE_COARSENING**_ORDER_LOW - 1.0)
-        share = 1.0 / (REFERENCE_COARSENING**order - 1.0)
-        force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, share=share)
-        depth = extrapolated(self._depth, coarse.depth_m, share=share)
+        first = 1.0 / (COARSENING**_ORDER_LOW - 1.0)
+        force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, order=order)
+        depth = extrapolated(self._depth, coarse.depth_m, order=order)
         self._force, self._depth = force.force_n, depth.force_n
         self.bars = {name: first * abs(error) for name, error in drift.items()}
         self.bars |= {"force": force.doubt, "depth": depth.doubt}
@@ -220,7 +219,6 @@ class _Judge:
         return Row(
             configuration=found.configuration,
             errors=errors,
-            chances={},
             zncc_contact=zncc,
             setup_s=found.setup_s,
             solve_s=found.solve_s,
@@ -238,20 +236,7 @@ def _row(
     try:
         return judge.row(observe(scene, configuration, geometry))
     except RigError as error:
-        return Row(
-            configuration=configuration,
-            errors={},
-            chances={},
-            zncc_contact=np.nan,
-            setup_s=np.nan,
-            solve_s=np.nan,
-            cpu_s=np.nan,
-            steps=0,
-            newton_iterations=0,
-            tet_count=0,
-            node_count=0,
-            failure=error.message,
-        )
+        return Row(configuration=configuration, failure=error.message)
 
 
 def _with_front(rows: Sequence[Row]) -> tuple[Row, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim.studies.bench.batches import BALANCE
 from sim.studies.bench.frames import FORCE_ERROR_MAX
-from sim.studies.bench.growth import exponent
+from sim.studies.bench.press_parts import exponent
 from sim.studies.bench.suite import Bench
 from tacauchy_rig.tables import Table
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,20 +12,100 @@ import warp as wp
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pad import batch_model
+from sim.batch.phases import ADVANCE_SEARCH, EVALUATE, SEARCH, START
 from sim.batch.pilot import Pilot
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.bench.batch_parts import BatchPartsRow, StressTimes, batch_parts, stress_times
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
 
+_LAUNCHES = 50
+# Any but zero, which would be no work on the CPU.
+_SOURCE = 1e-3
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
 BALANCE = 1e-5
 # Two for every frame: one is at each frame's depth, for which the first environment is made.
 _PILOTS = 40
-_REPEATS = 3
+_PRESSES = 3
 # The environments after the first differ by so much in modulus, and are pressed so much less deep.
 _SPREAD = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchPartsRow:
+    """Times of a tick's launches, all environments doing the same.
+
+    Attributes:
+        doing: Evaluating forces, or searching by conjugate gradients.
+        parts_s: Of each launch [s].
+    """
+
+    environments: int
+    doing: str
+    parts_s: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StressTimes:
+    """What the stress on the surface of all environments takes (paper, Algorithm 1).
+
+    Attributes:
+        face_count: Faces of an environment.
+        device_s: From displacements to stresses, both on the device [s].
+        host_s: The same with its launch from the host and the copy to the host's memory [s].
+    """
+
+    face_count: int
+    device_s: float
+    host_s: float
+
+
+def stress_times(batch: Batch, *, repeats: int = _LAUNCHES) -> StressTimes:
+    """Time taking the stress off the last press; the shortest of the ways to the host."""
+    extraction = batch.tick.stress
+    device_s = _time_of(extraction.launch, device=batch.device, repeats=repeats)
+    fetched = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        batch.surface_stresses()
+        fetched.append(time.perf_counter() - started)
+    return StressTimes(face_count=extraction.face_count, device_s=device_s, host_s=min(fetched))
+
+
+def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> list[BatchPartsRow]:
+    """Time the launches of a tick on the untouched gel; the batch is reset."""
+    rows = []
+    for doing, phase, act in (("forces", EVALUATE, START), ("search", SEARCH, ADVANCE_SEARCH)):
+        parts = {}
+        for name, launch in batch.tick.launches.items():
+            batch.tick.reset()
+            progress = batch.tick.progress
+            progress.phase.fill_(phase)
+            progress.act.fill_(act)
+            batch.tick.sources.fill_(_SOURCE)
+            parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
+        rows.append(BatchPartsRow(environments=len(batch.environments), doing=doing, parts_s=parts))
+    batch.tick.reset()
+    return rows
+
+
+def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
+    """Return the mean time of a launch [s]; on a GPU from one graph of them all."""
+    launch()
+    if device == "cpu":
+        started = time.perf_counter()
+        for _ in range(repeats):
+            launch()
+        return (time.perf_counter() - started) / repeats
+    with wp.ScopedCapture(device=device) as capture:
+        for _ in range(repeats):
+            launch()
+    wp.capture_launch(capture.graph)
+    wp.synchronize_device(device)
+    started = time.perf_counter()
+    wp.capture_launch(capture.graph)
+    wp.synchronize_device(device)
+    return (time.perf_counter() - started) / repeats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +206,7 @@ def environments(scene: Scene, count: int) -> list[Environment]:
 def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device: str) -> BatchRow:
     batch = Batch(pilot, chosen, options=BatchOptions(residual_relative=BALANCE), device=device)
     batch.prepare()
-    results = [batch.press() for _ in range(_REPEATS)]
+    results = [batch.press() for _ in range(_PRESSES)]
     found = min(results, key=lambda result: result.wall_s)
     return BatchRow(
         device=wp.get_device(device).name if device != "cpu" else device,

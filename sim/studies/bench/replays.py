@@ -11,7 +11,7 @@ from sim.optics.camera_geometry import ImageArray
 from sim.replay import replay_forces
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.memory import peak_memory_mib
+from sim.studies.bench.frames import peak_memory_mib
 
 FORCE_ERROR_MAX = 0.02
 TIME_MAX_S = 20.0

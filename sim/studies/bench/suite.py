@@ -18,13 +18,11 @@ from sim.studies.bench.batches import (
     exact_force,
     measure_batches,
 )
-from sim.studies.bench.frames import TRAVEL_M, FrameRow, travels
-from sim.studies.bench.growth import GrowthRow, growth
-from sim.studies.bench.peer.rows import PeerRow, measure_libuipc, why_no_libuipc
-from sim.studies.bench.phases import PhaseRow, Render, phases
+from sim.studies.bench.frames import TRAVEL_M, FrameRow, ReuseRow, measure_reuse, travels
+from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
+from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, part_times
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
-from sim.studies.bench.reuse import ReuseRow, measure_reuse
 
 PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
@@ -69,7 +67,7 @@ class Bench:
     reuse: tuple[ReuseRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
     peers: tuple[PeerRow, ...] = ()
-    phases: tuple[PhaseRow, ...] = ()
+    phases: tuple[PartRow, ...] = ()
     rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
@@ -116,12 +114,12 @@ def run_bench(
     if Part.REUSE in parts:
         on_progress("what reuse saves")
         reuse += measure_reuse(scene, forces_n)
-    phase_rows: list[PhaseRow] = []
+    part_rows: list[PartRow] = []
     replays: list[ReplayRow] = []
     for preset in presets:
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")
-            phase_rows += phases(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
+            part_rows += part_times(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
             replays.append(measure_replay(scene, preset, forces_n, image_of))
@@ -140,7 +138,7 @@ def run_bench(
         reuse=tuple(reuse),
         batches=tuple(batches),
         peers=tuple(peers),
-        phases=tuple(phase_rows),
+        phases=tuple(part_rows),
         rendering=tuple(rendering),
         replays=tuple(replays),
         growth=tuple(grown),

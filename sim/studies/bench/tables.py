@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from sim.studies.bench.batch_tables import TIMES, batches_section, parts_section, stress_section
 from sim.studies.bench.frames import CLOSE, FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
-from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
-from sim.studies.bench.peer.table import peer_section
+from sim.studies.bench.peer.comparison import peer_section
+from sim.studies.bench.press_parts import EXPONENT_WANTED, exponent, local_exponents
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S

@@ -19,11 +19,12 @@ from matplotlib.tri import Triangulation
 
 from sim.arrays import FloatArray, IntArray
 from sim.fields.section import Section, cut
-from sim.studies.figure_page import INK, MM, PAGE_IN, STEEL, STYLE, save_figure
 from sim.studies.modes.maps import SurfaceMaps, surface_maps, traction_arrows
 from sim.studies.modes.runs import ModeRun
+from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
-_KPA = 1e-3
+_STEEL = "#C9CED6"
+_MM, _KPA = 1e3, 1e-3
 _SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
 _ARROW_MIN_SHARE = 5e-3
 _TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
@@ -52,9 +53,9 @@ def draw_modes(
         _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
         return f"{_TITLES[run.name]}, {run.travel}"
 
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(FRAMED_STYLE):
         figure = _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
-        return save_figure(figure, folder, page_folder, "contact_modes")
+        return save_figure(figure, folder, "contact_modes", page_folder=page_folder)
 
 
 def draw_sensors(
@@ -77,9 +78,9 @@ def draw_sensors(
         _draw_traction(row[3], run, maps)
         return f"{run.sensor.title}, {run.travel}, {len(run.path.model.elements)} tetrahedra"
 
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(FRAMED_STYLE):
         figure = _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
-        return save_figure(figure, folder, page_folder, "three_sensors")
+        return save_figure(figure, folder, "three_sensors", page_folder=page_folder)
 
 
 def _drawn(
@@ -108,7 +109,7 @@ def _reach(run: ModeRun) -> float:
     contact = run.point.equilibrium.contact
     touched = np.any(contact.forces != 0.0, axis=2)
     arms = (contact.points - run.point.state.tip)[touched][:, :2]
-    return float(1.5 * np.linalg.norm(arms, axis=1).max() * MM)
+    return float(1.5 * np.linalg.norm(arms, axis=1).max() * _MM)
 
 
 def _draw_section(
@@ -126,8 +127,8 @@ def _draw_section(
     _draw_interfaces(axes, section)
     _draw_indenter(axes, run)
     reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
-    tip = run.point.state.tip * MM
-    height = run.path.model.height_m * MM
+    tip = run.point.state.tip * _MM
+    height = run.path.model.height_m * _MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(0.0, 1.35 * height)
     axes.set_aspect("equal")
@@ -145,7 +146,7 @@ def _draw_interfaces(axes: Axes, section: Section) -> None:
     upper = section.triangles[section.layers != section.layers.min()].reshape(-1)
     shared = set(map(tuple, points[upper]))
     edges = [
-        section.points_m[[a, b]] * MM
+        section.points_m[[a, b]] * _MM
         for triangle in lower
         for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
         if tuple(points[a]) in shared and tuple(points[b]) in shared
@@ -163,13 +164,13 @@ def _draw_indenter(axes: Axes, run: ModeRun) -> None:
     x = np.concatenate([x, x[[-1, 0]]]) + tip[0]
     z = np.concatenate([below + tip[2], [top, top]])
     axes.add_patch(
-        Polygon(np.column_stack([x, z]) * MM, facecolor=STEEL, edgecolor=INK, linewidth=0.6)
+        Polygon(np.column_stack([x, z]) * _MM, facecolor=_STEEL, edgecolor=INK, linewidth=0.6)
     )
 
 
 def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
     """Draw the elements' faces on the whole contact surface, seen along z."""
-    corners = maps.points_m[maps.corner_faces][..., :2] * MM
+    corners = maps.points_m[maps.corner_faces][..., :2] * _MM
     axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=INK, lw=0.2))
     low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
     axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
@@ -181,28 +182,28 @@ def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
 
 def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
     _draw_map(axes, run, maps, maps.pressure_pa * _KPA, "$-p_n$ (kPa)")
-    x, y = np.array(run.signature.centre_m) * MM + run.point.state.tip[:2] * MM
+    x, y = np.array(run.signature.centre_m) * _MM + run.point.state.tip[:2] * _MM
     axes.plot([x], [y], marker="+", color="white", markersize=6, markeredgewidth=1.0)
 
 
 def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
     size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
     _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
-    pitch = _reach(run) / MM / 6.0
+    pitch = _reach(run) / _MM / 6.0
     places, arrows = traction_arrows(run.point, pitch_m=pitch)
     sizes = np.linalg.norm(arrows, axis=1)
     shown = sizes > _ARROW_MIN_SHARE * sizes.max()
     # The root of the size, so that the middle is seen beside the rim.
     lengths = arrows[shown] / np.sqrt(sizes[shown] * sizes.max())[:, None]
     axes.quiver(
-        *(places[shown].T * MM),
+        *(places[shown].T * _MM),
         *lengths.T,
         color="white",
         edgecolor=INK,
         linewidth=0.25,
         angles="xy",
         scale_units="xy",
-        scale=1.0 / (1.2 * pitch * MM),
+        scale=1.0 / (1.2 * pitch * _MM),
         pivot="mid",
         width=0.014,
         headwidth=3.2,
@@ -221,7 +222,7 @@ def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, n
         vmax=float(np.quantile(values[values > 0.0], 0.99)),
         rasterized=True,
     )
-    reach, tip = _reach(run), run.point.state.tip * MM
+    reach, tip = _reach(run), run.point.state.tip * _MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(tip[1] - reach, tip[1] + reach)
     axes.set_aspect("equal")
@@ -231,7 +232,7 @@ def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, n
 
 
 def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:
-    return Triangulation(points_m[:, 0] * MM, points_m[:, 1] * MM, triangles)
+    return Triangulation(points_m[:, 0] * _MM, points_m[:, 1] * _MM, triangles)
 
 
 def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:

@@ -20,9 +20,10 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from sim.arrays import FloatArray
 from sim.optics.camera_geometry import CameraGeometry
 from sim.scene.triangle_surface import TriangleSurface
-from sim.studies.figure_page import INK, MM, PAGE_IN, STYLE, save_figure
 from sim.studies.objects.runs import ObjectPress
+from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
+_MM = 1e3
 _ROW_IN = 0.98
 _SLANT_RAD = math.radians(35.0)
 _LIGHT = np.array([0.35, -0.15, -0.92])
@@ -45,7 +46,7 @@ def draw_objects(
     """
     rows, columns = 1 + 2 * len(runs), len(runs[0])
     half = np.min([_half_view_mm(sensor[0].geometry) for sensor in runs], axis=0)
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(FRAMED_STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, hspace=0.01, wspace=0.01)
         figure = Figure(figsize=(PAGE_IN, _ROW_IN * rows), layout=layout)
         axes = figure.subplots(rows, columns, squeeze=False)
@@ -57,7 +58,7 @@ def draw_objects(
         for k, sensor in enumerate(runs):
             _draw_sensor(axes[1 + 2 * k : 3 + 2 * k], sensor, half)
         _draw_length(axes[0, 0], half)
-        return save_figure(figure, folder, page_folder, "five_objects")
+        return save_figure(figure, folder, "five_objects", page_folder=page_folder)
 
 
 def _draw_sensor(axes: Any, sensor: Sequence[ObjectPress], half_mm: FloatArray) -> None:
@@ -65,8 +66,8 @@ def _draw_sensor(axes: Any, sensor: Sequence[ObjectPress], half_mm: FloatArray) 
     deepest = max(float((run.maps.rest - run.maps.loaded).max()) for run in sensor)
     for (dented, seen), run in zip(axes.T, sensor, strict=True):
         extent = _extent_mm(run.geometry)
-        dent = (run.maps.rest - run.maps.loaded) * MM
-        drawn = dented.imshow(dent, cmap="cividis", vmin=0.0, vmax=deepest * MM, extent=extent)
+        dent = (run.maps.rest - run.maps.loaded) * _MM
+        drawn = dented.imshow(dent, cmap="cividis", vmin=0.0, vmax=deepest * _MM, extent=extent)
         force = f"{run.force_n:.2f} N"
         dented.text(0.03, 0.95, force, color="white", va="top", transform=dented.transAxes)
         seen.imshow(run.image, extent=extent)
@@ -88,7 +89,7 @@ def _draw_body(axes: Axes, surface: TriangleSurface) -> None:
     seen = seen[np.argsort(corners[seen].mean(axis=1) @ towards)]
     lit = np.clip(surface.face_normals[seen] @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
     grey = _DARKEST + (1.0 - _DARKEST) * lit
-    flat = np.stack([corners[seen][..., 0], corners[seen] @ down], axis=-1) * MM
+    flat = np.stack([corners[seen][..., 0], corners[seen] @ down], axis=-1) * _MM
     middle = 0.5 * (flat.reshape(-1, 2).min(axis=0) + flat.reshape(-1, 2).max(axis=0))
     colours = np.repeat(grey[:, None], 3, axis=1)
     axes.add_collection(
@@ -114,7 +115,7 @@ def _frame(axes: Axes, half_mm: FloatArray) -> None:
 def _extent_mm(geometry: CameraGeometry) -> tuple[float, float, float, float]:
     """Return what an image shows of the pad: left, right, bottom, top [mm]."""
     corners = [[-0.5, -0.5], [geometry.width - 0.5, geometry.height - 0.5]]
-    (left, top), (right, bottom) = (geometry.to_pad(np.array(corners)) * MM).tolist()
+    (left, top), (right, bottom) = (geometry.to_pad(np.array(corners)) * _MM).tolist()
     return left, right, bottom, top
 
 

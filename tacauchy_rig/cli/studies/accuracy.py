@@ -9,15 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from reports.figures.accuracy import CostPoint, Panel, draw_accuracy
 from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
-from sim.mesh.elements import ElementOrder
 from sim.optics.camera_geometry import ImageArray
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.render.nominal_renderer import GREY_LEVEL, NominalRenderer
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy import promise as promises
 from sim.studies.accuracy.configurations import (
     FULL,
     FULL_REFERENCE,
@@ -26,11 +23,13 @@ from sim.studies.accuracy.configurations import (
     SHORT_REFERENCE,
     reseeded,
 )
-from sim.studies.accuracy.preset_errors import measure_preset_errors
-from sim.studies.accuracy.press_store import PressStore
-from sim.studies.accuracy.promise_scenes import FRESH, JUDGED_LAST
-from sim.studies.accuracy.study import Row, Study, error_bar, study
+from sim.studies.accuracy.figure import draw_study
+from sim.studies.accuracy.force_error_table import measure_force_errors
+from sim.studies.accuracy.force_limit import PressStore
+from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
+from sim.studies.accuracy.study import Row, Study, study
 from sim.studies.accuracy.tables import study_section
+from sim.studies.accuracy.tolerance_check import TITLE, check_tolerances, section
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, writable_folder, write_json
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
@@ -38,23 +37,15 @@ from tacauchy_rig.cli.studies.accuracy_page import OLD_PROMISES, PROMISES, study
 from tacauchy_rig.versions import versions
 
 _PROMISES = {
-    PROMISES: (FRESH, promises.TITLE, ""),
+    PROMISES: (HELD_OUT, TITLE, ""),
     OLD_PROMISES: (
-        JUDGED_LAST,
-        f"{promises.TITLE}, on scenes that were judged before",
+        SEEN_BEFORE,
+        f"{TITLE}, on scenes that were judged before",
         " They were looked at while the method was made: the other ten decide.",
     ),
 }
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
-_SEEN = 0.9
 PRESSES = "presses"
-_PANELS = (
-    Panel(quantity="force", title="$F_z$ at equal depth"),
-    Panel(quantity="depth", title="Depth at equal $F_z$"),
-    Panel(quantity="pressure", title="Largest pressure"),
-    Panel(quantity="height", title="Height map (RMS)"),
-    Panel(quantity="image", title="Image (1 \N{MINUS SIGN} SSIM)"),
-)
 
 
 def accuracy(
@@ -119,7 +110,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     for row in found.rows:
         if row.failure:
             complain(f"{row.configuration.name}: {row.failure}")
-    files = [*_draw(found, out, name), out / f"{name}.json"]
+    files = [*draw_study(found, folder=out, name=name), out / f"{name}.json"]
     write_json(files[-1], facts)
     for file in files:
         say(str(file))
@@ -128,7 +119,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
 
 def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
     store = PressStore(folder=out / PRESSES)
-    rows = measure_preset_errors(file, store, on_progress=lambda text: complain(f"  {text}"))
+    rows = measure_force_errors(file, store, on_progress=lambda text: complain(f"  {text}"))
     say(str(file))
     return {"rows": rows, "versions": versions()}
 
@@ -137,14 +128,14 @@ def _judge_promises(out: Path) -> dict[str, Any]:
     command = f"tacauchy-rig accuracy --promise --out {out}"
     facts: dict[str, Any] = {"versions": versions()}
     for name, (scenes, title, note) in _PROMISES.items():
-        found = promises.measure(
+        found = check_tolerances(
             PressStore(folder=out / PRESSES),
             scenes,
             on_progress=lambda text: complain(f"  {text}"),
         )
-        section = promises.section(found, command=command, title=title, note=note)
-        show_table(section)
-        facts[name] = {"section": asdict(section), "versions": versions()}
+        table = section(found, command=command, title=title, note=note)
+        show_table(table)
+        facts[name] = {"section": asdict(table), "versions": versions()}
         write_json(out / name, facts[name])
         say(str(out / name))
     return facts
@@ -154,40 +145,6 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
     inside = maps.contact
     changes = [image.astype(np.float64)[inside] - GREY_LEVEL for image in (exact, found)]
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
-
-
-def _draw(found: Study, folder: Path, name: str) -> list[Path]:
-    labels = _labels(found)
-    points = [
-        CostPoint(
-            time_s=row.time_s,
-            errors=row.errors,
-            on_front=row.on_front,
-            is_linear_element=row.configuration.element is ElementOrder.P1,
-            bars={
-                name: error_bar(found.bars[name], error, row.chances[name])
-                for name, error in row.errors.items()
-            },
-            label=labels.get(row.configuration.name, "").replace("d_hat", r"$\hat{d}$"),
-            is_preset=row.configuration.is_preset,
-        )
-        for row in found.rows
-        if not row.failure
-    ]
-    return draw_accuracy(points, found.bars, _PANELS, folder=folder, name=name)
-
-
-def _labels(found: Study) -> dict[str, str]:
-    """Name the presets, and what gains on the front something that can be seen."""
-    labels = {}
-    least = np.inf
-    for row in sorted(found.rows, key=lambda row: row.time_s):
-        gains = row.on_front and abs(row.errors["force"]) < _SEEN * least
-        if gains or row.configuration.is_preset:
-            labels[row.configuration.name] = row.configuration.name
-        if row.on_front:
-            least = min(least, abs(row.errors["force"]))
-    return labels
 
 
 def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:

@@ -8,13 +8,12 @@ from typing import Annotated
 
 import typer
 
-from reports.figures.bench import Growth, draw_bench
 from sim.optics.render.nominal_renderer import NominalRenderer
 from sim.optics.sensor_camera import camera_geometry
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.growth import EXPONENT_WANTED, exponent
-from sim.studies.bench.suite import Bench, Part, Peer, run_bench
+from sim.studies.bench.figure import draw_bench
+from sim.studies.bench.suite import Part, Peer, run_bench
 from sim.studies.bench.tables import sections
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import (
@@ -75,7 +74,7 @@ def bench(
     facts = {**asdict(found), "machine": machine(), "versions": versions()}
     write_json(out / "bench.json", facts)
     write_json(json_file, facts)
-    drawn = _draw(found, out)
+    drawn = draw_bench(found, folder=out)
     page = criteria_page(
         tables,
         title="Benchmark",
@@ -95,17 +94,3 @@ def bench(
     write_text(out / "bench.md", page)
     for file in (*drawn, out / "bench.json", out / "bench.md"):
         say(str(file))
-
-
-def _draw(found: Bench, folder: Path) -> list[Path]:
-    parts: dict[str, dict[str, float]] = {}
-    for row in found.phases:
-        parts.setdefault(row.preset, {})[row.name] = 1e3 * row.median_s
-    sizes = [float(row.tet_count) for row in found.growth]
-    times = [row.cpu_s for row in found.growth]
-    grown = None
-    if sizes:
-        power = exponent(sizes, times)
-        grown = Growth(sizes=sizes, times_s=times, exponent=power, limit=EXPONENT_WANTED)
-    batches = [(row.environments, row.frames_per_s) for row in found.batches]
-    return draw_bench(parts, grown, batches, folder=folder)

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Self
 
-from sim.studies.bench.peer.press import press_in_libuipc
+from sim.studies.bench.peer.libuipc import press_in_libuipc
 from sim.studies.bench.peer.task import PeerFound, PeerTask
 from tacauchy_rig.errors import RigError
 

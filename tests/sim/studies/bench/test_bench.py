@@ -18,13 +18,17 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.batches import BALANCE, environments, exact_force, measure_batches
-from sim.studies.bench.frames import FRAME_COUNT, travel, travels
-from sim.studies.bench.growth import exponent, growth, local_exponents
-from sim.studies.bench.memory import peak_memory_mib
-from sim.studies.bench.phases import phases
+from sim.studies.bench.frames import (
+    FRAME_COUNT,
+    WAYS,
+    measure_reuse,
+    peak_memory_mib,
+    travel,
+    travels,
+)
+from sim.studies.bench.press_parts import exponent, growth, local_exponents, part_times
 from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay
-from sim.studies.bench.reuse import WAYS, measure_reuse
 from sim.studies.bench.suite import Bench, Part, run_bench
 from sim.studies.bench.tables import sections
 
@@ -92,7 +96,7 @@ def found() -> Bench:
     """Return a benchmark of a coarse ball press; its replay is made up."""
     exact_n = exact_force(_SCENE, preset=Preset.FAST)
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
-    parts = phases(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
+    parts = part_times(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Bench(
         frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
         reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from sim.studies.bench.growth import GrowthRow
+from sim.studies.bench.press_parts import GrowthRow
 from sim.studies.bench.suite import Bench
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.cli.studies import bench

@@ -20,17 +20,19 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
-from sim.studies.bench.batch_parts import StressTimes
-from sim.studies.bench.batches import BALANCE, BatchRow
+from sim.studies.bench.batches import BALANCE, BatchRow, StressTimes
 from sim.studies.bench.frames import FRAME_COUNT
-from sim.studies.bench.peer.balance import PeerBalance, peer_balance
-from sim.studies.bench.peer.pad_mesh import PeerMesh, linear_mesh
-from sim.studies.bench.peer.peer_pad import PeerPad, peer_pad
+from sim.studies.bench.peer.comparison import PeerRow, peer_section, why_no_libuipc
+from sim.studies.bench.peer.pad import (
+    PeerBalance,
+    PeerMesh,
+    PeerPad,
+    linear_mesh,
+    peer_balance,
+    peer_pad,
+)
 from sim.studies.bench.peer.process import PeerFailedError, PeerProcess
-from sim.studies.bench.peer.rows import PeerRow, why_no_libuipc
-from sim.studies.bench.peer.table import peer_section
-from sim.studies.bench.peer.task import PeerFound, PeerTask
-from sim.studies.bench.peer.tolerance import AS_SHIPPED, FRAME_S, LADDER
+from sim.studies.bench.peer.task import AS_SHIPPED, FRAME_S, LADDER, PeerFound, PeerTask
 
 _BODY = Cylinder(diameter_m=5e-3, fillet_m=1.5e-3)
 _SCENE = Scene(

@@ -1,9 +1,9 @@
-"""What the parts of the work take, each alone, on the state at the end of a press."""
+"""What a press takes: each part of its work alone, and how it grows with its elements."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,13 @@ from sim.solve.load_steps.path_point import PathPoint
 
 _REPEATS = 30
 _BUDGET_S = 3.0
-
 Render = Callable[[HeightMaps], ImageArray]
+REFINEMENTS = (0.7, 1.0, 1.4, 2.0, 2.5)
+EXPONENT_WANTED = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PhaseRow:
+class PartRow:
     """A part of the work.
 
     Attributes:
@@ -42,7 +43,7 @@ class PhaseRow:
     repeats: int
 
 
-def phases(
+def part_times(
     scene: Scene,
     preset: Preset,
     geometry: CameraGeometry,
@@ -50,7 +51,7 @@ def phases(
     *,
     depth_m: float,
     device: str = "cpu",
-) -> list[PhaseRow]:
+) -> list[PartRow]:
     """Press a scene and time every part on what came out.
 
     Raises:
@@ -90,17 +91,71 @@ def _solver_parts(path: LoadingPath, point: PathPoint) -> dict[str, Callable[[],
     }
 
 
-def _timed(preset: Preset, name: str, part: Callable[[], object]) -> PhaseRow:
+def _timed(preset: Preset, name: str, part: Callable[[], object]) -> PartRow:
     part()
     times: list[float] = []
     while len(times) < _REPEATS and (len(times) < 3 or sum(times) < _BUDGET_S):
         started = time.perf_counter()
         part()
         times.append(time.perf_counter() - started)
-    return PhaseRow(
+    return PartRow(
         preset=preset.value,
         name=name,
         median_s=float(np.median(times)),
         least_s=min(times),
         repeats=len(times),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrowthRow:
+    """A press on one mesh.
+
+    Attributes:
+        refinement: Every edge this many times shorter than the preset's.
+        cpu_s: Processor time, mesh included [s].
+    """
+
+    refinement: float
+    tet_count: int
+    node_count: int
+    newton_iterations: int
+    wall_s: float
+    cpu_s: float
+
+
+def growth(
+    scene: Scene, *, depth_m: float, refinements: Sequence[float] = REFINEMENTS
+) -> list[GrowthRow]:
+    """Press a scene on finer and finer meshes of its preset, all other settings the same.
+
+    Raises:
+        ConvergenceError: The gel cannot be pressed that far.
+    """
+    return [_pressed(scene, depth_m, refinement) for refinement in refinements]
+
+
+def exponent(sizes: Sequence[float], times: Sequence[float]) -> float:
+    """Return p of the power law time = c size^p that fits best, in logarithms."""
+    slope, _ = np.polyfit(np.log(sizes), np.log(times), 1)
+    return float(slope)
+
+
+def local_exponents(sizes: Sequence[float], times: Sequence[float]) -> list[float]:
+    """Return p between neighbouring sizes."""
+    steps = np.diff(np.log(times)) / np.diff(np.log(sizes))
+    return [float(step) for step in steps]
+
+
+def _pressed(scene: Scene, depth_m: float, refinement: float) -> GrowthRow:
+    wall, cpu = time.perf_counter(), time.process_time()
+    path = path_for(scene, plan_effects(scene), refinement=refinement)
+    path.advance(depth_m)
+    return GrowthRow(
+        refinement=refinement,
+        tet_count=len(path.model.elements),
+        node_count=len(path.model.nodes),
+        newton_iterations=path.counts.newton_iterations,
+        wall_s=time.perf_counter() - wall,
+        cpu_s=time.process_time() - cpu,
     )

@@ -1,4 +1,4 @@
-"""Presses that are kept so that a long measurement can go on."""
+"""The limit of finer meshes, and presses that are kept so that a long measurement can go on."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.accuracy import press_store
-from sim.studies.accuracy.force_limit import PressedPath
-from sim.studies.accuracy.press_store import PressStore
+from sim.studies.accuracy import force_limit
+from sim.studies.accuracy.force_limit import PressedPath, PressStore, extrapolated
 
 _SCENE = Scene(
     pad=BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=4e-3),
@@ -33,10 +34,22 @@ def test_a_press_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         made.append((scene, depths_m))
         return PressedPath(forces_n=(1.0,), cpu_s=0.5)
 
-    monkeypatch.setattr(press_store, "pressed_path", counted)
+    monkeypatch.setattr(force_limit, "pressed_path", counted)
     first = PressStore(folder=tmp_path).pressed_path(_SCENE, [1e-4])
     assert PressStore(folder=tmp_path).pressed_path(_SCENE, [1e-4]) == first
     assert len(made) == 1
     for scene, depth in ((replace(_SCENE, refinement=0.6), 1e-4), (_SCENE, 2e-4)):
         PressStore(folder=tmp_path).pressed_path(scene, [depth])
     assert len(made) == 3
+
+
+@given(limit=st.floats(0.1, 10.0), constant=st.floats(-0.1, 0.1), order=st.sampled_from([1, 2]))
+def test_an_error_of_known_order_is_extrapolated_away(
+    limit: float, constant: float, order: int
+) -> None:
+    """F(h) = limit (1 + c h^p) on h and 1.5 h gives the limit exactly; half the way is doubted."""
+    fine, coarse = (limit * (1.0 + constant * h**order) for h in (1.0, 1.5))
+    found = extrapolated(fine, coarse, order=order)
+    assert found.force_n == pytest.approx(limit, rel=1e-9)
+    assert found.error(fine) == pytest.approx(constant, abs=1e-9)
+    assert found.doubt == pytest.approx(0.5 * abs(constant), abs=1e-9)

@@ -12,9 +12,8 @@ from sim.error.settings import FAST, Setting, setting_of
 from sim.error.tolerance import expected_error, keeping, settings_by_cost
 from sim.press import path_for, solve
 from sim.scene.scene import Preset, Scene
-from sim.studies.accuracy.force_limit import COARSENING, ForceLimit, limits_of, pressed_path
-from sim.studies.accuracy.press_store import PressStore
-from sim.studies.accuracy.promise_scenes import FRESH, Promise
+from sim.studies.accuracy.force_limit import ForceLimit, PressStore, pressed_path
+from sim.studies.accuracy.scenes import HELD_OUT, HeldOut
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.tables import Cell, Table
 
@@ -25,7 +24,7 @@ _EVERYTHING_ON = 2e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Settled:
+class ToleranceOutcome:
     """What a tolerance chose for a scene, and what that was worth.
 
     Attributes:
@@ -41,7 +40,7 @@ class Settled:
         choice_ratio: Of the choice alone.
     """
 
-    promise: Promise
+    asked: HeldOut
     refusal: str = ""
     allowed: float = 0.0
     setting: Setting | None = None
@@ -72,7 +71,7 @@ class Settled:
         return self.cost_ratio - self.choice_ratio <= COST_WANTED
 
 
-def settle(promise: Promise, store: PressStore) -> Settled:
+def check_tolerance(asked: HeldOut, store: PressStore) -> ToleranceOutcome:
     """Choose settings for a scene, press with them, and find out what they were worth.
 
     All presses go to one depth, for a force that at which preset fast reaches it, so that times
@@ -86,18 +85,20 @@ def settle(promise: Promise, store: PressStore) -> Settled:
     """
     started = time.process_time()
     try:
-        scene = keeping(promise.scene, promise.tolerance)
+        scene = keeping(asked.scene, asked.tolerance)
     except ConfigError as refused:
-        return Settled(promise=promise, refusal=refused.message)
+        return ToleranceOutcome(asked=asked, refusal=refused.message)
     choosing = time.process_time() - started
-    depth = judged_depth(promise.scene)
-    trials = _Trials(scene=scene, depth_m=depth, limit=limit_at(scene, depth, store), store=store)
-    allowed = promise.tolerance.of(trials.limit.force_n)
+    depth = judged_depth(asked.scene)
+    # The limit is that of the mesh that the scene's own target asks for.
+    (limit,) = store.limits(_everything_on(scene), [depth])
+    trials = _Trials(scene=scene, depth_m=depth, limit=limit, store=store)
+    allowed = asked.tolerance.of(trials.limit.force_n)
     error, spent = trials.of(setting_of(scene))
     cheapest, least = trials.cheapest(allowed)
     believed, _ = expected_error(scene, plan_effects(scene), depth_m=depth)
-    return Settled(
-        promise=promise,
+    return ToleranceOutcome(
+        asked=asked,
         allowed=allowed,
         setting=setting_of(scene),
         force_n=trials.limit.force_n,
@@ -154,35 +155,29 @@ def _everything_on(scene: Scene) -> Scene:
     return replace(scene, tolerance=_EVERYTHING_ON)
 
 
-def limit_at(scene: Scene, depth_m: float, store: PressStore) -> ForceLimit:
-    """Return the limit at a depth, on the mesh that the scene's own target asks for."""
-    fine = _everything_on(replace(scene, preset=Preset.REFERENCE, refinement=1.0))
-    coarse = replace(fine, refinement=1.0 / COARSENING)
-    (limit,) = limits_of(scene, *(store.pressed_path(each, [depth_m]) for each in (fine, coarse)))
-    return limit
-
-
-def measure(
+def check_tolerances(
     store: PressStore,
-    promises: Sequence[Promise] = FRESH,
+    scenes: Sequence[HeldOut] = HELD_OUT,
     *,
     on_progress: Callable[[str], None] = lambda _text: None,
-) -> list[Settled]:
-    """Settle every promise; ten take a quarter of an hour on one core.
+) -> list[ToleranceOutcome]:
+    """Check every scene; ten take a quarter of an hour on one core.
 
     Raises:
         RigError: A press does not go through.
     """
     for preset in (Preset.FAST, Preset.PAPER):  # compiles the kernels, which no time should hold
-        pressed_path(replace(promises[0].scene, preset=preset), [1e-5], refinement=0.5)
+        pressed_path(replace(scenes[0].scene, preset=preset), [1e-5], refinement=0.5)
     found = []
-    for promise in promises:
-        on_progress(promise.name)
-        found.append(settle(promise, store))
+    for asked in scenes:
+        on_progress(asked.name)
+        found.append(check_tolerance(asked, store))
     return found
 
 
-def section(found: Sequence[Settled], *, command: str, title: str = TITLE, note: str = "") -> Table:
+def section(
+    found: Sequence[ToleranceOutcome], *, command: str, title: str = TITLE, note: str = ""
+) -> Table:
     """Return the table of what was found.
 
     Args:
@@ -220,8 +215,8 @@ def section(found: Sequence[Settled], *, command: str, title: str = TITLE, note:
     )
 
 
-def _cells(each: Settled) -> tuple[Cell, ...]:
-    head = (each.promise.name, str(each.promise.tolerance))
+def _cells(each: ToleranceOutcome) -> tuple[Cell, ...]:
+    head = (each.asked.name, str(each.asked.tolerance))
     if each.setting is None:
         return (*head, None, None, "refused", None, None, None, "no", None, None, None)
     return (

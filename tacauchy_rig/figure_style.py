@@ -1,4 +1,4 @@
-"""How every figure looks, and the mark of a dry run.
+"""How every figure looks, how it is saved, and the mark of a dry run.
 
 IEEE column widths, Times-like type, and colours that survive colour-blind eyes and grey print.
 """
@@ -12,10 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from tacauchy_rig.errors import RecordError
+
 COLUMN_IN = 3.5
 PAGE_IN = 7.16
 MARK_STRIP_IN = 0.17
-PNG_DPI = 300
+PRINT_DPI = 300
+SCREEN_DPI = 200
 
 # Okabe and Ito, 2008: distinguishable with the common colour-vision deficiencies.
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
@@ -26,6 +29,7 @@ STYLE: Any = {
     "mathtext.fontset": "stix",
     "font.size": 8,
     "axes.titlesize": 8,
+    "figure.titlesize": 8.5,
     "axes.labelsize": 8,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
@@ -52,8 +56,12 @@ STYLE: Any = {
     # Type 42 embeds the fonts, as IEEE PDF eXpress demands.
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
-    "savefig.dpi": PNG_DPI,
+    "savefig.dpi": PRINT_DPI,
 }
+
+
+FRAMED_STYLE: Any = STYLE | {"axes.spines.top": True, "axes.spines.right": True}
+"""For maps and images, which have a frame all around."""
 
 
 def new_figure(
@@ -79,12 +87,35 @@ def new_figure(
     return figure
 
 
-def save(figure: Figure, folder: Path, name: str) -> None:
-    """Write ``name.pdf`` and ``name.png``; equal figures give equal files."""
+def save_figure(
+    figure: Figure, folder: Path, name: str, *, page_folder: Path | None = None
+) -> list[Path]:
+    """Write ``name.pdf`` and ``name.png`` and return them; equal figures give equal files.
+
+    Args:
+        page_folder: Put a smaller PNG for a page on a screen there besides.
+
+    Raises:
+        RecordError: A file cannot be written.
+    """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None, "Producer": None})
-    figure.savefig(folder / f"{name}.png", metadata={"Software": None})
+    # No date and no version, which would make each file another one.
+    wanted = [
+        (folder / f"{name}.pdf", PRINT_DPI, {"CreationDate": None, "Producer": None}),
+        (folder / f"{name}.png", PRINT_DPI, {"Software": None}),
+    ]
+    if page_folder is not None:
+        wanted.append((page_folder / f"{name}.png", SCREEN_DPI, {"Software": None}))
+    for path, dpi, metadata in wanted:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=dpi, metadata=metadata)
+        except OSError as error:
+            raise RecordError(
+                f"{path}: cannot be written: {error.strerror}", remedy="give --out another folder"
+            ) from error
+    return [path for path, _, _ in wanted]
 
 
 def letter(axes: Axes, text: str) -> None:

@@ -9,19 +9,28 @@ does not touch gel.
 from __future__ import annotations
 
 import importlib
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.studies.bench.peer.task import PeerTask
-from sim.studies.bench.peer.tolerance import FRAME_S
+from sim.studies.bench.peer.task import FRAME_S, PeerFound, PeerTask
+from tacauchy_rig.errors import ConvergenceError
 
 _GEL_KG_M3 = 1.0
 _STEEL_KG_M3 = 8000.0
 # Of the spring that moves an indenter [N/m], and of the indenter itself [Pa].
 _DRIVE_N_M = 1e7
 _RIGID_PA = 1e10
+# Of the kinds of pairs that libuipc knows, those of normal contact.
+_NORMAL = "+N"
+_LIFT_FRAMES = 5
+_NEWTON = "newton_iterations"
+_LIMITS = {"hit_newton_limit": "Newton", "hit_line_search_limit": "a line search"}
+# No further press is timed after so much time [s].
+_ENOUGH_S = 40.0
 
 
 class PeerWorld:
@@ -177,3 +186,138 @@ def _merge(settings: dict[str, Any], other: dict[str, Any]) -> None:
             _merge(settings[name], value)
         else:
             settings[name] = value
+
+
+def contact_forces(world: PeerWorld) -> FloatArray | None:
+    """Return the force on every node [N], shape [count, node_count, 3]; None if there is no way.
+
+    libuipc keeps the gradient of its last assembly, that of energy times the square of a frame's
+    time, at the positions from which the last Newton step started. After a frame in which nothing
+    moves, with one step only, these are the positions that the frame before it ended with.
+    """
+    core, geometry = (importlib.import_module(f"uipc.{name}") for name in ("core", "geometry"))
+    feature = world.world.features().find(core.ContactSystemFeature)
+    if feature is None:
+        return None
+    count, node_count = world.task.count, len(world.task.nodes)
+    found = np.zeros((count * node_count, 3))
+    first = _first_vertex(world)
+    for kind in feature.contact_primitive_types():
+        if not kind.endswith(_NORMAL):
+            continue
+        pairs = geometry.Geometry()
+        feature.contact_gradient(kind, pairs)
+        vertices, gradients = (pairs.instances().find(name) for name in ("i", "grad"))
+        if vertices is None or gradients is None:
+            continue
+        at = np.array(vertices.view()).reshape(-1) - first
+        on_gel = (at >= 0) & (at < len(found))
+        forces = -np.array(gradients.view()).reshape(-1, 3) / FRAME_S**2
+        np.add.at(found, at[on_gel], forces[on_gel])
+    return found.reshape(count, node_count, 3)
+
+
+def _first_vertex(world: PeerWorld) -> int:
+    """Return the number that libuipc gives the gel's first vertex among all."""
+    offset = world.gel.meta().find(world.uipc.builtin.global_vertex_offset)
+    return 0 if offset is None else int(np.array(offset.view()).reshape(-1)[0])
+
+
+def press_in_libuipc(task: PeerTask, *, folder: str, backend: str = "cuda") -> PeerFound:
+    """Press every environment along its course: one press to warm up, then the timed ones.
+
+    Between presses the indenters are lifted off; the gel then comes back to rest.
+
+    Raises:
+        ConvergenceError: libuipc has met an error.
+    """
+    started = time.perf_counter()
+    world = PeerWorld(task, folder=folder, backend=backend)
+    try:
+        return _pressed(world, started)
+    finally:
+        world.close()
+
+
+def _pressed(world: PeerWorld, started: float) -> PeerFound:
+    task = world.task
+    heights = task.touch_m - task.depths_m
+    frames = _warm_up(world, heights)
+    set_up_s = time.perf_counter() - started
+    times: list[float] = []
+    while len(times) < task.press_count and (not times or sum(times) < _ENOUGH_S):
+        _lift(world, heights)
+        times.append(_timed(world, heights))
+    positions, tips = world.read()
+    world.go_to(heights[-1])
+    world.synchronise()
+    problems = _limits(frames)
+    still = _counts([world.frame_facts()], _NEWTON)
+    if any(steps > 1 for steps in still):
+        problems.append(f"the frame that stands still took {still[0]} Newton steps")
+    contact = contact_forces(world)
+    if contact is None:
+        problems.append("it does not say its contact forces")
+    return PeerFound(
+        version=str(world.uipc.__version__),
+        set_up_s=set_up_s,
+        press_s=tuple(times),
+        newton_iterations=_counts(frames, _NEWTON),
+        linear_iterations=_counts(frames, "linear_solver_iterations"),
+        positions=positions,
+        tips_m=tips,
+        contact_n=contact,
+        problems=tuple(problems),
+    )
+
+
+def _warm_up(world: PeerWorld, heights: FloatArray) -> list[dict[str, Any]]:
+    """Press once, and return what libuipc says of every frame."""
+    found = []
+    for tips in heights:
+        world.go_to(tips)
+        _check(world)
+        found.append(world.frame_facts())
+    return found
+
+
+def _timed(world: PeerWorld, heights: FloatArray) -> float:
+    """Return the time of a press [s]."""
+    world.synchronise()
+    started = time.perf_counter()
+    for tips in heights:
+        world.go_to(tips)
+    world.synchronise()
+    spent = time.perf_counter() - started
+    _check(world)
+    return spent
+
+
+def _lift(world: PeerWorld, heights: FloatArray) -> None:
+    deepest, touch = heights[-1], world.task.touch_m
+    for share in np.linspace(0.0, 1.0, _LIFT_FRAMES + 1)[1:]:
+        world.go_to(deepest + share * (touch - deepest))
+    world.go_to(np.full(world.task.count, touch))
+
+
+def _counts(frames: Sequence[dict[str, Any]], name: str) -> tuple[int, ...]:
+    """Return a number of every frame that libuipc says it of."""
+    return tuple(int(frame[name]) for frame in frames if name in frame)
+
+
+def _limits(frames: Sequence[dict[str, Any]]) -> list[str]:
+    """Say in how many frames an iteration ended at its limit."""
+    found = []
+    for name, what in _LIMITS.items():
+        hit = sum(_counts(frames, name))
+        if hit:
+            found.append(f"{hit} of {len(frames)} frames ended {what} at its limit")
+    return found
+
+
+def _check(world: PeerWorld) -> None:
+    if not world.is_valid:
+        raise ConvergenceError(
+            f"libuipc has met an error in frame {world.world.frame()}",
+            remedy="see its own messages above",
+        )

@@ -11,7 +11,7 @@ import pytest
 from sim.error.fit import Circumstances, fits
 from sim.error.measured_rows import ROUNDED, ForceErrorRow, rows
 from sim.scene.scene import Preset
-from sim.studies.accuracy.fitted_errors import fits_through, fitted
+from sim.studies.accuracy.force_error_table import fits_through, fitted
 
 _FORCE_N = 1.0
 

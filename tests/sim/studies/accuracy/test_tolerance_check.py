@@ -1,0 +1,78 @@
+"""The judgement of a tolerance's promise."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from sim.error.settings import FAST, Setting
+from sim.error.tolerance import Tolerance, keeping
+from sim.scene.indenter import describe
+from sim.scene.scene import Preset
+from sim.studies.accuracy.force_limit import PressStore
+from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE, TRAINING, HeldOut
+from sim.studies.accuracy.tolerance_check import ToleranceOutcome, check_tolerance, section
+
+_KEPT = ToleranceOutcome(
+    asked=SEEN_BEFORE[0],
+    allowed=0.02,
+    setting=Setting(Preset.BALANCED),
+    force_n=1.0,
+    depth_m=1e-4,
+    believed=0.018,
+    true_error=0.01,
+    doubt=0.001,
+    cheapest=Setting(Preset.BALANCED),
+    cost_ratio=1.0,
+    choice_ratio=0.0,
+)
+
+
+def test_the_scenes_are_held_out_and_each_gets_a_preset() -> None:
+    """Two times ten, of indenters that neither the table nor the other ten have."""
+    sets = [
+        {describe(press.scene.indenter) for press in each}
+        for each in (TRAINING, HELD_OUT, SEEN_BEFORE)
+    ]
+    assert not any(one & other for one, other in combinations(sets, 2))
+    loose = [each for each in HELD_OUT if each.tolerance.relative == 0.06]
+    for each in loose:
+        assert keeping(each.scene, each.tolerance).preset is not Preset.PAPER
+
+
+def test_a_scene_is_named_by_what_is_pressed_into_what() -> None:
+    """A sensor's own pad is not named; a target is a depth or a force."""
+    assert HELD_OUT[0].name == "4.4 mm punch, 0.18 mm fillet, nu 0.455, 0.33 mm deep"
+    assert HELD_OUT[6].name == "8.2 mm ball, disc 4.8 mm, nu 0.445, to 0.4 N"
+    assert len({each.name for each in (*HELD_OUT, *SEEN_BEFORE)}) == 20
+
+
+def test_a_refusal_is_a_row_that_was_not_kept(tmp_path: Path) -> None:
+    """What no preset promises is shown with its reason, and counts as missed."""
+    strict = HeldOut(SEEN_BEFORE[0].scene, Tolerance(relative=1e-6))
+    refused = check_tolerance(strict, PressStore(folder=tmp_path))
+    assert not refused.is_kept
+    assert "comes nearest" in refused.refusal
+    assert section([refused], command="c").rows[0][4] == "refused"
+
+
+def test_nine_of_ten_kept_and_all_thrifty_is_a_pass() -> None:
+    """An error above the tolerance may happen once; a price above twice the cheapest may not."""
+    broken = ToleranceOutcome(**{**_as_dict(_KEPT), "true_error": -0.021})
+    dear = ToleranceOutcome(**{**_as_dict(_KEPT), "cheapest": FAST, "cost_ratio": 2.5})
+    assert section([_KEPT] * 9 + [broken], command="c").passed
+    assert not section([_KEPT] * 8 + [broken] * 2, command="c").passed
+    assert not section([_KEPT] * 9 + [dear], command="c").passed
+
+
+def test_the_choices_own_time_counts() -> None:
+    """What was cheap once chosen is dear where choosing it took long; the note has both."""
+    slow = ToleranceOutcome(**{**_as_dict(_KEPT), "cost_ratio": 2.4, "choice_ratio": 0.9})
+    found = section([_KEPT] * 9 + [slow], command="c")
+    assert not found.passed
+    assert "on 9, the choice's own time included; on 10 without it" in found.note
+
+
+def _as_dict(settled: ToleranceOutcome) -> dict[str, Any]:
+    return {name: getattr(settled, name) for name in settled.__dataclass_fields__}
