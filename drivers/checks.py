@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.arm.checks import robot_checks
 from drivers.camera.checks import camera_checks
 from drivers.force_sensor.checks import force_sensor_checks
-from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig, RobotDriver
+from tacauchy_rig.config.model import DeviceSection, RigConfig
 from tacauchy_rig.doctor.result import CheckResult, skipped
 
 
@@ -21,23 +21,20 @@ def device_checks(
         measure_s: How long each stream is measured [s].
         sys_folder: Where the kernel tells about adapters and cameras.
     """
-    results = []
-    if config.robot.driver is RobotDriver.UR5:
-        results += robot_checks(config)
-    else:
-        results.append(_not_real("robot", config.robot.driver.value))
-    if config.force_sensor.driver is ForceSensorDriver.M3733C:
+    robot, force_sensor, camera = config.robot, config.force_sensor, config.camera
+    results = robot_checks(config) if robot.is_real else [_not_real("robot", robot)]
+    if force_sensor.is_real:
         results += force_sensor_checks(config, measure_s=measure_s, sys_folder=sys_folder)
     else:
-        results.append(_not_real("force_sensor", config.force_sensor.driver.value))
-    if config.camera.driver is CameraDriver.UVC:
+        results.append(_not_real("force_sensor", force_sensor))
+    if camera.is_real:
         results += camera_checks(config, measure_s=measure_s)
     else:
-        results.append(_not_real("camera", config.camera.driver.value))
+        results.append(_not_real("camera", camera))
     return results
 
 
-def _not_real(device: str, driver: str) -> CheckResult:
+def _not_real(name: str, device: DeviceSection) -> CheckResult:
     return skipped(
-        device, f'driver = "{driver}": it starts with the run, there is nothing to check'
+        name, f'driver = "{device.driver}": it starts with the run, there is nothing to check'
     )

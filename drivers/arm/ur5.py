@@ -8,12 +8,13 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_safety import safety_reason
 from drivers.device.interface import DeviceIdentity
-from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.config.model import RigConfig, RobotModel
 from tacauchy_rig.errors import DeviceError, SafetyError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
@@ -139,6 +140,24 @@ class Ur5:
         self._watchdog_armed = False
         self._line: LineMove | None = None
         self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
+
+    @classmethod
+    def from_config(cls, config: RigConfig) -> Self:
+        """Return the configured arm, not yet connected; an emulated one is this at its address."""
+        robot = config.robot
+        speeds = (robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
+        return cls(
+            host=robot.host,
+            model=robot.model,
+            max_speed=max(speeds),
+            max_acceleration=robot.acceleration,
+            tcp_offset=(*robot.tcp_offset, 0.0, 0.0, 0.0),
+            payload_kg=robot.payload,
+            timeout_s=robot.connect_timeout,
+            stale_limit_s=config.limits.stale_robot,
+            watchdog_hz=robot.watchdog,
+            simulated=robot.is_emulated,
+        )
 
     def connect(self) -> DeviceIdentity:
         """Probe the controller, then let ur_rtde connect, each with a deadline.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 
+from drivers.camera.interface import Camera
 from drivers.camera.uvc import MANUAL_EXPOSURE
 from drivers.device.interface import StreamHealth
-from drivers.rig import build_camera
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
 from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.run import ImageFrame
 
 _RATE_TOLERANCE = 0.05
@@ -18,7 +19,7 @@ _RATE_TOLERANCE = 0.05
 def camera_checks(config: RigConfig, *, measure_s: float) -> list[CheckResult]:
     """Return the checks of the camera's mode and of ``measure_s`` [s] of frames."""
     section = config.camera
-    camera = build_camera(config)
+    camera: Camera = load(Kind.CAMERA, section.driver)(config)
     try:
         identity = camera.connect()
         time.sleep(measure_s)

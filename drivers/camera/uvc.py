@@ -18,6 +18,7 @@ import time
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import cv2
 
@@ -31,6 +32,7 @@ from drivers.camera.video_device import (
 )
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.device.stream_buffer import StreamBuffer
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 
@@ -96,6 +98,24 @@ class UvcCamera:
         self._read_count = 0
         self._corrupt_count = 0
         self._other_size: tuple[int, int] | None = None
+
+    @classmethod
+    def from_config(cls, config: RigConfig) -> Self:
+        """Return the configured camera, not yet connected; an emulated one is this at its URL."""
+        camera = config.camera
+        return cls(
+            camera.device,
+            mode=CameraMode(
+                width=camera.width,
+                height=camera.height,
+                rate_hz=camera.rate,
+                exposure=camera.exposure,
+                gain=camera.gain,
+                white_balance=camera.white_balance,
+            ),
+            connect_timeout_s=camera.connect_timeout,
+            simulated=camera.is_emulated,
+        )
 
     def connect(self) -> DeviceIdentity:
         """Open, set the mode, read it back, and see the first frame before the deadline.

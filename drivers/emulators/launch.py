@@ -19,11 +19,8 @@ from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.process import EmulatedProcess
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import (
-    CameraDriver,
-    ForceSensorDriver,
     IndenterKind,
     RigConfig,
-    RobotDriver,
 )
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Vector3
@@ -45,9 +42,9 @@ class EmulatedAddresses:
 def emulated_devices(config: RigConfig) -> frozenset[Device]:
     """Return the devices whose driver is ``emulated``."""
     chosen = {
-        Device.ROBOT: config.robot.driver is RobotDriver.EMULATED,
-        Device.FORCE_SENSOR: config.force_sensor.driver is ForceSensorDriver.EMULATED,
-        Device.CAMERA: config.camera.driver is CameraDriver.EMULATED,
+        Device.ROBOT: config.robot.is_emulated,
+        Device.FORCE_SENSOR: config.force_sensor.is_emulated,
+        Device.CAMERA: config.camera.is_emulated,
     }
     return frozenset(device for device, emulated in chosen.items() if emulated)
 

@@ -9,10 +9,11 @@ import time
 from pathlib import Path
 
 from drivers.device.interface import StreamHealth
-from drivers.force_sensor.sri_m3733c import SriM3733c
+from drivers.force_sensor.interface import ForceTorqueSensor
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
 from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.run import ForceSample
 
 _GOOD_TIMER_MS = 1
@@ -25,13 +26,7 @@ def force_sensor_checks(
 ) -> list[CheckResult]:
     """Return the checks of the serial port and of ``measure_s`` [s] of unloaded samples."""
     section = config.force_sensor
-    sensor = SriM3733c(
-        section.port,
-        baud_rate=section.baud_rate,
-        rate_hz=section.rate,
-        checksum=section.checksum,
-        connect_timeout_s=section.connect_timeout,
-    )
+    sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
     try:
         identity = sensor.connect()
         # While the port is open: the driver has asked the adapter for low latency by now.

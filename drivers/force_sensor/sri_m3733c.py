@@ -14,6 +14,7 @@ import termios
 import threading
 import time
 from pathlib import Path
+from typing import Self
 
 import serial
 from serial.tools import list_ports
@@ -29,7 +30,7 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
-from tacauchy_rig.config.model import Checksum
+from tacauchy_rig.config.model import Checksum, RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, Wrench
 
@@ -84,6 +85,19 @@ class SriM3733c:
         self._stopping = threading.Event()
         self._reader: threading.Thread | None = None
         self._first_bytes = b""
+
+    @classmethod
+    def from_config(cls, config: RigConfig, _arm: object = None) -> Self:
+        """Return the configured sensor, not yet connected; an emulated one is this at its port."""
+        sensor = config.force_sensor
+        return cls(
+            sensor.port,
+            baud_rate=sensor.baud_rate,
+            rate_hz=sensor.rate,
+            checksum=sensor.checksum,
+            connect_timeout_s=sensor.connect_timeout,
+            simulated=sensor.is_emulated,
+        )
 
     def connect(self) -> DeviceIdentity:
         """Open the port, configure the box, start the stream and see the first frame.

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Self
 
+from drivers.device.clock import HostClock
 from drivers.device.interface import DeviceIdentity
-from drivers.mock.world import MockWorld, Still
+from drivers.mock.fault_plan import plan_faults
+from drivers.mock.world import MockWorld, Still, beside_no_mock
+from tacauchy_rig.config.model import MOCK, RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
@@ -48,6 +52,20 @@ class MockArm:
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
         world.on_step(self._report)
+
+    @classmethod
+    def from_config(cls, config: RigConfig) -> Self:
+        """Return an arm in a world of its own on the host's clock, with its planned faults.
+
+        Raises:
+            ConfigError: The force sensor is no mock, and could not feel it.
+        """
+        if config.force_sensor.driver != MOCK:
+            raise beside_no_mock(config)
+        world = MockWorld(HostClock(), config)
+        arm = cls(world)
+        plan_faults(world, config.emulation.faults, lock_arm=arm.protective_stop)
+        return arm
 
     def connect(self) -> DeviceIdentity:
         """Answer at once."""

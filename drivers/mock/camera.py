@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Self
 
 import cv2
 import numpy as np
 
+from drivers.device.clock import HostClock
 from drivers.device.interface import DeviceIdentity, StreamHealth
+from drivers.mock.fault_plan import plan_faults
 from drivers.mock.world import MockWorld
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 
@@ -34,6 +38,14 @@ class MockCamera:
         self._stamps: deque[int] = deque(maxlen=50)
         self._grey, self._white = _plain_jpeg(128), _plain_jpeg(255)
         world.on_step(self._expose)
+
+    @classmethod
+    def from_config(cls, config: RigConfig) -> Self:
+        """Return a camera in a world of its own on the host's clock, with its planned faults."""
+        world = MockWorld(HostClock(), config)
+        camera = cls(world)
+        plan_faults(world, config.emulation.faults)
+        return camera
 
     def connect(self) -> DeviceIdentity:
         """Answer once the first sample is there."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Self
 
 from drivers.device.interface import DeviceIdentity, StreamHealth
-from drivers.mock.world import MockWorld
+from drivers.mock.world import MockWorld, beside_no_mock
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, Vector6, Wrench
 
@@ -31,6 +33,18 @@ class MockForceSensor:
         self._lost_count = 0
         self._held: Vector6 | None = None
         world.on_step(self._sample)
+
+    @classmethod
+    def from_config(cls, config: RigConfig, arm: object = None) -> Self:
+        """Return a sensor in the world of the arm that carries it.
+
+        Raises:
+            ConfigError: The arm is no mock.
+        """
+        world = getattr(arm, "world", None)
+        if not isinstance(world, MockWorld):
+            raise beside_no_mock(config)
+        return cls(world)
 
     def connect(self) -> DeviceIdentity:
         """Answer once the first sample is there."""

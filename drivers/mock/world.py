@@ -12,6 +12,7 @@ from collections.abc import Callable
 from drivers.device.clock import Clock
 from drivers.mock.gel import Gel
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Pose, Vector6
 
 STEP_S = 0.002
@@ -125,3 +126,12 @@ class MockWorld:
             if condition():
                 self._plans.remove(plan)
                 action()
+
+
+def beside_no_mock(config: RigConfig) -> ConfigError:
+    """Return the refusal of a mock beside a device that is none."""
+    return ConfigError(
+        f'robot.driver = "{config.robot.driver}" with force_sensor.driver = '
+        f'"{config.force_sensor.driver}": a mock feels no device of another process',
+        remedy='make both "mock", or use "emulated" beside a real device',
+    )

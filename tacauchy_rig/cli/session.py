@@ -42,7 +42,7 @@ def dry_run(
     loaded = load_config(None, overrides=overrides or ())
     if loaded.config.moves_real_hardware:
         raise AbortedError(
-            "a dry run never moves a real arm, but robot.driver is ur5",
+            f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
     _new_run(loaded, default_text(), press_only=press_only, json_file=json_file)

@@ -65,10 +65,10 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     if kind == "missing":
         return _missing(location, tables)
     if kind == "value_error":
-        return f"{name}: {problem['ctx']['error']}"
+        return f"{name}: {problem['ctx']['error']}{_arm_advice(location, written)}"
     if kind == "enum":
         choices = problem["ctx"]["expected"].replace("'", '"').replace(" or ", ", ")
-        return f"{name}: {value} is none of {choices}{_arm_advice(location, written)}"
+        return f"{name}: {value} is none of {choices}"
     if kind in ("too_long", "too_short"):
         context = problem["ctx"]
         if (needed := _fixed_length(location)) is not None:

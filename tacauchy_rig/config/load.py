@@ -101,13 +101,14 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
     Args:
         tables: The merged values as they were written.
         defaulted: Dotted fields that only the built-in defaults give; None where that is not
-            known, as of a recorded run.
+            known, as of a recorded run, whose drivers need not be installed.
 
     Raises:
         ConfigError: One line for each field that is wrong.
     """
+    context = {"recorded": defaulted is None}
     try:
-        config = RigConfig.model_validate(tables)
+        config = RigConfig.model_validate(tables, context=context)
     except ValidationError as error:
         raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
     missing = [] if defaulted is None else list(unstated(config, defaulted))

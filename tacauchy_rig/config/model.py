@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from tacauchy_rig.config.fields import (
     Acceleration,
@@ -22,30 +22,44 @@ from tacauchy_rig.config.fields import (
     Time,
     Torque,
 )
+from tacauchy_rig.registry import Kind, unknown
+
+EMULATED = "emulated"
+MOCK = "mock"
 
 
-class RobotDriver(StrEnum):
-    """Where the arm is."""
+def _driver(kind: Kind) -> BeforeValidator:
+    """Admit a name that the registry knows, and any name of a run that was recorded elsewhere."""
 
-    UR5 = "ur5"
-    EMULATED = "emulated"
-    MOCK = "mock"
+    def check(value: object, info: ValidationInfo) -> object:
+        is_recorded = isinstance(value, str) and bool((info.context or {}).get("recorded"))
+        if not is_recorded and (problem := unknown(kind, value)):
+            raise ValueError(problem)
+        return value
 
-
-class ForceSensorDriver(StrEnum):
-    """Where the force sensor is."""
-
-    M3733C = "m3733c"
-    EMULATED = "emulated"
-    MOCK = "mock"
+    return BeforeValidator(check)
 
 
-class CameraDriver(StrEnum):
-    """Where the camera is."""
+class DeviceSection(Section):
+    """A device by the name that the registry knows it by.
 
-    UVC = "uvc"
-    EMULATED = "emulated"
-    MOCK = "mock"
+    ``options`` is for drivers of other packages: what theirs need and ours do not.
+    """
+
+    driver: str
+    options: dict[str, bool | int | float | str] = Field(
+        default_factory=dict, exclude_if=lambda options: not options
+    )
+
+    @property
+    def is_emulated(self) -> bool:
+        """True when the run starts the device as a process of its own."""
+        return self.driver == EMULATED
+
+    @property
+    def is_real(self) -> bool:
+        """True unless the device is emulated or a mock; drivers of other packages are real."""
+        return self.driver not in (EMULATED, MOCK)
 
 
 class RobotModel(StrEnum):
@@ -90,7 +104,7 @@ class RunSection(Section):
     sync_mode: SyncMode
 
 
-class RobotSection(Section):
+class RobotSection(DeviceSection):
     """The arm, the pose above the gel it starts from, and its speeds.
 
     ``home`` is the tip's position (x, y, z) in the base frame, above the gel, and
@@ -98,7 +112,7 @@ class RobotSection(Section):
     stops the arm when this program is not heard from at the rate ``watchdog``.
     """
 
-    driver: RobotDriver
+    driver: Annotated[str, _driver(Kind.ARM)]
     model: RobotModel
     host: str
     home: tuple[Length, Length, Length]
@@ -114,13 +128,13 @@ class RobotSection(Section):
     connect_timeout: Time = Field(gt=0, le=60)
 
 
-class ForceSensorSection(Section):
+class ForceSensorSection(DeviceSection):
     """The force sensor. Capacity and overload come from its own calibration sheet.
 
     ``compression_sign`` times the raw Fz is positive while the indenter is pressed.
     """
 
-    driver: ForceSensorDriver
+    driver: Annotated[str, _driver(Kind.FORCE_SENSOR)]
     port: str
     baud_rate: int = Field(ge=9600, le=4_000_000)
     rate: Frequency = Field(ge=50, le=1000)
@@ -137,10 +151,10 @@ class ForceSensorSection(Section):
         return self
 
 
-class CameraSection(Section):
+class CameraSection(DeviceSection):
     """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order."""
 
-    driver: CameraDriver
+    driver: Annotated[str, _driver(Kind.CAMERA)]
     device: str
     width: int = Field(ge=160, le=8192)
     height: int = Field(ge=120, le=8192)
@@ -309,22 +323,18 @@ class RigConfig(Section):
     @property
     def moves_real_hardware(self) -> bool:
         """True when an arm that is not started by this program would move."""
-        return self.robot.driver is RobotDriver.UR5
+        return self.robot.is_real
 
     @property
     def has_emulated_devices(self) -> bool:
         """True when this program starts a stand-in for any of the three devices."""
-        return (
-            self.robot.driver is RobotDriver.EMULATED
-            or self.force_sensor.driver is ForceSensorDriver.EMULATED
-            or self.camera.driver is CameraDriver.EMULATED
-        )
+        return any(device.is_emulated for device in self._devices)
 
     @property
     def is_simulated(self) -> bool:
         """True when any of the three devices is emulated or mocked."""
-        return (
-            self.robot.driver is not RobotDriver.UR5
-            or self.force_sensor.driver is not ForceSensorDriver.M3733C
-            or self.camera.driver is not CameraDriver.UVC
-        )
+        return not all(device.is_real for device in self._devices)
+
+    @property
+    def _devices(self) -> tuple[DeviceSection, ...]:
+        return self.robot, self.force_sensor, self.camera

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tacauchy_rig.config.model import ForceSensorDriver, RigConfig, RobotDriver
+from tacauchy_rig.config.model import RigConfig
 
 OVERRUN_DELAY_S = 0.05
 """Reaction of the loop plus the arm's stop: about 50 ms, so 1 mm/s overruns by about 55 um."""
@@ -126,17 +126,17 @@ def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
 
 
 def _device_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
-    if config.robot.driver is RobotDriver.UR5 and not config.robot.host:
+    if config.robot.driver == "ur5" and not config.robot.host:
         yield ("robot.host", "is empty", "give the controller's address, e.g. 192.168.0.10")
-    if config.force_sensor.driver is ForceSensorDriver.M3733C:
-        if not config.force_sensor.port:
-            yield ("force_sensor.port", "is empty", "give the port, e.g. /dev/serial/by-id/...")
-        if not config.force_sensor.calibration_sheet:
-            yield (
-                "force_sensor.calibration_sheet",
-                "is empty; capacity has no other source",
-                "name the calibration sheet that came with the sensor (number and date)",
-            )
+    sensor = config.force_sensor
+    if sensor.driver == "m3733c" and not sensor.port:
+        yield ("force_sensor.port", "is empty", "give the port, e.g. /dev/serial/by-id/...")
+    if sensor.is_real and not sensor.calibration_sheet:
+        yield (
+            "force_sensor.calibration_sheet",
+            "is empty; capacity has no other source",
+            "name the calibration sheet that came with the sensor (number and date)",
+        )
     overrun = config.robot.press_speed * OVERRUN_DELAY_S
     if overrun > config.limits.max_depth / 10:
         yield (

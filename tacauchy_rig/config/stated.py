@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Set
 
-from tacauchy_rig.config.model import ForceSensorDriver, RigConfig, RobotDriver
+from tacauchy_rig.config.model import RigConfig
 
 OF_AN_ARM: Mapping[str, str] = {
     "robot.home": "write where the tip hangs free above the gel (x, y, z), in the base frame",
@@ -36,11 +36,15 @@ def unstated(config: RigConfig, defaulted: Set[str]) -> Iterator[tuple[str, str,
         config: The checked configuration.
         defaulted: Dotted fields that only the built-in defaults give.
     """
-    if config.robot.driver is RobotDriver.UR5:
-        yield from _missing(OF_AN_ARM, defaulted, 'robot.driver = "ur5" moves a real arm')
-    if config.force_sensor.driver is ForceSensorDriver.M3733C:
+    if config.robot.is_real:
         yield from _missing(
-            OF_A_FORCE_SENSOR, defaulted, 'force_sensor.driver = "m3733c" is a real cell'
+            OF_AN_ARM, defaulted, f'robot.driver = "{config.robot.driver}" moves a real arm'
+        )
+    if config.force_sensor.is_real:
+        yield from _missing(
+            OF_A_FORCE_SENSOR,
+            defaulted,
+            f'force_sensor.driver = "{config.force_sensor.driver}" is a real cell',
         )
         yield from _left_as_in_the_example(config)
 

@@ -12,7 +12,7 @@ from importlib import metadata
 
 import psutil
 
-from tacauchy_rig.config.model import CameraDriver, ForceSensorDriver, RigConfig
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.disk import disk_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, passed, skipped
 
@@ -153,8 +153,8 @@ def own_groups() -> frozenset[str]:
 def group_checks(config: RigConfig, *, groups: frozenset[str], user_id: int) -> list[CheckResult]:
     """Judge whether this user may open serial ports and cameras, where real ones are used."""
     needed = {
-        "dialout": config.force_sensor.driver is ForceSensorDriver.M3733C,
-        "video": config.camera.driver is CameraDriver.UVC,
+        "dialout": config.force_sensor.driver == "m3733c",
+        "video": config.camera.driver == "uvc",
     }
     return [_group_check(name, on, groups, user_id) for name, on in needed.items()]
 
