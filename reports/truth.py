@@ -12,9 +12,8 @@ import numpy as np
 
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell, TruthComparison
 from reports.results import TrialResult
-from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.run import FZ, TrialRecord
 
-FZ = 2
 MIN_TRACE_SAMPLES = 10
 
 

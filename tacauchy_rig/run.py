@@ -44,6 +44,10 @@ class Wrench:
     torque: Vector3
 
 
+FZ = 2
+"""Where the force along the sensor's axis stands in a wrench."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceSample:
     """One frame of the force sensor, raw: no tare, no sign, no filter.

@@ -14,11 +14,10 @@ from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.registry import Kind, load
-from tacauchy_rig.run import ForceSample
+from tacauchy_rig.run import FZ, ForceSample
 
 _GOOD_TIMER_MS = 1
 _RATE_TOLERANCE = 0.02
-_FZ = 2
 
 
 def force_sensor_checks(
@@ -93,7 +92,7 @@ def rate_check(samples: list[ForceSample], health: StreamHealth, *, asked_hz: fl
 def noise_check(samples: list[ForceSample], config: RigConfig) -> CheckResult:
     """Judge zero and noise of Fz; the sensor is taken to be unloaded."""
     name = "force_sensor.noise"
-    values = [sample.wrench.force[_FZ] for sample in samples]
+    values = [sample.wrench.force[FZ] for sample in samples]
     if len(values) < 2:
         return skipped(name, f"{len(values)} samples are too few")
     mean, deviation = statistics.fmean(values), statistics.stdev(values)

@@ -8,7 +8,7 @@ from protocols.control.cycle import Cycle
 from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import Criterion, Tare, Vector6
+from tacauchy_rig.run import FZ, Criterion, Tare, Vector6
 
 TRIES = 3
 MIN_SHARE = 0.5
@@ -79,9 +79,6 @@ def judge_tare(tare: Tare, config: RigConfig) -> tuple[Criterion, ...]:
 def _six(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Vector6:
     a, b, c, d, e, f = values.tolist()
     return (a, b, c, d, e, f)
-
-
-FZ = 2
 
 
 def force_drift(before: Tare, after: Tare, *, config: RigConfig) -> float:

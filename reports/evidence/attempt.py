@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import Curve, ImageGeometry, StreamTiming, TrialImages
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ImageFrame, TrialRecord
+from tacauchy_rig.run import FZ, ImageFrame, TrialRecord
 from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.store.run_store import RunStore
 
 IntArray = NDArray[np.int64]
-FZ, Z = 2, 2
+Z = 2  # of a position
 MIN_FRAMES_TO_SPLIT = 4
 
 logger = logging.getLogger(__name__)

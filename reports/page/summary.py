@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from reports.page.plain_values import to_plain
 from reports.results import TrialResult, ValidationReport
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import DEFINITIONS
 from reports.scores.statistics import CONFIDENCE
+from tacauchy_rig.store.codec import to_plain
 
 SCHEMA = 1
 

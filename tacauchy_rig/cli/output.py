@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import sys
 import tempfile
-from dataclasses import asdict, is_dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.store.codec import to_plain
 from tacauchy_rig.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
@@ -56,7 +54,7 @@ def write_json(path: Path | None, content: Any) -> None:
     """
     if path is None:
         return
-    text = json.dumps(plain(content), indent=2, allow_nan=False)
+    text = json.dumps(to_plain(content), indent=2, allow_nan=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text + "\n", encoding="utf-8")
@@ -95,22 +93,3 @@ def writable_folder(path: Path) -> Path:
         raise RecordError(
             f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
         ) from error
-
-
-def plain(value: Any) -> Any:
-    """Turn dataclasses, enums, paths and arrays into JSON values; NaN and infinity become null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Path):
-        return str(value)
-    return value

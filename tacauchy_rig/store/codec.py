@@ -1,7 +1,8 @@
 """Plain dataclasses to JSON and back, refusing what does not fit.
 
-JSON knows no infinities and no NaN: as a float they are written as the text ``"Infinity"``,
-``"-Infinity"`` and ``"NaN"``.
+JSON knows no infinities and no NaN. What is read again has them as the text ``"Infinity"``,
+``"-Infinity"`` and ``"NaN"`` (``to_json``); what others read, reports and ``--json``, has null
+(``to_plain``).
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
+import pydantic_core
 
 from tacauchy_rig.errors import RecordError
 
@@ -25,29 +27,41 @@ _REMEDY = "the file was edited, or written by another version of this program"
 
 
 def to_json(value: object) -> Any:
-    """Return ``value`` as dictionaries, lists, text and numbers.
+    """Return ``value`` as dictionaries, lists, text and numbers that ``from_json`` takes back.
 
     Raises:
         RecordError: It holds something that JSON cannot hold.
     """
-    if is_dataclass(value) and not isinstance(value, type):
-        return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
-    if isinstance(value, Enum):
-        return to_json(value.value)
+    return _plain(value, non_finite="strings")
+
+
+def to_plain(value: object) -> Any:
+    """Return ``value`` as dictionaries, lists, text and numbers; numbers that are none are null.
+
+    Raises:
+        RecordError: It holds something that JSON cannot hold.
+    """
+    return _plain(value, non_finite="null")
+
+
+def _plain(value: object, *, non_finite: Literal["strings", "null"]) -> Any:
+    try:
+        return json.loads(
+            pydantic_core.to_json(value, inf_nan_mode=non_finite, fallback=_arrays_and_mappings)
+        )
+    except pydantic_core.PydanticSerializationError as error:
+        raise RecordError(
+            f"a {type(value).__name__} cannot be written as JSON: {error}",
+            remedy="this is a defect of the program: please report it",
+        ) from error
+
+
+def _arrays_and_mappings(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
-        return to_json(value.tolist())
+        return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): to_json(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_json(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
-    if value is None or isinstance(value, str | int | float):
-        return value
-    raise RecordError(
-        f"a {type(value).__name__} cannot be written as JSON: {value!r}",
-        remedy="this is a defect of the program: please report it",
-    )
+        return dict(value)
+    raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:

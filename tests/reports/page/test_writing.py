@@ -14,7 +14,6 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from reports.page.html import number, plain, signed, words
-from reports.page.plain_values import to_plain
 from reports.page.summary import build_summary
 from reports.page.tables import junit_xml, metrics_csv
 from reports.page.writing import ReportPaths, write_report
@@ -177,13 +176,6 @@ def test_unwritable_folder_is_named(report: ValidationReport, tmp_path: Path) ->
     with pytest.raises(RecordError, match="cannot be written") as caught:
         write_report(report, tmp_path / "taken")
     assert "tacauchy-rig report" in caught.value.remedy
-
-
-def test_plain_values_refuse_what_has_no_form() -> None:
-    """Non-finite numbers become null; objects without a form are an error."""
-    assert to_plain({"a": float("nan"), "b": (1, float("inf"))}) == {"a": None, "b": [1, None]}
-    with pytest.raises(TypeError, match="Path"):
-        to_plain(Path("x"))
 
 
 def test_numbers_are_written_for_people() -> None:

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.cli.output import plain, write_json
+from tacauchy_rig.cli.output import write_json
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import Criterion
 
 
 class _Colour(StrEnum):
@@ -23,12 +22,6 @@ def test_not_a_number_becomes_null(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "out.json"
     write_json(path, {"a": float("nan"), "b": np.array([1.0, np.inf]), "c": _Colour.RED})
     assert json.loads(path.read_text()) == {"a": None, "b": [1.0, None], "c": "red"}
-
-
-def test_dataclasses_become_objects() -> None:
-    """Field names are the keys."""
-    criterion = Criterion(name="x", passed=True, measured=1.0, limit="< 2", unit="N")
-    assert plain(criterion)["limit"] == "< 2"
 
 
 def test_unwritable_file_is_explained(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import Criterion, Outcome, Replay, ReplayTrial, Tare, TrialRecord
-from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
+from tacauchy_rig.store.codec import dumps, from_json, loads, to_json, to_plain
 
 RECORD: dict[str, Any] = {
     "index": 1,
@@ -96,12 +96,22 @@ def test_a_missing_field_is_named() -> None:
         from_json(TrialRecord, {key: RECORD[key] for key in RECORD if key != "index"})
 
 
-def test_numpy_values_and_paths() -> None:
+def test_numbers_that_are_none_are_text_for_us_and_null_for_others() -> None:
+    """What is read again says which it was; a reader of reports must not meet NaN."""
+    value = {"a": math.nan, "b": (1.0, -math.inf), "c": np.array([np.inf, 2.0])}
+    assert to_json(value) == {"a": "NaN", "b": [1.0, "-Infinity"], "c": ["Infinity", 2.0]}
+    assert to_plain(value) == {"a": None, "b": [1.0, None], "c": [None, 2.0]}
+    assert to_plain(Criterion(name="x", passed=True, measured=math.nan, limit="", unit="")) == {
+        "name": "x", "passed": True, "measured": None, "limit": "", "unit": "", "remedy": "",
+    }  # fmt: skip
+
+
+def test_numpy_values_and_what_has_no_form() -> None:
     """NumPy numbers and arrays are written; what JSON cannot hold is refused."""
     value = {"a": np.float64(1.5), "b": np.int32(2), "c": np.eye(2), "d": np.bool_(True)}
     assert to_json(value) == {"a": 1.5, "b": 2, "c": [[1.0, 0.0], [0.0, 1.0]], "d": True}
     with pytest.raises(RecordError, match="cannot be written as JSON"):
-        to_json(Path())
+        to_json({"a": object()})
 
 
 def test_text_that_is_no_json() -> None:
