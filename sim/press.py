@@ -11,7 +11,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.plan import EffectPlan, plan_effects
 from sim.effects.presets import build_model
-from sim.error.settings import setting_of
+from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Alternative, alternatives, expected_error
 from sim.fields.stress import surface_stress
 from sim.material.per_element import densities_of

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sim.effects.plan import EffectPlan, plan_effects
-from sim.error.settings import setting_of
+from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder

@@ -10,8 +10,7 @@ import numpy as np
 from sim.effects.mesh_choice import footprint_depth
 from sim.mesh.bisection import bisected
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
-from sim.mesh.footprint import Footprint, footprint
-from sim.mesh.footprint_sizing import FootprintSizing
+from sim.mesh.footprint import Footprint, FootprintSizing, footprint
 from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
 from sim.mesh.tetwild import WildSettings, filled_pad

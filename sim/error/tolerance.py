@@ -8,16 +8,15 @@ from itertools import takewhile
 
 from sim.effects.estimates import expected_depth, expected_force
 from sim.effects.plan import EffectPlan, plan_effects
-from sim.error.believed_error import (
+from sim.error.measured_errors import FAST, SETTINGS, Setting, indenter_kind, setting_of
+from sim.error.prior_error import (
     force_error,
     is_measured,
     time_ratio,
     typical_error,
     why_unknown,
 )
-from sim.error.measured_rows import indenter_kind
 from sim.error.section_error import section_depth, section_force
-from sim.error.settings import FAST, SETTINGS, Setting, setting_of
 from sim.scene.scene import Effect, Preset, Scene
 from tacauchy_rig.errors import ConfigError
 
@@ -98,7 +97,7 @@ def settings_by_cost(kind: str | None = None) -> tuple[Setting, ...]:
 
 
 def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[float | None, str]:
-    """Return the believed relative error of F_z, of the mesh and of what is left out; and why."""
+    """Return the prior relative error of F_z, of the mesh and of what is left out; and why."""
     error, basis = force_error(scene, depth_m=depth_m)
     left_out = sum(
         row.estimated_error or 0.0
@@ -111,7 +110,7 @@ def expected_error(scene: Scene, plan: EffectPlan, *, depth_m: float) -> tuple[f
 
 
 def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
-    """Return a scene with the cheapest settings whose believed error keeps a tolerance.
+    """Return a scene with the cheapest settings whose prior error keeps a tolerance.
 
     They are looked for from preset fast upwards, or downwards where that keeps it. Effects are left
     out within what the mesh leaves of the tolerance.
@@ -151,8 +150,8 @@ class _Search:
     Attributes:
         allowed: The tolerance, relative.
         depth_m: Where the error is judged [m].
-        known: The believed error of every setting that was tried.
-        reason: Why nothing was believed of the last that nothing was.
+        known: The prior error of every setting that was tried.
+        reason: Why the last without a prior error had none.
     """
 
     scene: Scene
@@ -162,7 +161,7 @@ class _Search:
     reason: str = ""
 
     def kept_by(self, setting: Setting) -> Scene | None:
-        """Return the scene with settings, effects left out, if they are believed to do."""
+        """Return the scene with settings, effects left out, if its prior error is small enough."""
         tried = setting.applied(self.scene)
         error, basis = force_error(tried, depth_m=self.depth_m)
         if error is None:

@@ -10,7 +10,6 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.layer_stress import layer_stress
 from sim.mesh.elements import boundary_faces, shape_gradients
 from sim.solve.model import Model
 
@@ -112,7 +111,7 @@ def _traction(
         for parents in (under, over)
     )
     smooth_lower, smooth_upper = (
-        _smooth_traction(model, layer_stress(model, positions, side), faces, normals)
+        _smooth_traction(model, _layer_stress(model, positions, side), faces, normals)
         for side in (labels == layer, labels == layer + 1)
     )
     symmetry = model.mesh.symmetry
@@ -222,3 +221,41 @@ def _recovered(
         part = mass[free][:, free]
         traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
     return traction
+
+
+def _layer_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+    """Return the Cauchy stress at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
+
+    The elements' stress jumps from one to the next, also within a layer, and its worst value is at
+    their faces. Its L2 projection onto functions that are linear between the vertices (Oden,
+    Brauchli 1971) is continuous in the layer and of the order of the quadrature points' stress.
+
+    Args:
+        positions: Deformed nodes [m], shape [node_count, 3].
+        chosen: Which tetrahedra are of the layer, shape [tet_count].
+
+    Returns:
+        Shape [vertex_count, 3, 3].
+    """
+    corners = model.elements[chosen, :4]
+    vertices, local = np.unique(corners, return_inverse=True)
+    local = local.reshape(corners.shape)
+    values, weights = model.reference.points, model.reference.weights
+    sides = model.nodes[corners[:, 1:]] - model.nodes[corners[:, :1]]
+    volumes = np.linalg.det(sides) / 6.0
+    blocks = volumes[:, None, None] * np.einsum("q,qa,qb->ab", weights, values, values)
+    if len(weights) == 1:
+        # One point cannot tell four vertices apart: lumped, it is the mean over the neighbours.
+        blocks = 0.25 * volumes[:, None, None] * np.eye(4)
+    rows, columns = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    mass = scipy.sparse.csc_matrix(
+        (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))),
+        shape=(len(vertices), len(vertices)),
+    )
+    stress = model.cauchy_stress(positions)[chosen].reshape(*blocks.shape[:1], len(weights), 9)
+    loads = np.einsum("e,q,qa,eqs->eas", volumes, weights, values, stress)
+    right = np.zeros((len(vertices), 9))
+    np.add.at(right, local, loads)
+    found = np.zeros((len(model.mesh.vertices), 9))
+    found[vertices] = scipy.sparse.linalg.splu(mass).solve(right)
+    return found.reshape(-1, 3, 3)

@@ -11,17 +11,20 @@ from typing import Any
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
 from sim.scene.tetwild_options import TetWildOptions
-from sim.sensor.numbers import (
+from sim.sensor.tables import (
     DIMENSIONS,
     MATERIAL,
     Measured,
+    SensorOptics,
+    naming,
+    parse_optics,
     read_counts,
     read_number,
     read_numbers,
     refuse_unknown,
+    surface_of,
+    tetwild_options_of,
 )
-from sim.sensor.optics_tables import SensorOptics, parse_optics
-from sim.sensor.pad_tables import surface_of, tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension
 
@@ -183,10 +186,8 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> 
             numbers[f"{name}.{key}"] = read_number(entry[key], f"{origin}: {name}.{key}", dimension)
         share = numbers[f"{name}.share"].value
         layers.append(Layer(share=share, material=_material(numbers, name)))
-    try:
+    with naming(origin):
         interface_shares(layers)
-    except ConfigError as error:
-        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
     return tuple(layers)
 
 

@@ -11,9 +11,9 @@ from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.truth import read_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
 from sim.scene.pad import BoxPad
-from sim.sensor.optics_tables import OpticsKind
 from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
+from sim.sensor.tables import OpticsKind
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
 from tacauchy_rig.store.run_store import RunStore

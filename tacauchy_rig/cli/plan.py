@@ -7,8 +7,8 @@ from dataclasses import asdict, replace
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import mesh_choice
 from sim.effects.plan import plan_effects
-from sim.error.believed_error import is_measured, time_ratio
-from sim.error.settings import FAST, setting_of
+from sim.error.measured_errors import FAST, setting_of
+from sim.error.prior_error import is_measured, time_ratio
 from sim.error.tolerance import alternatives, expected_error
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile

@@ -10,7 +10,7 @@ from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
-from sim.sensor.pad_tables import tetwild_options_of
+from sim.sensor.tables import tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.error.believed_error import force_error
+from sim.error.prior_error import force_error
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces, replay_scene

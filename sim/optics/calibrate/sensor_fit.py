@@ -15,8 +15,8 @@ from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
 from sim.optics.render.grey_depth import GREY_EXPONENTS
 from sim.optics.render.sensor_lamps import shadows_of
-from sim.sensor.optics_tables import OpticsKind
 from sim.sensor.sensor import Sensor
+from sim.sensor.tables import OpticsKind
 
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05

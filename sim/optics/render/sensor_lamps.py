@@ -7,8 +7,8 @@ from sim.optics.render.nominal import Lamp, nominal_photometric
 from sim.optics.render.photometric.model import PhotometricModel
 from sim.optics.render.photometric.shading_terms import MOST_LAMPS
 from sim.optics.render.shadows.shadow import ShadowCaster
-from sim.sensor.optics_tables import OpticsKind
 from sim.sensor.sensor import Sensor
+from sim.sensor.tables import OpticsKind
 from tacauchy_rig.errors import ConfigError
 
 

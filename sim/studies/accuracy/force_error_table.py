@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.effects.mesh_choice import mesh_depth
 from sim.effects.presets import sectors_of
-from sim.error.believed_error import circumstances_of
-from sim.error.fit import QUANTILE, Circumstances, ForceErrorFit, modelled_errors, scatter
-from sim.error.measured_rows import ForceErrorRow, indenter_kind
+from sim.error.measured_errors import ForceErrorRow, Setting, indenter_kind
+from sim.error.prior_error import (
+    QUANTILE,
+    Circumstances,
+    ForceErrorFit,
+    circumstances_of,
+    modelled_errors,
+    scatter,
+)
 from sim.error.section_error import section_error
-from sim.error.settings import Setting
 from sim.scene.indenter import describe
 from sim.scene.scene import Preset
 from sim.studies.accuracy.force_limit import PressStore, pressed_path

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from sim.error.settings import SETTINGS, Setting
+from sim.error.measured_errors import SETTINGS, Setting
 from sim.error.tolerance import Tolerance
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import Material

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sim.error.believed_error import force_error, time_ratio
-from sim.error.fit import QUANTILE
-from sim.error.measured_rows import indenter_kind
-from sim.error.settings import FAST
+from sim.error.measured_errors import FAST, indenter_kind
+from sim.error.prior_error import QUANTILE, force_error, time_ratio
 from sim.error.tolerance import settings_by_cost
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Scene, Target
@@ -156,10 +154,11 @@ def presets_section(*, command: str) -> Table:
         note="Believed relative error of F_z, examples: 0.5 mm deep in a GelSight Mini with "
         "another Poisson's ratio, the punch 5 mm wide with a fillet of 0.2 mm, the ball 10 mm. It "
         "is what the edges of the mesh's section do at small strains, and what a fit through "
-        f"training presses makes of that (sim/error/fit.py): {QUANTILE:.0%} of the errors of "
-        "presses that were left out of the fit, each in its turn, lie below; for preset paper the "
-        "largest that was measured. Times are medians of ratios of processor times on one thread. "
-        "Kept in sim/force_errors.json.",
+        f"training presses makes of that (sim/error/prior_error.py): {QUANTILE:.0%} of the errors "
+        "of presses that were left out of the fit, each in its turn, lie below; for preset paper "
+        "the largest that was measured. Times are medians of ratios of processor times on one "
+        "thread. "
+        "Kept in sim/error/force_errors.json.",
         command=command,
     )
 

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sim.effects.plan import plan_effects
-from sim.error.measured_rows import indenter_kind
-from sim.error.settings import FAST, Setting, setting_of
+from sim.error.measured_errors import FAST, Setting, indenter_kind, setting_of
 from sim.error.tolerance import expected_error, keeping, settings_by_cost
 from sim.press import path_for, solve
 from sim.scene.scene import Preset, Scene

@@ -11,7 +11,7 @@ from functools import partial
 
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
-from sim.error.settings import FAST, Setting
+from sim.error.measured_errors import FAST, Setting
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath

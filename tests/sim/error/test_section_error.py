@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.error.axisymmetric import AxisymmetricGel, Bed
-from sim.error.section_error import section_depth, section_error, section_force
-from sim.error.settings import LADDER, Setting
+from sim.error.measured_errors import LADDER, Setting
+from sim.error.section_error import (
+    AxisymmetricGel,
+    Bed,
+    section_depth,
+    section_error,
+    section_force,
+)
 from sim.mesh.graded_plane import Grading, triangulate_half_section
 from sim.press import press
 from sim.scene.indenter import Cylinder, Plane, Sphere

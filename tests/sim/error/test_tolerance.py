@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.effects.plan import plan_effects
-from sim.error.believed_error import force_error, time_ratio
-from sim.error.measured_rows import indenter_kind
+from sim.error.measured_errors import Setting, indenter_kind, setting_of
+from sim.error.prior_error import force_error, time_ratio
 from sim.error.section_error import section_force
-from sim.error.settings import Setting, setting_of
 from sim.error.tolerance import (
     Alternative,
     Tolerance,

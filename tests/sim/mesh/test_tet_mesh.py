@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.mesh.graded_plane import Grading
-from sim.mesh.pad_surface import pad_surface
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
 from sim.mesh.tet_mesh import mesh_statistics, oriented
-from sim.mesh.tetwild import WildSizing, edge_length_at, wild_mesh
+from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad
 from sim.scene.scene import Preset, Scene, Target

@@ -12,7 +12,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.effects.footprint_presets import footprint_mesh
 from sim.effects.mesh_choice import MeshKind, mesh_choice
 from sim.effects.presets import build_model
-from sim.mesh.pad_surface import pad_surface
+from sim.mesh.tetwild import pad_surface
 from sim.scene.indenter import Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, read_surface_pad, surface_pad

@@ -114,7 +114,7 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
         note=(
             "A jump is the norm of the difference of both sides' sigma n over that of their mean, "
             "both over the interface. Stress is made continuous within a layer by projection from "
-            "that layer's elements alone (sim/fields/layer_stress.py)."
+            "that layer's elements alone (sim/fields/interface.py)."
         ),
         command=(
             "tacauchy-rig press --sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm "

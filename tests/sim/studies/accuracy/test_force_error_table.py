@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from sim.error.fit import Circumstances, fits
-from sim.error.measured_rows import ROUNDED, ForceErrorRow, rows
+from sim.error.measured_errors import ROUNDED, ForceErrorRow, rows
+from sim.error.prior_error import Circumstances, fits
 from sim.scene.scene import Preset
 from sim.studies.accuracy.force_error_table import fits_through, fitted
 
@@ -62,7 +62,7 @@ def test_what_scatters_is_believed_to_err_more() -> None:
     )
     where = Circumstances(poisson=0.45, radius_share=1.0, fillet_share=0.1)
     assert rough.margin > steady.margin + 0.5
-    assert rough.believed(2e-2, 16, where) > 1.05 * steady.believed(2e-2, 16, where)
+    assert rough.bound(2e-2, 16, where) > 1.05 * steady.bound(2e-2, 16, where)
     assert rough.middle(2e-2, 16, where) == pytest.approx(steady.middle(2e-2, 16, where), rel=0.15)
 
 
@@ -83,7 +83,7 @@ def test_nine_rows_of_ten_err_by_no_more_than_is_believed(kind: str) -> None:
     revolved = [row for row in rows() if row.kind == kind and row.section_error is not None]
     kept = [
         row.error
-        <= fit.believed(
+        <= fit.bound(
             row.section_error or 0.0,
             row.sector_count,
             Circumstances(

@@ -6,7 +6,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from sim.error.settings import FAST, Setting
+from sim.error.measured_errors import FAST, Setting
 from sim.error.tolerance import Tolerance, keeping
 from sim.scene.indenter import describe
 from sim.scene.scene import Preset

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.error.settings import FAST, Setting
+from sim.error.measured_errors import FAST, Setting
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sim.sensor.optics_tables import OpticsKind, parse_optics
 from sim.sensor.sensor import load_sensor
+from sim.sensor.tables import OpticsKind, parse_optics
 from tacauchy_rig.errors import ConfigError
 
 LAMP = {"azimuth": "90 deg", "elevation": "20 deg", "colour": [80, 0, 0], "source": "assumed"}

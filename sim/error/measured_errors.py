@@ -1,20 +1,59 @@
-"""The presses on which what is believed about the error of F_z rests, as the program ships them."""
+"""What was measured about the error of F_z, as the program ships it: presses by setting.
+
+A setting is what a tolerance may choose: a preset, or a mesh between two of them.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import Any
 
-from sim.error.settings import Setting
 from sim.scene.indenter import Cylinder, Indenter, describe
-from sim.scene.scene import Preset
+from sim.scene.scene import Preset, Scene
 
 FILE = "force_errors.json"
 BALL, ROUNDED, SHARP = "sphere", "cylinder with a rounded rim", "cylinder with a sharp rim"
 _ROUNDED_SHARE = 0.0199
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A preset, and how many times shorter than its own every edge is."""
+
+    preset: Preset
+    refinement: float = 1.0
+
+    def __str__(self) -> str:
+        if self.refinement == 1.0:
+            return self.preset.value
+        return f"{self.preset.value}, edges {1.0 / self.refinement:.3g} times as long"
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return a scene with these settings."""
+        return replace(scene, preset=self.preset, refinement=self.refinement)
+
+
+def setting_of(scene: Scene) -> Setting:
+    """Return a scene's settings."""
+    return Setting(scene.preset, scene.refinement)
+
+
+FAST = Setting(Preset.FAST)
+# Neighbouring costs are 1.3 to 1.8 times apart.
+LADDER = tuple(
+    Setting(Preset.FAST, refinement)
+    for refinement in (0.62, 0.75, 0.9, 1.0, 1.18, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.85, 3.3)
+)
+SETTINGS = (
+    Setting(Preset.PAPER),
+    *LADDER,
+    Setting(Preset.BALANCED),
+    Setting(Preset.ACCURATE),
+    Setting(Preset.REFERENCE),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
