@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
+from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import label_forces
-from reports.results import TrialResult, ValidationReport
 from reports.scores.contact import ContactScores
 from tacauchy_rig.figure_style import (
     BLUE,

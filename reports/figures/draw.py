@@ -9,12 +9,12 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from reports.comparison.results import ValidationReport
 from reports.figures.diagnostics import draw_arrival, draw_contact, draw_truth
 from reports.figures.forces import draw_force_depth, draw_time_curves
 from reports.figures.images import draw_images
 from reports.figures.matrices import draw_matrices
 from reports.figures.scores import draw_errors, draw_similarities
-from reports.results import ValidationReport
 from tacauchy_rig.figure_style import STYLE, save_figure
 
 

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.arrays import FloatArray
+from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import Curve, TrialEvidence
 from reports.figures.trials import force_label, shown
-from reports.results import TrialResult, ValidationReport
 from tacauchy_rig.figure_style import (
     BLUE,
     COLUMN_IN,

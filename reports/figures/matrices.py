@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from reports.results import ValidationReport
+from reports.comparison.results import ValidationReport
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import Metric
 from tacauchy_rig.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure

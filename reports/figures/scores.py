@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.projections.polar import PolarAxes
 
+from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import force_label, label_forces, shown
-from reports.results import TrialResult, ValidationReport
 from reports.scores.metrics import Metric
 from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
 

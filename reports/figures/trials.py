@@ -7,8 +7,8 @@ from typing import TypeVar
 
 from matplotlib.axes import Axes
 
+from reports.comparison.results import TrialResult
 from reports.evidence.evidence import TrialEvidence
-from reports.results import TrialResult
 
 MAX_COLUMNS = 6
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from reports.page.reading import MINUS, NAMES
+from reports.comparison.sentences import MINUS, NAMES
 from reports.scores.metrics import Metric
 
 ABSENT = "\u2013"

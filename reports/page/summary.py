@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from reports.results import TrialResult, ValidationReport
+from reports.comparison.results import TrialResult, ValidationReport
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import DEFINITIONS
 from reports.scores.statistics import CONFIDENCE

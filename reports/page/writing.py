@@ -6,12 +6,12 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from reports.comparison.results import ValidationReport
 from reports.figures.draw import draw_figures
 from reports.page.html import render_html
 from reports.page.pictures import write_pictures
 from reports.page.summary import build_summary
 from reports.page.tables import junit_xml, metrics_csv
-from reports.results import ValidationReport
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.codec import to_plain
 

@@ -8,17 +8,15 @@ off the simulator, so the force is the outcome. Only the second tests the simula
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from reports.evidence.evidence import TrialEvidence
-
-_SAME_DEPTH_M = 1e-9
+from reports.evidence.force_depth import depth_at_force, force_at_depth
 
 
 class TermGroup(StrEnum):
@@ -69,56 +67,6 @@ class ForceAgreement:
     known_uncertainty_n: float | None
     budget_complete: bool
     budget: tuple[UncertaintyTerm, ...]
-
-
-def force_at_depth(curve: FloatArray, depth_m: float) -> float | None:
-    """Interpolate the simulated force [N] at ``depth_m``.
-
-    Args:
-        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
-        depth_m: Depth below first touch [m].
-
-    Returns:
-        None outside the depths that were simulated: nothing is extrapolated.
-    """
-    if len(curve) < 2 or not curve[0, 0] <= depth_m <= curve[-1, 0]:
-        return None
-    return float(np.interp(depth_m, curve[:, 0], curve[:, 1]))
-
-
-def depth_at_force(curve: FloatArray, force_n: float) -> float | None:
-    """Interpolate the depth [m] at which the simulator first reaches ``force_n`` [N].
-
-    Args:
-        curve: (depth [m], force [N]), shape [n, 2], sorted by depth.
-        force_n: Pressing force [N].
-
-    Returns:
-        None above the forces that were simulated.
-    """
-    reached = np.flatnonzero(curve[:, 1] >= force_n)
-    if len(curve) < 2 or not len(reached):
-        return None
-    last = max(int(reached[0]), 1)
-    (d0, f0), (d1, f1) = curve[last - 1], curve[last]
-    return float(d0 + (d1 - d0) * (force_n - f0) / (f1 - f0)) if f1 > f0 else float(d0)
-
-
-def merge_histories(histories: Sequence[Sequence[tuple[float, float]]]) -> FloatArray | None:
-    """Merge the evaluations of all trials' searches into one curve from first touch on.
-
-    The trials share one model, so every (depth [m], force [N]) lies on the same curve.
-
-    Returns:
-        Shape [n, 2], sorted by depth, first row zero; None when there is no evaluation.
-    """
-    points = np.array(
-        sorted((d, f) for history in histories for d, f in history if d > 0.0), dtype=np.float64
-    ).reshape(-1, 2)
-    if not len(points):
-        return None
-    apart = np.diff(points[:, 0], prepend=0.0) > _SAME_DEPTH_M  # trials pass the same depths
-    return np.concatenate([[[0.0, 0.0]], points[apart]])
 
 
 def compare_force(

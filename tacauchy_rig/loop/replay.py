@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from reports.evidence.attempt import AttemptReading, RunReading
-from reports.modulus import ModulusFit, fit_modulus
-from reports.scores.force_agreement import merge_histories
+from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from reports.comparison import compare
+from reports.comparison.compare import compare
+from reports.comparison.results import ValidationReport
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence
 from reports.page.writing import ReportPaths, write_report
-from reports.results import ValidationReport
 from tacauchy_rig.loop.replay import REPLAY_NAME
 
 

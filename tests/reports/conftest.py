@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from reports.comparison import compare
+from reports.comparison.compare import compare
+from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
@@ -23,7 +24,6 @@ from reports.evidence.evidence import (
     TruthComparison,
 )
 from reports.page.writing import ReportPaths, write_report
-from reports.results import ValidationReport
 from tacauchy_rig.run import Outcome, ReplayTrial, TrialRecord
 
 HEIGHT, WIDTH = 240, 320

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from reports.comparison import compare
+from reports.comparison.compare import compare
 from reports.evidence.attempt import RunReading
-from reports.evidence.evidence import ImageGeometry, RunEvidence
-from reports.evidence.loading import load_evidence, summarize_journal
+from reports.evidence.evidence import ImageGeometry, RunEvidence, TrueDwell
+from reports.evidence.loading import load_evidence, read_true_dwells, summarize_journal
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import (
     JournalEvent,
@@ -124,3 +125,22 @@ def test_journal_is_counted() -> None:
     assert (counted.attempt_count, counted.fault_count) == (2, 2)
     assert (counted.abort_count, counted.resume_count) == (1, 1)
     assert "process-died: camera signal 9" in counted.faults
+
+
+def test_trace_is_averaged_over_the_dwell(tmp_path: Path) -> None:
+    """Only frames inside the window count; a torn last line and a restarted trace do no harm."""
+    trace = tmp_path / "force_trace.jsonl"
+    rows = [
+        {
+            "number": k,
+            "stamp_ns": k * 10,
+            "force_true_n": 2.0 if k < 50 else 9.0,
+            "depth_true_m": 1e-4,
+        }
+        for k in range(100)
+    ]
+    rows[3]["depth_true_m"] = None
+    trace.write_text("\n".join(json.dumps(row) for row in rows) + '\n{"number": 1')
+    found = read_true_dwells(trace, {1: (0, 490), 2: (5000, 6000)})
+    assert found == {1: TrueDwell(force_n=2.0, depth_m=pytest.approx(1e-4))}
+    assert read_true_dwells(tmp_path / "absent.jsonl", {1: (0, 490)}) == {}

@@ -13,11 +13,11 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from reports.comparison.results import ValidationReport
 from reports.page.html import number, plain, signed, words
 from reports.page.summary import build_summary
 from reports.page.tables import junit_xml, metrics_csv
 from reports.page.writing import ReportPaths, write_report
-from reports.results import ValidationReport
 from tacauchy_rig.errors import RecordError
 
 METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}

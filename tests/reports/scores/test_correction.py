@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from reports.results import ValidationReport
+from reports.comparison.results import ValidationReport
 from reports.scores.contact import contact_footprint, image_change
 from reports.scores.correction import correct, fit_light, register_changes, shift_change
 

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from reports.comparison import compare
+from reports.comparison.compare import compare
+from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
-from reports.results import ValidationReport
 from reports.scores.floors import (
     CONTACT_RESIDUAL,
     CeilingKind,

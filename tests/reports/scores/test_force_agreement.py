@@ -5,27 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from reports.evidence.evidence import RunEvidence
 from reports.scores.force_agreement import (
     TermGroup,
     compare_force,
-    depth_at_force,
-    force_at_depth,
-    merge_histories,
 )
-
-CURVE = np.array([[0.0, 0.0], [1e-4, 1.0], [2e-4, 3.0]])
-
-
-def test_force_is_interpolated_and_never_extrapolated() -> None:
-    """Between two depths linear; outside of what was simulated nothing is said."""
-    assert force_at_depth(CURVE, 1.5e-4) == pytest.approx(2.0)
-    assert force_at_depth(CURVE, 2.1e-4) is None
-    assert force_at_depth(CURVE, -1e-6) is None
-    assert force_at_depth(CURVE[:1], 0.0) is None
 
 
 def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
@@ -38,24 +24,6 @@ def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
     assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
     height = next(t for t in force.budget if t.name == "height of first contact")
     assert height.value_n == pytest.approx(0.5 * 0.0707)
-    assert depth_at_force(CURVE, 2.0) == pytest.approx(1.5e-4)
-    assert depth_at_force(CURVE, 3.1) is None
-
-
-def test_histories_of_all_trials_are_one_curve() -> None:
-    """Evaluations are sorted by depth, start at rest, and repeated ones count once."""
-    merged = merge_histories([((2e-4, 3.0), (1e-4, 1.0)), ((1e-4, 1.0),)])
-    assert merged is not None
-    assert np.array_equal(merged, CURVE)
-    assert merge_histories([(), ()]) is None
-
-
-def test_one_depth_counts_once() -> None:
-    """Trials that pass one depth, the solver's tolerance apart, leave a curve with a slope."""
-    merged = merge_histories([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
-    assert merged is not None
-    assert np.array_equal(merged[:, 0], [0.0, 1e-4, 2e-4])
-    assert np.isfinite(np.gradient(merged[:, 1], merged[:, 0])).all()
 
 
 def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:

@@ -2,49 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell, TruthComparison
-from reports.results import TrialResult
+from reports.comparison.results import TrialResult
+from reports.evidence.evidence import EmulatedWorld, RunEvidence, TruthComparison
 from tacauchy_rig.run import FZ, TrialRecord
-
-MIN_TRACE_SAMPLES = 10
-
-
-def read_true_dwells(trace: Path, windows: Mapping[int, tuple[int, int]]) -> dict[int, TrueDwell]:
-    """Average the true force and depth over each trial's dwell.
-
-    Args:
-        trace: ``force_trace.jsonl`` of the emulated force sensor, one frame a line. A trace that
-            is missing or was started anew after an interruption gives fewer trials.
-        windows: Per trial, first and last stamp of the dwell [ns].
-    """
-    if not trace.is_file():
-        return {}
-    samples: dict[int, list[tuple[float, float]]] = {index: [] for index in windows}
-    with trace.open(encoding="utf-8") as lines:
-        for stamp, force, depth in _trace_rows(lines):
-            for index, (start, end) in windows.items():
-                if start <= stamp <= end:
-                    samples[index].append((force, depth))
-    means = {i: np.mean(v, axis=0) for i, v in samples.items() if len(v) >= MIN_TRACE_SAMPLES}
-    return {i: TrueDwell(force_n=float(m[0]), depth_m=float(m[1])) for i, m in means.items()}
-
-
-def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:
-    for line in lines:
-        try:
-            row = json.loads(line)
-        except ValueError:
-            continue  # the emulator was killed while it wrote its last line
-        if row.get("force_true_n") is not None and row.get("depth_true_m") is not None:
-            yield row["stamp_ns"], row["force_true_n"], row["depth_true_m"]
 
 
 def recover_truth(

@@ -1,4 +1,4 @@
-"""The modulus that a run's own depths and forces tell."""
+"""The simulated curve, and the modulus that a run's own depths and forces tell by it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 
 from reports.arrays import FloatArray
+from reports.comparison.results import ValidationReport
+from reports.comparison.sentences import limits_of
 from reports.evidence.evidence import RunEvidence
-from reports.modulus import fit_modulus
-from reports.page.reading import limits_of
-from reports.results import ValidationReport
+from reports.evidence.force_depth import (
+    depth_at_force,
+    fit_modulus,
+    force_at_depth,
+    merge_histories,
+)
 from tacauchy_rig.run import Outcome, TrialRecord
 
 _STIFFNESS_N_M = 6e3
 _CONTACT_N = 0.05
+CURVE = np.array([[0.0, 0.0], [1e-4, 1.0], [2e-4, 3.0]])
 
 
 def _curve() -> FloatArray:
@@ -94,3 +100,33 @@ def test_the_report_says_that_the_gel_was_fitted(
     assert "as stiff as stated" not in " ".join(
         limits_of(report.trials, report.statistics, evidence)
     )
+
+
+def test_force_is_interpolated_and_never_extrapolated() -> None:
+    """Between two depths linear; outside of what was simulated nothing is said."""
+    assert force_at_depth(CURVE, 1.5e-4) == pytest.approx(2.0)
+    assert force_at_depth(CURVE, 2.1e-4) is None
+    assert force_at_depth(CURVE, -1e-6) is None
+    assert force_at_depth(CURVE[:1], 0.0) is None
+
+
+def test_depth_is_where_a_force_is_first_reached() -> None:
+    """Between two depths linear; no depth above the forces that were simulated."""
+    assert depth_at_force(CURVE, 2.0) == pytest.approx(1.5e-4)
+    assert depth_at_force(CURVE, 3.1) is None
+
+
+def test_histories_of_all_trials_are_one_curve() -> None:
+    """Evaluations are sorted by depth, start at rest, and repeated ones count once."""
+    merged = merge_histories([((2e-4, 3.0), (1e-4, 1.0)), ((1e-4, 1.0),)])
+    assert merged is not None
+    assert np.array_equal(merged, CURVE)
+    assert merge_histories([(), ()]) is None
+
+
+def test_one_depth_counts_once() -> None:
+    """Trials that pass one depth, the solver's tolerance apart, leave a curve with a slope."""
+    merged = merge_histories([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
+    assert merged is not None
+    assert np.array_equal(merged[:, 0], [0.0, 1e-4, 2e-4])
+    assert np.isfinite(np.gradient(merged[:, 1], merged[:, 0])).all()

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from reports.comparison import compare
-from reports.criteria import judge_trial
+from reports.comparison.compare import compare
+from reports.comparison.criteria import judge_trial
+from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence, Thresholds
-from reports.results import ValidationReport
 from reports.scores.metrics import ImageScores, Metric
 
 SCORES = ImageScores(ssim=0.9, ncc=0.9, histogram_correlation=0.9, psnr_db=30.0, mse=60.0)

@@ -7,7 +7,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from reports.criteria import judge_trial
+from reports.comparison.criteria import judge_trial
+from reports.comparison.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
+from reports.comparison.sentences import limits_of, read_scores, verdict_of
+from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import (
     ImageGeometry,
     RunEvidence,
@@ -15,8 +18,6 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrialImages,
 )
-from reports.page.reading import limits_of, read_scores, verdict_of
-from reports.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
 from reports.scores.contact import score_contact
 from reports.scores.correction import correct
 from reports.scores.floors import (
@@ -35,7 +36,6 @@ from reports.scores.floors import (
 from reports.scores.force_agreement import compare_force
 from reports.scores.metrics import ImageScores, Metric, score, to_grey
 from reports.scores.statistics import psnr_of_mean_mse, t_interval
-from reports.truth import recover_truth
 
 
 def compare(evidence: RunEvidence) -> ValidationReport:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
-from reports.results import RunStatistics, TrialResult
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from reports.comparison import compare
+from reports.comparison.compare import compare
+from reports.comparison.results import ValidationReport
+from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
-from reports.results import ValidationReport
-from reports.truth import read_true_dwells, recover_truth
 from tacauchy_rig.run import Tare
 
 WORLD = EmulatedWorld(
@@ -77,22 +75,3 @@ def test_real_run_has_no_truth(evidence: RunEvidence) -> None:
     """Without an emulated world there is nothing to compare with."""
     real = replace(evidence, trials=evidence.trials[:1], truth=(), simulated=False)
     assert compare(real).truth == ()
-
-
-def test_trace_is_averaged_over_the_dwell(tmp_path: Path) -> None:
-    """Only frames inside the window count; a torn last line and a restarted trace do no harm."""
-    trace = tmp_path / "force_trace.jsonl"
-    rows = [
-        {
-            "number": k,
-            "stamp_ns": k * 10,
-            "force_true_n": 2.0 if k < 50 else 9.0,
-            "depth_true_m": 1e-4,
-        }
-        for k in range(100)
-    ]
-    rows[3]["depth_true_m"] = None
-    trace.write_text("\n".join(json.dumps(row) for row in rows) + '\n{"number": 1')
-    found = read_true_dwells(trace, {1: (0, 490), 2: (5000, 6000)})
-    assert found == {1: TrueDwell(force_n=2.0, depth_m=pytest.approx(1e-4))}
-    assert read_true_dwells(tmp_path / "absent.jsonl", {1: (0, 490)}) == {}

@@ -1,0 +1,1 @@
+"""Evidence in, judged numbers and plain sentences out."""
