@@ -26,6 +26,23 @@ def page(package: str, template: str, facts: Mapping[str, object]) -> str:
         template: Its file's name.
         facts: What it is told.
     """
+    return filled(_environment(package).get_template(template).render(**facts))
+
+
+def prose(package: str, template: str, block: str, /, **facts: object) -> str:
+    """Return one block of a template, such as a table's note, as a single line.
+
+    Args:
+        package: As for ``page``.
+        template: Its file's name.
+        block: Which of its blocks.
+        facts: What it is told.
+    """
+    found = _environment(package).get_template(template)
+    return " ".join("".join(found.blocks[block](found.new_context(facts))).split())
+
+
+def _environment(package: str) -> Environment:
     environment = Environment(
         loader=FunctionLoader(lambda name: resources.files(package).joinpath(name).read_text()),
         # Markdown, not HTML.
@@ -35,7 +52,7 @@ def page(package: str, template: str, facts: Mapping[str, object]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["table"] = markdown_table
-    return filled(environment.get_template(template).render(**facts))
+    return environment
 
 
 def filled(text: str) -> str:

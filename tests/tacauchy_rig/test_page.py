@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacauchy_rig.page import criteria_page, filled
+from tacauchy_rig.page import criteria_page, filled, prose
 from tacauchy_rig.tables import Table
 
 MET = Table(
@@ -66,3 +66,14 @@ def test_paragraphs_are_filled_and_tables_left_as_they_are() -> None:
     kept = f"| {long} |\n\n- {long}\n\n```\n{long}\n```\n"
     assert filled(kept) == kept
     assert "\n\n\n" not in text
+
+
+def test_a_block_of_a_template_is_one_line_of_prose() -> None:
+    """A table's note is filled by whoever shows it, so that it holds no line breaks."""
+    facts = {"power": "1.10", "of_one": "0.90"}
+    note = prose("sim.studies.bench", "notes.md.jinja", "growth", **facts)
+    assert note.startswith(
+        "Fitted through all rows: time goes with the elements to the power of 1.10"
+    )
+    assert "\n" not in note
+    assert "  " not in note

@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import attrgetter
 
-from sim.studies.bench.batch_tables import TIMES, batches_section, parts_section, stress_section
+from sim.studies.bench.batches import BALANCE, BatchPartsRow
 from sim.studies.bench.frames import CLOSE, FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
-from sim.studies.bench.peer.comparison import peer_section
-from sim.studies.bench.press_parts import EXPONENT_WANTED, exponent, local_exponents
+from sim.studies.bench.peer.comparison import peer_table
+from sim.studies.bench.press_parts import EXPONENT_WANTED, PartRow, exponent, local_exponents
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.studies.bench.suite import Bench
-from tacauchy_rig.tables import Table
+from tacauchy_rig.page import prose
+from tacauchy_rig.tables import Table, table_of
 
 FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
+# To which times are to grow less than the environments.
+_FEW = 60
+_STRESS_MS = 0.1
+_TIMES = "none: a time belongs to the machine and what else it does"
+_note = partial(prose, "sim.studies.bench", "notes.md.jinja")
 
 
-def sections(found: Bench) -> list[Table]:
+def bench_tables(found: Bench) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
     tables: dict[Callable[[Bench], Table], Sequence[object]] = {
         _frames: found.frames,
         _reuse: found.reuse,
-        batches_section: found.batches,
-        stress_section: found.batches,
-        parts_section: found.batches,
+        _batches: found.batches,
+        _stress: found.batches,
+        _launches: found.batches,
         _peers: found.peers,
-        _phases: found.phases,
+        _parts: found.phases,
         _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,
@@ -38,201 +46,215 @@ def sections(found: Bench) -> list[Table]:
 
 def _frames(found: Bench) -> Table:
     close = [row for row in found.frames if abs(row.force_error) <= FORCE_ERROR_MAX]
-    return Table(
+    return table_of(
+        found.frames,
+        {
+            "preset": lambda row: row.setting,
+            "tetrahedra": lambda row: row.tet_count,
+            "unknowns": lambda row: row.unknown_count,
+            "F_z off by [%]": lambda row: 1e2 * row.force_error,
+            "iterations": lambda row: row.newton_iterations,
+            "factorisations": lambda row: row.factorisations,
+            "set-up [s]": lambda row: row.setup_s,
+            "frame [ms]": lambda row: row.frame_ms,
+            "processor time of it [ms]": lambda row: 1e3 * row.cpu_s / FRAME_COUNT,
+            "frames [1/s]": lambda row: row.frames_per_s,
+            "peak memory [MiB]": lambda row: row.memory_mib,
+        },
         title="Frames a second",
-        columns=(
-            "preset",
-            "tetrahedra",
-            "unknowns",
-            "F_z off by [%]",
-            "iterations",
-            "factorisations",
-            "set-up [s]",
-            "frame [ms]",
-            "processor time of it [ms]",
-            "frames [1/s]",
-            "peak memory [MiB]",
-        ),
-        rows=tuple(
-            (
-                row.setting,
-                row.tet_count,
-                row.unknown_count,
-                1e2 * row.force_error,
-                row.newton_iterations,
-                row.factorisations,
-                row.setup_s,
-                row.frame_ms,
-                1e3 * row.cpu_s / FRAME_COUNT,
-                row.frames_per_s,
-                row.memory_mib,
-            )
-            for row in found.frames
-        ),
         criterion=f"on two cores at least {FAST_FRAMES_PER_S:g} frames/s with preset fast, and at "
         f"least {CLOSE_FRAMES_PER_S:g} with F_z within {FORCE_ERROR_MAX:.0%} of preset accurate's",
         passed=found.frames[0].frames_per_s >= FAST_FRAMES_PER_S
         and max((row.frames_per_s for row in close), default=0.0) >= CLOSE_FRAMES_PER_S,
-        note=f"An indenter travels {TRAVEL_M * 1e3:g} mm into the gel in {FRAME_COUNT} frames, "
-        "each an equilibrium, from the untouched gel on and with nothing known of it but its mesh. "
-        "F_z is that of the last frame. Finer meshes are tried until it is within "
-        f"{CLOSE:.0%}, since preset accurate's may be 1 % above the limit of fine meshes. Time is "
-        "the least of ten travels. Memory is the process's peak so far, the press with preset "
-        "accurate included.",
+        note=_note(
+            "frames", travel_mm=f"{TRAVEL_M * 1e3:g}", count=FRAME_COUNT, close=f"{CLOSE:.0%}"
+        ),
     )
 
 
 def _reuse(found: Bench) -> Table:
     first = found.reuse[0]
-    return Table(
+    return table_of(
+        found.reuse,
+        {
+            "way": lambda row: row.way,
+            "evaluations": lambda row: row.evaluations,
+            "factorisations": lambda row: row.factorisations,
+            "processor time [s]": lambda row: row.cpu_s,
+            "over the first": lambda row: row.cpu_s / first.cpu_s,
+            "F_z [N]": lambda row: row.force_n,
+        },
         title="What reuse saves",
-        columns=(
-            "way",
-            "evaluations",
-            "factorisations",
-            "processor time [s]",
-            "over the first",
-            "F_z [N]",
+        criterion=_TIMES,
+        note=_note("reuse"),
+    )
+
+
+def _batches(found: Bench) -> Table:
+    rows = found.batches
+    few = [row for row in rows if row.environments <= _FEW]
+    power = None
+    if len(few) > 1:
+        counts, times = [float(row.environments) for row in few], [row.wall_s for row in few]
+        power = f"{exponent(counts, times):.2f}"
+    return table_of(
+        rows,
+        {
+            "device": lambda row: row.device,
+            "environments": lambda row: row.environments,
+            "frames [1/s]": lambda row: round(row.frames_per_s),
+            "frame of all [ms]": lambda row: row.frame_ms,
+            "evaluations": lambda row: row.evaluations,
+            "F_z off by [%]": lambda row: 1e2 * row.force_error,
+            "imbalance": lambda row: row.imbalance,
+            "residual": lambda row: row.residual,
+            "gap [um]": lambda row: 1e6 * row.gap_m,
+            "failed": lambda row: row.failed_count,
+        },
+        title="Environments side by side",
+        criterion="F_z within 3 % of preset accurate, base reaction and indenter force alike to "
+        f"{BALANCE:g}, every gap positive, every environment at its last frame",
+        passed=all(
+            abs(row.force_error) <= FORCE_ERROR_MAX
+            and row.imbalance <= BALANCE
+            and row.gap_m > 0.0
+            and row.failed_count == 0
+            for row in rows
         ),
-        rows=tuple(
-            (
-                row.way,
-                row.evaluations,
-                row.factorisations,
-                row.cpu_s,
-                row.cpu_s / first.cpu_s,
-                row.force_n,
-            )
-            for row in found.reuse
+        note=_note(
+            "batches",
+            first=rows[0],
+            few=_FEW,
+            power=power,
+            absent=[text for text in found.absent if "images" not in text],
         ),
-        criterion=TIMES,
-        passed=True,
-        note="The travel of the frames with preset fast, in its own way and in others that each "
-        "leave one thing out, all on the same mesh; then the forces of a replay. An evaluation is "
-        "one of the forces. F_z is that at the end.",
+    )
+
+
+def _stress(found: Bench) -> Table:
+    judged = [row for row in found.batches if row.environments == 1 and row.device != "cpu"]
+    limit = f"for one environment on a GPU less than {_STRESS_MS:g} ms"
+    return table_of(
+        found.batches,
+        {
+            "device": lambda row: row.device,
+            "environments": lambda row: row.environments,
+            "faces of each": lambda row: row.stress.face_count,
+            "on the device [us]": lambda row: 1e6 * row.stress.device_s,
+            "of it for one environment [us]": lambda row: (
+                1e6 * row.stress.device_s / row.environments
+            ),
+            "with results on the host [us]": lambda row: 1e6 * row.stress.host_s,
+        },
+        title="Stress on the surface, in a batch",
+        criterion=limit if judged else _TIMES,
+        passed=all(1e3 * row.stress.device_s < _STRESS_MS for row in judged),
+        note=_note("stress"),
+    )
+
+
+def _launches(found: Bench) -> Table:
+    rows = [row for batch in found.batches for row in batch.parts]
+
+    def time_us(row: BatchPartsRow, name: str) -> float:
+        return round(1e6 * row.parts_s[name], 1)
+
+    return table_of(
+        rows,
+        {
+            "environments": lambda row: row.environments,
+            "doing": lambda row: row.doing,
+            **{f"{name} [us]": partial(time_us, name=name) for name in rows[0].parts_s},
+            "together [us]": lambda row: round(1e6 * sum(row.parts_s.values()), 1),
+        },
+        title="Parts of an evaluation",
+        criterion=_TIMES,
+        note=_note("launches"),
     )
 
 
 def _peers(found: Bench) -> Table:
-    return peer_section(found.batches, found.peers)
+    return peer_table(found.batches, found.peers)
 
 
-def _phases(found: Bench) -> Table:
-    names = dict.fromkeys(row.name for row in found.phases)
+def _parts(found: Bench) -> Table:
+    rows = {(row.name, row.preset): row for row in found.phases}
     presets = dict.fromkeys(row.preset for row in found.phases)
-    times = {(row.name, row.preset): row for row in found.phases}
-    return Table(
+
+    def time_ms(name: str, *, preset: str, of: Callable[[PartRow], float]) -> float:
+        return 1e3 * of(rows[name, preset])
+
+    return table_of(
+        dict.fromkeys(row.name for row in found.phases),
+        {
+            "part": str,
+            **{
+                f"{preset}, {what} [ms]": partial(
+                    time_ms, preset=preset, of=attrgetter(f"{what}_s")
+                )
+                for preset in presets
+                for what in ("median", "least")
+            },
+        },
         title="Parts of the work",
-        columns=(
-            "part",
-            *(f"{preset}, {what} [ms]" for preset in presets for what in ("median", "least")),
-        ),
-        rows=tuple(
-            (
-                name,
-                *(
-                    1e3 * seconds
-                    for preset in presets
-                    for seconds in (times[name, preset].median_s, times[name, preset].least_s)
-                ),
-            )
-            for name in names
-        ),
-        criterion=TIMES,
-        passed=True,
-        note="Each alone, on the state at the end of a press. Assembly: energy, gradient and "
-        "Newton matrix of the elements. Contact: gaps, energy, forces and their sum at the nodes. "
-        "Solution: one right side. These are done about once a Newton iteration; the stress on the "
-        "surface, the height map and the image once a frame. Height map and image are of one "
-        "sample a pixel, with the nominal lamps of the sensor's file and no blur, and rendering "
-        "includes setting up the renderer for that one image. An image from a renderer that is "
-        "kept is under Rendering, those that a replay makes under Replay of a run.",
+        criterion=_TIMES,
+        note=_note("parts"),
     )
 
 
 def _rendering(found: Bench) -> Table:
     limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS}
-    first = found.rendering[0]
     judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
-    return Table(
+    return table_of(
+        found.rendering,
+        {
+            "sensor": lambda row: row.sensor,
+            "renderer": lambda row: row.renderer,
+            "device": lambda row: row.device,
+            "images": lambda row: row.image_count,
+            "samples": lambda row: f"{row.samples}x{row.samples}",
+            "shadows": lambda row: row.shadow_count,
+            "image [ms]": lambda row: row.image_ms,
+            "least [ms]": lambda row: 1e3 * row.least_s / row.image_count,
+            "apart [levels]": lambda row: row.apart_levels,
+            "apart [%]": lambda row: 1e2 * row.apart_share,
+        },
         title="Rendering",
-        columns=(
-            "sensor",
-            "renderer",
-            "device",
-            "images",
-            "samples",
-            "shadows",
-            "image [ms]",
-            "least [ms]",
-            "apart [levels]",
-            "apart [%]",
-        ),
-        rows=tuple(
-            (
-                row.sensor,
-                row.renderer,
-                row.device,
-                row.image_count,
-                f"{row.samples}x{row.samples}",
-                row.shadow_count,
-                row.image_ms,
-                1e3 * row.least_s / row.image_count,
-                row.apart_levels,
-                1e2 * row.apart_share,
-            )
-            for row in found.rendering
-        ),
         criterion=f"an image alone in {_ONE_MS:g} ms on two cores, one of a batch of {BATCH} on a "
         f"GPU in {_OF_A_BATCH_MS:g} ms, no value more than one level from the image alone",
         passed=all(row.image_ms < limits[row.renderer] for row in judged)
         and all(row.apart_levels <= 1 for row in found.rendering),
-        note=f"From a height map to {first.width_px} x {first.height_px} pixels of bytes: slopes, "
-        f"a model of {first.term_count} terms (a polynomial, near lamps and creases), the shadows "
-        f"of as many lamps as the sensor's file asks for, a blur of {BLUR_PX:g} px, rounding. A "
-        f"replay takes {SAMPLES} x {SAMPLES} samples of each pixel. A time is the median over "
-        "repeats; the height map and the renderer are made before it begins. "
-        "Dents and images of a batch stay on its device; how far its images are apart from those "
-        "rendered one by one is the largest difference, and the share of values that differ."
-        + "".join(f" Not measured: {text}." for text in found.absent if "images" in text),
+        note=_note(
+            "rendering",
+            first=found.rendering[0],
+            blur_px=f"{BLUR_PX:g}",
+            samples=SAMPLES,
+            absent=[text for text in found.absent if "images" in text],
+        ),
     )
 
 
 def _replays(found: Bench) -> Table:
     within = [row for row in found.replays if row.is_within]
-    return Table(
+    return table_of(
+        found.replays,
+        {
+            "preset": lambda row: row.preset,
+            "presses": lambda row: row.trial_count,
+            "F_z believed within [%]": lambda row: (
+                None if row.force_error is None else 1e2 * row.force_error
+            ),
+            "iterations": lambda row: row.newton_iterations,
+            "presses and fields [s]": lambda row: row.presses_s,
+            "images [s]": lambda row: row.images_s,
+            "together [s]": lambda row: row.wall_s,
+            "peak memory [MiB]": lambda row: row.memory_mib,
+        },
         title="Replay of a run",
-        columns=(
-            "preset",
-            "presses",
-            "F_z believed within [%]",
-            "iterations",
-            "presses and fields [s]",
-            "images [s]",
-            "together [s]",
-            "peak memory [MiB]",
-        ),
-        rows=tuple(
-            (
-                row.preset,
-                row.trial_count,
-                None if row.force_error is None else 1e2 * row.force_error,
-                row.newton_iterations,
-                row.presses_s,
-                row.images_s,
-                row.wall_s,
-                row.memory_mib,
-            )
-            for row in found.replays
-        ),
         criterion=f"F_z within {REPLAY_ERROR_MAX:.0%}, images and mesh included, in less than "
         f"{TIME_MAX_S:g} s and {MEMORY_MAX_MIB:.0f} MiB (2 GB) on two cores",
         passed=any(row.wall_s < TIME_MAX_S and row.memory_mib < MEMORY_MAX_MIB for row in within),
-        note="The forces of the dry run, met on one loading path, with fields; then the height "
-        "maps and the image of each press, as a replay makes them: a height map of "
-        f"{SAMPLES} x {SAMPLES} samples a pixel for the image, one of a value a pixel to keep, and "
-        "a renderer set up anew for each press. The height maps are most of it. Memory is the "
-        "process's peak so far.",
+        note=_note("replays", samples=SAMPLES),
     )
 
 
@@ -242,33 +264,19 @@ def _growth(found: Bench) -> Table:
     each = [row.cpu_s / row.newton_iterations for row in found.growth]
     power = exponent(sizes, spent)
     steps = [None, *local_exponents(sizes, spent)]
-    return Table(
+    return table_of(
+        list(zip(found.growth, each, steps, strict=True)),
+        {
+            "edges shorter by": lambda row: row[0].refinement,
+            "tetrahedra": lambda row: row[0].tet_count,
+            "nodes": lambda row: row[0].node_count,
+            "iterations": lambda row: row[0].newton_iterations,
+            "processor time [s]": lambda row: row[0].cpu_s,
+            "of an iteration [ms]": lambda row: 1e3 * row[1],
+            "exponent from the row above": lambda row: row[2],
+        },
         title="Growth with elements",
-        columns=(
-            "edges shorter by",
-            "tetrahedra",
-            "nodes",
-            "iterations",
-            "processor time [s]",
-            "of an iteration [ms]",
-            "exponent from the row above",
-        ),
-        rows=tuple(
-            (
-                row.refinement,
-                row.tet_count,
-                row.node_count,
-                row.newton_iterations,
-                row.cpu_s,
-                1e3 * iteration,
-                step,
-            )
-            for row, iteration, step in zip(found.growth, each, steps, strict=True)
-        ),
         criterion=f"time grows no faster than the elements to the power of {EXPONENT_WANTED:g}",
         passed=power <= EXPONENT_WANTED,
-        note=f"Fitted through all rows: time goes with the elements to the power of {power:.2f}, "
-        f"that of one iteration to the power of {exponent(sizes, each):.2f}. The same press with "
-        "the same settings on finer and finer meshes; processor time, so that a busy machine "
-        "changes it little.",
+        note=_note("growth", power=f"{power:.2f}", of_one=f"{exponent(sizes, each):.2f}"),
     )

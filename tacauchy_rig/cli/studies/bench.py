@@ -14,7 +14,7 @@ from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.figure import draw_bench
 from sim.studies.bench.suite import Part, Peer, run_bench
-from sim.studies.bench.tables import sections
+from sim.studies.bench.tables import bench_tables
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import (
     complain,
@@ -66,9 +66,9 @@ def bench(
         peer=peer,
         on_progress=lambda text: complain(f"  {text}"),
     )
-    tables = sections(found)
-    for section in tables:
-        show_table(section)
+    tables = bench_tables(found)
+    for table in tables:
+        show_table(table)
     for text in found.absent:
         say(f"not measured: {text}")
     facts = {**asdict(found), "machine": machine(), "versions": versions()}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 
@@ -18,32 +20,13 @@ from sim.studies.bench.frames import FRAME_COUNT
 from sim.studies.bench.peer.pad import PeerBalance, PeerMesh, PeerPad, peer_balance, peer_pad
 from sim.studies.bench.peer.process import PeerFailedError, PeerProcess
 from sim.studies.bench.peer.task import AS_SHIPPED, LADDER, PeerTolerance
-from tacauchy_rig.tables import Cell, Table
+from tacauchy_rig.page import prose
+from tacauchy_rig.tables import Cell, Table, table_of
 
 ENVIRONMENTS = (1, 8, 60)
 # Of a row, the compilation of libuipc's kernels in the first of them included; and of all rows.
 _LIMIT_S = 240.0
 _TOTAL_S = 300.0
-_COLUMNS = (
-    "engine",
-    "solved to",
-    "environments",
-    "tetrahedra",
-    "unknowns",
-    "frames [1/s]",
-    "frame of all [ms]",
-    "ours over it",
-    "Newton",
-    "linear",
-    "F_z off by [%]",
-    "of it the mesh [%]",
-    "imbalance",
-    "residual",
-    "of it inside",
-    "gap [um]",
-    "depth off by [um]",
-)
-_Cells = tuple[Cell, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,86 +181,76 @@ def _row(
     )
 
 
-def peer_section(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Table:
+def peer_table(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Table:
     """Return our rows and the peer's; ``ours over it`` compares frames a second."""
     speeds = {row.environments: row.frames_per_s for row in ours}
     counts = {row.environments for row in peers}
-    version = next((row.version for row in peers if row.version), "")
-    failures = [row.summary for row in peers if row.failure]
-    problems = [f"{row.name}: {problem}" for row in peers for problem in row.problems]
-    return Table(
+    rows = [
+        *(_our_cells(row) for row in ours if row.environments in counts),
+        *(_peer_cells(row, speeds.get(row.environments)) for row in peers),
+    ]
+    return table_of(
+        rows,
+        {name: itemgetter(name) for name in rows[0]},
         title="Beside libuipc",
-        columns=_COLUMNS,
-        rows=(
-            *(_our_cells(row) for row in ours if row.environments in counts),
-            *(_peer_cells(row, speeds.get(row.environments)) for row in peers),
-        ),
         criterion="none: a comparison; a time is worth no more than the force beside it",
-        passed=True,
-        note=f"libuipc {version} (PyPI: pyuipc), after ours, on the same GPU: one press to warm "
-        "up, then the least of three, as ours. The same gels, depths, d_hat and touch height; no "
-        "friction, no gravity, next to no mass. It has linear tetrahedra only and no planes of "
-        "symmetry, so it takes the whole pad of which ours models a quarter: on the same "
-        "tetrahedra, then on the same nodes, each tetrahedron cut in eight. Its cylinder is 64 "
-        "flat sectors. A frame ends as libuipc comes, or when the last Newton step is below the "
-        f"length given; * marks the loosest of these at which its forces balance to {BALANCE:g} "
-        "as ours do, or the strictest if none does. F_z is compared with preset accurate's; of "
-        "it the mesh: what our own solver is off on those linear tetrahedra with the same d_hat. "
-        "Imbalance: reaction of the base, from its positions, against its contact force. "
-        "Residual: norm of all unbalanced nodal forces over the contact force; of it inside: at "
-        "nodes that contact does not push. All at the last "
-        "frame, the largest of all environments. Newton, linear: iterations of a frame; of ours, "
-        "evaluations of forces or stiffness. Gap: height of the indenter's underside above a "
-        "node."
-        + "".join(f" No numbers: {text}." for text in failures)
-        + "".join(f" Of libuipc: {text}." for text in problems),
+        note=prose(
+            "sim.studies.bench",
+            "notes.md.jinja",
+            "libuipc",
+            version=next((row.version for row in peers if row.version), ""),
+            balance=f"{BALANCE:g}",
+            failures=[row for row in peers if row.failure],
+            problems=[f"{row.name}: {problem}" for row in peers for problem in row.problems],
+        ),
     )
 
 
-def _our_cells(row: BatchRow) -> _Cells:
-    return (
-        "tacauchy_rig, a quarter, quadratic",
-        f"balance {BALANCE:g}",
-        row.environments,
-        row.tet_count,
-        row.unknown_count,
-        round(row.frames_per_s),
-        row.frame_ms,
-        1.0,
-        None,
-        row.evaluations,
-        1e2 * row.force_error,
-        None,
-        row.imbalance,
-        row.residual,
-        None,
-        1e6 * row.gap_m,
-        0.0,
-    )
+def _our_cells(row: BatchRow) -> dict[str, Cell]:
+    return {
+        "engine": "tacauchy_rig, a quarter, quadratic",
+        "solved to": f"balance {BALANCE:g}",
+        "environments": row.environments,
+        "tetrahedra": row.tet_count,
+        "unknowns": row.unknown_count,
+        "frames [1/s]": round(row.frames_per_s),
+        "frame of all [ms]": row.frame_ms,
+        "ours over it": 1.0,
+        "Newton": None,
+        "linear": row.evaluations,
+        "F_z off by [%]": 1e2 * row.force_error,
+        "of it the mesh [%]": None,
+        "imbalance": row.imbalance,
+        "residual": row.residual,
+        "of it inside": None,
+        "gap [um]": 1e6 * row.gap_m,
+        "depth off by [um]": 0.0,
+    }
 
 
-def _peer_cells(row: PeerRow, our_speed: float | None) -> _Cells:
-    head = (
-        f"libuipc, {row.mesh}",
-        row.tolerance + (" *" if row.is_matched else ""),
-        row.environments,
-        row.tet_count,
-        row.unknown_count,
-    )
+def _peer_cells(row: PeerRow, our_speed: float | None) -> defaultdict[str, Cell]:
+    """Return the numbers by heading; what has none is empty."""
+    cells: defaultdict[str, Cell] = defaultdict(lambda: None)
+    cells |= {
+        "engine": f"libuipc, {row.mesh}",
+        "solved to": row.tolerance + (" *" if row.is_matched else ""),
+        "environments": row.environments,
+        "tetrahedra": row.tet_count,
+        "unknowns": row.unknown_count,
+    }
     if row.balance is None:
-        return (*head, *[None] * (len(_COLUMNS) - len(head)))
-    return (
-        *head,
-        round(row.frames_per_s),
-        row.frame_ms,
-        None if our_speed is None else our_speed / row.frames_per_s,
-        row.newton_iterations,
-        row.linear_iterations,
-        1e2 * row.force_error,
-        1e2 * row.our_error,
-        row.balance.imbalance,
-        row.balance.residual,
-        row.balance.inner_residual,
-        1e6 * row.balance.gap_m,
-        1e6 * row.balance.depth_error_m,
-    )
+        return cells
+    return cells | {
+        "frames [1/s]": round(row.frames_per_s),
+        "frame of all [ms]": row.frame_ms,
+        "ours over it": None if our_speed is None else our_speed / row.frames_per_s,
+        "Newton": row.newton_iterations,
+        "linear": row.linear_iterations,
+        "F_z off by [%]": 1e2 * row.force_error,
+        "of it the mesh [%]": 1e2 * row.our_error,
+        "imbalance": row.balance.imbalance,
+        "residual": row.balance.residual,
+        "of it inside": row.balance.inner_residual,
+        "gap [um]": 1e6 * row.balance.gap_m,
+        "depth off by [um]": 1e6 * row.balance.depth_error_m,
+    }

@@ -30,7 +30,7 @@ from sim.studies.bench.press_parts import exponent, growth, local_exponents, par
 from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay
 from sim.studies.bench.suite import Bench, Part, run_bench
-from sim.studies.bench.tables import sections
+from sim.studies.bench.tables import bench_tables
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=9e-3, height_m=5e-3),
@@ -139,7 +139,7 @@ def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
 )
 def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
     """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
-    (table,) = sections(Bench(replays=(row,)))
+    (table,) = bench_tables(Bench(replays=(row,)))
     assert table.passed is met
 
 
@@ -231,7 +231,7 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
 
 def test_tables_hold_every_row(found: Bench) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
-    tables = sections(found)
+    tables = bench_tables(found)
     assert [len(table.rows) for table in tables] == [1, 4, 2, 2, 4, 7, 3, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[2].note
@@ -251,4 +251,4 @@ def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
         against=Preset.FAST,
     )
     assert len(only.frames) == 1
-    assert [table.title for table in sections(only)] == [sections(found)[0].title]
+    assert [table.title for table in bench_tables(only)] == [bench_tables(found)[0].title]

@@ -22,7 +22,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.bench.batches import BALANCE, BatchRow, StressTimes
 from sim.studies.bench.frames import FRAME_COUNT
-from sim.studies.bench.peer.comparison import PeerRow, peer_section, why_no_libuipc
+from sim.studies.bench.peer.comparison import PeerRow, peer_table, why_no_libuipc
 from sim.studies.bench.peer.pad import (
     PeerBalance,
     PeerMesh,
@@ -213,14 +213,14 @@ def test_the_table_sets_force_and_balance_beside_every_time() -> None:
     )
     matched = replace(shipped, tolerance=LADDER[0].name, is_matched=True, wall_s=0.4)
     failed = replace(shipped, environments=60, balance=None, failure="out of memory")
-    section = peer_section(ours, [shipped, matched, failed])
-    assert [row[2] for row in section.rows] == [1, 60, 1, 1, 60]
-    assert all(len(row) == len(section.columns) for row in section.rows)
-    faster = section.columns.index("ours over it")
-    assert [row[faster] for row in section.rows] == [1.0, 1.0, 10.0, 20.0, None]
-    assert section.rows[2][section.columns.index("imbalance")] == 0.11
-    assert str(section.rows[3][1]).endswith("*")
-    assert "out of memory" in section.note
+    table = peer_table(ours, [shipped, matched, failed])
+    assert [row[2] for row in table.rows] == [1, 60, 1, 1, 60]
+    assert all(len(row) == len(table.columns) for row in table.rows)
+    faster = table.columns.index("ours over it")
+    assert [row[faster] for row in table.rows] == [1.0, 1.0, 10.0, 20.0, None]
+    assert table.rows[2][table.columns.index("imbalance")] == 0.11
+    assert str(table.rows[3][1]).endswith("*")
+    assert "out of memory" in table.note
     assert not shipped.balances_to(BALANCE)
 
 
