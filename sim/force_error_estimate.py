@@ -20,7 +20,7 @@ from tacauchy_rig.errors import RigError
 COARSENINGS = (1.5, 2.0)
 ORDER_SHARP = 1.0
 ORDER_SMOOTH = 2.0
-# The usual value; a scene of sim.studies.verification.against_itself.training needs 0.7 at most,
+# The usual value; a scene of sim.studies.verification.training needs 0.7 at most,
 # one of those held out needed 0.98.
 SAFETY_FACTOR = 1.25
 CHANCE_RELATIVE = 2e-3

@@ -4,26 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sim.studies.verification import height_map, mesh_table, orders, rim_order, stress_cost
-from sim.studies.verification.against_itself import balance, barrier, drives, held_out, shifts
-from sim.studies.verification.against_solutions import disc, hertz, interface, punch, real_press
+from sim.studies.verification import (
+    balance,
+    bonded_layer,
+    convergence,
+    disc,
+    error_estimates,
+    height_map,
+    interface,
+    paper_mesh,
+    real_press,
+    sensitivity,
+)
 from tacauchy_rig.tables import Table
 
 SECTIONS: dict[str, Callable[[], Table]] = {
-    "punch": punch.measure,
+    "punch": bonded_layer.measure_punch,
     "disc": disc.measure,
-    "hertz": hertz.measure,
+    "hertz": bonded_layer.measure_ball,
     "real-press": real_press.measure,
-    "orders": orders.measure,
-    "rim-order": rim_order.measure,
-    "error-estimates": held_out.measure,
-    "half-element": shifts.measure,
-    "barrier": barrier.measure,
+    "orders": convergence.measure,
+    "rim-order": convergence.measure_rim,
+    "error-estimates": error_estimates.measure,
+    "half-element": sensitivity.measure_shift,
+    "barrier": sensitivity.measure_barrier,
     "balance": balance.measure,
     "interface": interface.measure,
-    "drives": drives.measure,
-    "stress-cost": stress_cost.measure,
-    "mesh-table": mesh_table.measure,
+    "drives": sensitivity.measure_drives,
+    "stress-cost": paper_mesh.measure_stress_cost,
+    "mesh-table": paper_mesh.measure_mesh,
     "height-map": height_map.measure,
 }
 # A page of its own, docs/height_map.md.

@@ -1,25 +1,27 @@
-"""``tacauchy-rig torture``: the cases a simulator breaks on, measured, as a table."""
+"""``tacauchy-rig torture``: the cases a simulator breaks on, measured, as tables and a page."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from sim.studies.hard_cases.case import CaseResult
-from sim.studies.hard_cases.catalogue import select_cases
-from sim.studies.hard_cases.observe import observe
-from sim.studies.hard_cases.page import markdown, shown_numbers, summary_line, verdict
+from sim.studies.hard_cases.case import CaseResult, observe
+from sim.studies.hard_cases.catalogue import CASES, select_cases
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, console, say, write_json, write_text
+from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.cli.studies.side_by_side import Jobs
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.versions import versions
+from tacauchy_rig.page import page
+from tacauchy_rig.tables import table_of
+from tacauchy_rig.versions import machine, versions
 
 _PAGE = Path("docs/hard_cases.md")
+# What the numbers depend on.
+_NUMERICAL = ("tacauchy-rig", "python", "warp-lang", "numpy", "scipy", "pypardiso")
 
 
 def torture(
@@ -44,17 +46,18 @@ def torture(
     with ThreadPoolExecutor(jobs) as pool:
         for result in pool.map(observe, chosen):
             results.append(result)
-            told = f"{result.number:2} {result.name}: {verdict(result)}"
+            told = f"{result.number:2} {result.name}: {result.verdict}"
             complain(f"{told} after {result.wall_s:.1f} s")
-    console.print(_table(results))
-    say(summary_line(results))
+    for result in results:
+        show_table(result.table)
+    say(_summary(results))
     used = versions()
     write_json(json_file, {"versions": used, "cases": results})
-    page = out or (None if rows else _PAGE)
-    if page is not None:
+    file = out or (None if rows else _PAGE)
+    if file is not None:
         command = f"tacauchy-rig torture --rows {rows}" if rows else "tacauchy-rig torture"
-        write_text(page, markdown(results, command=command, versions=used))
-        say(f"table {page}")
+        write_text(file, markdown(results, command=command, used=used))
+        say(f"table {file}")
     raise typer.Exit(0 if all(result.passed for result in results) else 1)
 
 
@@ -67,15 +70,37 @@ def _numbers(text: str) -> list[int]:
         ) from error
 
 
-def _table(results: list[CaseResult]) -> Table:
-    table = Table("row", "case", "criterion", "measured", "verdict", "s", show_lines=True)
-    for result in results:
-        table.add_row(
-            str(result.number),
-            result.name,
-            result.criterion,
-            result.failure or "\n".join(shown_numbers(result)),
-            verdict(result),
-            f"{result.wall_s:.0f}",
-        )
-    return table
+def _summary(results: Sequence[CaseResult]) -> str:
+    """Return how many cases passed, and which did not."""
+    failed = [str(result.number) for result in results if not result.passed]
+    left = f"; failed: {', '.join(failed)}" if failed else ""
+    return f"{len(results) - len(failed)} of {len(results)} hard cases pass{left}."
+
+
+def markdown(results: Sequence[CaseResult], *, command: str, used: Mapping[str, str]) -> str:
+    """Return the page.
+
+    Args:
+        results: In the order of the page.
+        command: What made it.
+        used: Versions of what was used.
+    """
+    overview = table_of(
+        results,
+        {
+            "row": lambda result: result.number,
+            "case": lambda result: result.name,
+            "verdict": lambda result: result.verdict,
+            "seconds": lambda result: f"{result.wall_s:.0f}",
+        },
+    )
+    facts = {
+        "summary": _summary(results),
+        "results": results,
+        "case_count": len(CASES),
+        "command": command,
+        "versions": ", ".join(f"{name} {used[name]}" for name in _NUMERICAL if name in used),
+        "machine": machine(),
+        "overview": overview,
+    }
+    return page("tacauchy_rig.cli.studies", "hard_cases.md.jinja", facts)

@@ -16,7 +16,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.verification.against_solutions.interface import interface_press, interface_scene
+from sim.studies.verification.interface import interface_press, interface_scene
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 

@@ -26,7 +26,7 @@ from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases.laminate import punch_force
+from sim.studies.verification.layered_solution import BondedLayers
 from tacauchy_rig.errors import ConfigError
 
 DOMED = BoxPad(
@@ -203,7 +203,8 @@ def test_confined_compression_is_the_laminates(order: ElementOrder, ratio: float
 @pytest.mark.parametrize(("poisson", "kappa"), [(0.45, 1.930), (0.49, 2.048), (0.499, 2.081)])
 def test_the_reference_itself_gives_the_published_factors(poisson: float, kappa: float) -> None:
     """Hayes et al. 1972 at a / h = 0.5556, as one layer and as two of one material."""
-    force = punch_force(gel(1.0, poisson=poisson), height_m=4.5e-3, radius_m=2.5e-3, depth_m=1e-5)
+    solution = BondedLayers.of_pad(gel(1.0, poisson=poisson), height_m=4.5e-3)
+    force = solution.punch_force(radius_m=2.5e-3, depth_m=1e-5)
     plain = 2.0 * 2.5e-3 * 1e5 * 1e-5 / (1.0 - poisson**2)
     assert force / plain == pytest.approx(kappa, abs=1e-3)
 
@@ -234,7 +235,8 @@ def test_punch_on_a_laminate(ratio: float, share: float, radius_m: float, tolera
         effects=WEIGHTLESS,
     )
     result = press(scene)
-    expected = punch_force(layers, height_m=4e-3, radius_m=radius_m, depth_m=10e-6)
+    solution = BondedLayers.of_pad(layers, height_m=4e-3)
+    expected = solution.punch_force(radius_m=radius_m, depth_m=10e-6)
     assert result.force_n[2] == pytest.approx(expected, rel=tolerance)
     assert result.force_balance_relative < 1e-6
     assert result.point is not None

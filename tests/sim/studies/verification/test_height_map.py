@@ -9,9 +9,12 @@ from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.objects.shapes import bar
-from sim.studies.verification.height_map import LIMIT_M, height_map_error
-from sim.studies.verification.height_reference import kept_heights
-from sim.studies.verification.quarter_mesh import quarter_mesh
+from sim.studies.verification.height_map import (
+    LIMIT_M,
+    height_map_error,
+    kept_heights,
+    quarter_mesh,
+)
 
 
 @pytest.mark.parametrize(

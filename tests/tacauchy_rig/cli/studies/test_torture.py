@@ -9,10 +9,22 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from sim.studies.hard_cases.case import HardCase
+from sim.studies.hard_cases.case import CaseResult, HardCase
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.cli.studies import torture
 from tacauchy_rig.errors import ConfigError
+
+GOOD = CaseResult(
+    number=1,
+    name="flat start",
+    criterion="back to rest",
+    passed=True,
+    measured={"iterations": 7, "distance_over_H": 3.25e-13, "same": True},
+    wall_s=2.4,
+)
+BAD = CaseResult(
+    number=4, name="80 %", criterion="converged", passed=False, failure="stopped at 3.1 mm"
+)
 
 ROWS = """
 import time
@@ -67,3 +79,16 @@ def test_rows_that_do_not_exist_are_refused(rows: str) -> None:
     done = CliRunner().invoke(app, ["torture", "--rows", rows])
     assert isinstance(done.exception, ConfigError)
     assert "--rows" in str(done.exception)
+
+
+def test_page_has_criterion_numbers_verdict_and_command() -> None:
+    """What was asked, what came out, and what made it."""
+    page = torture.markdown([GOOD, BAD], command="tacauchy-rig torture", used={"numpy": "2.1"})
+    assert "**1 of 2 hard cases pass; failed: 4.**" in page
+    assert "Written by `tacauchy-rig torture` with numpy 2.1" in page
+    assert "2 of the 19 cases are on this page" in page
+    assert "| 1 | flat start | pass | 2 |" in page
+    assert "| distance_over_H | 3.25e-13 |" in page
+    assert "| same | yes |" in page
+    assert "## 4. 80 %: FAIL" in page
+    assert "No numbers: stopped at 3.1 mm" in page

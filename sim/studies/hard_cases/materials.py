@@ -1,0 +1,171 @@
+"""Rows 3, 7 and 8: nearly incompressible gel, slivers, and layers of very different stiffness."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
+from sim.mesh.elements import ElementOrder, boundary_faces
+from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.press import PressResult, press
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import LawName, Layer, Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Effect, Preset, Scene, Target
+from sim.solve.load_steps.path import LoadingPath
+from sim.studies.hard_cases.case import Measured, Outcome
+from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from sim.studies.verification.layered_solution import BondedLayers
+
+# Hayes et al. 1972 at a / h = 0.5556.
+HAYES_FACTORS = {0.45: 1.930, 0.47: 1.983, 0.49: 2.048, 0.499: 2.081}
+FORCE_TOLERANCE = 0.05
+RESIDUAL_TOLERANCE = 1e-6
+SLIVER_DEG = 0.5
+ITERATION_RATIO = 3.0
+WEIGHTLESS = ((Effect.GRAVITY, False),)
+
+
+def nearly_incompressible(preset: Preset = Preset.BALANCED) -> Outcome:
+    """Press a flat punch 20 um into a wide layer at every nu that has a published force."""
+    young, radius, depth = 3e5, 2.5e-3, 20e-6
+    measured: Measured = {}
+    worst = 0.0
+    for poisson, factor in HAYES_FACTORS.items():
+        scene = Scene(
+            pad=DiscPad(radius_m=40e-3, height_m=4.5e-3),
+            material=Material(young_pa=young, poisson=poisson, law=LawName.LINEAR),
+            indenter=Cylinder(diameter_m=2.0 * radius),
+            target=Target(depth_m=depth),
+            preset=preset,
+            barrier_m=1e-7,
+            effects=WEIGHTLESS,
+        )
+        expected = 2.0 * radius * young * depth * factor / (1.0 - poisson**2)
+        error = press(scene).force_n[2] / expected - 1.0
+        measured[f"force_error_relative_nu_{poisson:g}"] = error
+        worst = max(worst, abs(error))
+    return Outcome(passed=worst < FORCE_TOLERANCE, measured=measured)
+
+
+def slivers(depth_m: float = 0.8e-3) -> Outcome:
+    """Press a ball into a brick with and without slivers, with both elements."""
+    good = brick_mesh((6, 6, 3))
+    bad = with_slivers(good, dihedral_deg=SLIVER_DEG)
+    measured: Measured = {
+        "dihedral_min_deg": mesh_statistics(bad).dihedral_min_deg,
+        "sliver_count": sliver_count(bad, below_deg=1.01 * SLIVER_DEG),
+    }
+    worst = 0.0
+    for order in ElementOrder:
+        spent, force = _ball_press(good, order, depth_m)
+        spent_bad, force_bad = _ball_press(bad, order, depth_m)
+        measured[f"iterations_{order.value}"] = spent_bad
+        measured[f"iterations_good_mesh_{order.value}"] = spent
+        measured[f"force_difference_relative_{order.value}"] = force_bad / force - 1.0
+        worst = max(worst, spent_bad / spent)
+    return Outcome(passed=worst <= ITERATION_RATIO, measured=measured)
+
+
+def _ball_press(mesh: TetMesh, order: ElementOrder, depth_m: float) -> tuple[int, float]:
+    path = LoadingPath(pad_model(mesh, order=order), Sphere(diameter_m=8e-3))
+    point = path.advance(depth_m)
+    return path.counts.newton_iterations, float(point.force_n[2])
+
+
+def stiff_layers() -> Outcome:
+    """Press flat punches into two layers, 10,000 times apart, either one on top."""
+    skin = _laminate_press(ratio=1e-4, share=0.925, radius_m=2.5e-3, measured_as="soft_on_stiff")
+    base = _laminate_press(ratio=1e4, share=0.5, radius_m=0.5e-3, measured_as="stiff_on_soft")
+    return Outcome(passed=skin.passed and base.passed, measured=skin.measured | base.measured)
+
+
+def _laminate_press(*, ratio: float, share: float, radius_m: float, measured_as: str) -> Outcome:
+    """Press 10 um into a base and a top layer ``ratio`` times as stiff."""
+    young, height, depth = 1e5 / min(1.0, ratio), 4e-3, 10e-6
+    lower, upper = (
+        Material(young_pa=modulus, poisson=0.48, law=LawName.LINEAR)
+        for modulus in (young, young * ratio)
+    )
+    layers = (Layer(share=share, material=lower), Layer(share=1.0 - share, material=upper))
+    scene = Scene(
+        pad=DiscPad(radius_m=40e-3, height_m=height),
+        material=upper,
+        layers=layers,
+        indenter=Cylinder(diameter_m=2.0 * radius_m),
+        target=Target(depth_m=depth),
+        preset=Preset.FAST,
+        barrier_m=1e-7,
+        effects=WEIGHTLESS,
+    )
+    result = press(scene)
+    solution = BondedLayers.of_pad(layers, height_m=height)
+    expected = solution.punch_force(radius_m=radius_m, depth_m=depth)
+    error, residual = result.force_n[2] / expected - 1.0, _residual_relative(result)
+    return Outcome(
+        passed=abs(error) < FORCE_TOLERANCE and residual < RESIDUAL_TOLERANCE,
+        measured={
+            f"force_error_relative_{measured_as}": error,
+            f"residual_relative_{measured_as}": residual,
+            f"iterations_{measured_as}": result.newton_iterations,
+        },
+    )
+
+
+def _residual_relative(result: PressResult) -> float:
+    if result.point is None:
+        return float("nan")
+    return result.point.equilibrium.residual_n / result.force_n[2]
+
+
+def with_slivers(mesh: TetMesh, *, dihedral_deg: float, radius_m: float = np.inf) -> TetMesh:
+    """Flatten one tetrahedron at every other interior node, those with no edge in common.
+
+    Args:
+        dihedral_deg: Smallest angle between two faces that each of them gets [deg].
+        radius_m: Only at nodes nearer to the z axis than this [m].
+    """
+    vertices = mesh.vertices.copy()
+    inner = np.setdiff1d(np.arange(len(vertices)), np.unique(boundary_faces(mesh.tets)[0]))
+    inner = inner[np.hypot(*vertices[inner, :2].T) < radius_m]
+    taken: set[int] = set()
+    for node in inner.tolist():
+        star = mesh.tets[np.any(mesh.tets == node, axis=1)]
+        if node not in taken:
+            vertices[node] = _flattening_place(vertices, star, node, dihedral_deg)
+            taken.update(star.reshape(-1).tolist())
+    name = f"{mesh.name}, slivers of {dihedral_deg:g} deg"
+    return replace(mesh, vertices=vertices, name=name)
+
+
+def sliver_count(mesh: TetMesh, *, below_deg: float) -> int:
+    """Return how many tetrahedra have an angle between two faces below a limit."""
+    return sum(_smallest_angle(mesh.vertices, tet[None]) < below_deg for tet in mesh.tets)
+
+
+def _flattening_place(
+    vertices: FloatArray, star: IntArray, node: int, dihedral_deg: float
+) -> FloatArray:
+    """Return where a node makes a tetrahedron of its star as flat as asked, by bisection.
+
+    It goes towards the middle of the first one's opposite face.
+    """
+    start = vertices[node].copy()
+    opposite = star[0][star[0] != node]
+    goal = vertices[opposite].mean(axis=0)
+    moved, low, high = vertices.copy(), 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        moved[node] = start + middle * (goal - start)
+        if _smallest_angle(moved, star) > dihedral_deg:
+            low = middle
+        else:
+            high = middle
+    return np.asarray(start + low * (goal - start))
+
+
+def _smallest_angle(vertices: FloatArray, tets: IntArray) -> float:
+    part = TetMesh(vertices=vertices, tets=tets, name="star")
+    return mesh_statistics(part).dihedral_min_deg

@@ -1,0 +1,138 @@
+"""Case 13: every kernel computed in float32.
+
+The simulator is written in float64. A copy of its source in which the Warp code says float32 is
+run as a program of its own: positions, deformation gradients, stresses, gaps, forces and Hessian
+blocks are then computed and summed in single precision. Newton's vectors, its energy sums and the
+linear solver stay in double precision, as in any mixed-precision solver.
+
+The gap is a difference of coordinates and carries their rounding, some tenths of a nanometre. The
+barrier distance is therefore part of the case: judged is 10 um; that of a scene, 1 um, is reported.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import sim
+import tacauchy_rig
+from sim.contact.state import ContactOptions
+from sim.device import KERNEL_EPSILON
+from sim.mesh.elements import ElementOrder
+from sim.scene.indenter import Indenter, describe
+from sim.solve.load_steps.path import LoadingPath
+from sim.studies.hard_cases.case import Measured, Outcome
+from sim.studies.hard_cases.pads import BALL, PUNCH, pad_model, round_mesh
+
+_TOLERANCE = 1e-3
+_SCALAR = re.compile(r"\bwp\.float64\b")
+_COMPOSED = re.compile(r"\bwp\.(vec[234]|mat22|mat33|mat44)d\b")
+BARRIERS_M = (1e-5, 1e-6)
+_PRESS_DEPTH_M = 0.3e-3
+
+
+def single_precision() -> Outcome:
+    """Press in both precisions and compare."""
+    double, single = presses(), _single_presses()
+    measured: Measured = {
+        "kernel_rounding_float64": double[0].kernel_epsilon,
+        "kernel_rounding_float32": single[0].kernel_epsilon,
+    }
+    worst = dict.fromkeys(BARRIERS_M, 0.0)
+    for exact, rounded in zip(double, single, strict=True):
+        deviation = rounded.force_n / exact.force_n - 1.0
+        worst[exact.barrier_m] = max(worst[exact.barrier_m], abs(deviation))
+        measured[f"{exact.name}, barrier {exact.barrier_m * 1e6:g} um"] = (
+            f"force {deviation:+.1e}, residual {rounded.residual_n / rounded.force_n:.1e} of it, "
+            f"{rounded.iterations} iterations instead of {exact.iterations}"
+        )
+    for barrier_m, deviation in worst.items():
+        measured[f"force_deviation_max_at_{barrier_m * 1e6:g}_um"] = deviation
+    flagged, mistaken = (sum(press.stalled for press in found) for found in (single, double))
+    measured["float32_stalls_flagged"] = f"{flagged} of {len(single)}"
+    measured["float64_stalls_flagged"] = f"{mistaken} of {len(double)}"
+    passed = worst[BARRIERS_M[0]] <= _TOLERANCE and flagged == len(single) and mistaken == 0
+    return Outcome(passed=passed and single[0].kernel_epsilon > 1e-8, measured=measured)
+
+
+def in_single_precision(source: str) -> str:
+    """Return Warp source with every real type of half the length."""
+    return _COMPOSED.sub(r"wp.\1f", _SCALAR.sub("wp.float32", source))
+
+
+def _single_presses() -> list[Pressed]:
+    origin = Path(sim.__path__[0])
+    with TemporaryDirectory() as folder:
+        for path in origin.rglob("*"):
+            copy = Path(folder) / origin.name / path.relative_to(origin)
+            if path.suffix not in (".py", ".toml", ".json") or not path.is_file():
+                continue
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(in_single_precision(path.read_text(encoding="utf-8")), encoding="utf-8")
+        spine = str(Path(tacauchy_rig.__path__[0]).parent)
+        known = [path for path in (folder, spine, os.environ.get("PYTHONPATH", "")) if path]
+        told = subprocess.run(
+            [sys.executable, "-m", "sim.studies.hard_cases.precision"],
+            check=True,
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(known)},
+        )
+    return [Pressed(**numbers) for numbers in json.loads(told.stdout)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pressed:
+    """One press.
+
+    Attributes:
+        barrier_m: d_hat [m].
+        force_n: F_z [N].
+        residual_n: Norm of what is unbalanced at the end [N].
+        stalled: Newton said that rounding ended it.
+        kernel_epsilon: Relative rounding of the kernels that computed it.
+    """
+
+    name: str
+    barrier_m: float
+    force_n: float
+    residual_n: float
+    stalled: bool
+    iterations: int
+    kernel_epsilon: float
+
+
+def presses() -> list[Pressed]:
+    """Press a punch and a ball into linear and quadratic elements."""
+    return [
+        _press(order, indenter, barrier_m)
+        for barrier_m in BARRIERS_M
+        for order in ElementOrder
+        for indenter in (PUNCH, BALL)
+    ]
+
+
+def _press(order: ElementOrder, indenter: Indenter, barrier_m: float) -> Pressed:
+    options = ContactOptions(distance_m=barrier_m)
+    path = LoadingPath(pad_model(round_mesh(), order=order, contact_options=options), indenter)
+    point = path.advance(_PRESS_DEPTH_M)
+    return Pressed(
+        name=f"{order.value} {describe(indenter)}",
+        barrier_m=barrier_m,
+        force_n=float(point.force_n[2]),
+        residual_n=point.equilibrium.residual_n,
+        stalled=point.equilibrium.stalled,
+        iterations=path.counts.newton_iterations,
+        kernel_epsilon=KERNEL_EPSILON,
+    )
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps([asdict(press) for press in presses()]))

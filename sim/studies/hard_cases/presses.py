@@ -1,0 +1,203 @@
+"""Cases 14, 18 and 19: what must hold in every press, and where there is none."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.contact.state import ContactOptions, Grip
+from sim.mesh.elements import ElementOrder
+from sim.press import contact_measures
+from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.model import Model
+from sim.studies.hard_cases.case import Measured, Outcome
+from sim.studies.hard_cases.pads import BALL, BARRIER_M, DOMED, PUNCH, pad_model, round_mesh
+
+_DEPTH_M = 0.3e-3
+# Thousands of terms, each rounded, make a force: 4500 units in its last place.
+FORCE_ROUNDING = 1e-12
+_SLIDE_STEP_M = 0.05e-3
+_SLIDE_SIGNS = (1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0)
+# A slip is a difference of places some hundred times as large, so that its last places are noise.
+_DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
+
+
+def no_contact() -> Outcome:
+    """Case 14: above the gel, on the way down to it, and after a press."""
+    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    above = [path.advance(-height) for height in (2e-3, 0.5e-3, 1e-5)]
+    iterations = path.counts.newton_iterations
+    path.advance(0.1e-3)
+    after = path.advance(-0.1e-3)
+    forces = [float(np.abs(point.force_n).max()) for point in (*above, after)]
+    moved = float(np.abs(after.state.positions - path.model.nodes).max())
+    measured: Measured = {
+        "force_max_n": max(forces),
+        "iterations_before_touch": iterations,
+        "left_displaced_m": moved,
+    }
+    passed = max(forces) == 0.0 and iterations == 0 and moved < 1e-9
+    return Outcome(passed=passed, measured=measured)
+
+
+def force_balance() -> Outcome:
+    """Case 18: force balance and gap over shapes, elements and contact laws, and a slide."""
+    bonded = ContactOptions(distance_m=BARRIER_M, bonded=True)
+    sliding = ContactOptions(distance_m=BARRIER_M, friction=0.4)
+    plain = ContactOptions(distance_m=BARRIER_M)
+    worst, gap, count = 0.0, np.inf, 0
+    for order, indenter, options in (
+        (ElementOrder.P1, PUNCH, plain),
+        (ElementOrder.P1, BALL, bonded),
+        (ElementOrder.P2, PUNCH, plain),
+        (ElementOrder.P2, BALL, plain),
+        (ElementOrder.P2, PUNCH, bonded),
+        (ElementOrder.P2, BALL, sliding),
+    ):
+        model = pad_model(round_mesh(pad=DOMED), order=order, contact_options=options)
+        path = LoadingPath(model, indenter)
+        for depth in (0.5 * _DEPTH_M, _DEPTH_M):
+            point = path.advance(depth)
+            worst = max(worst, balance_relative(model, point))
+            gap = min(gap, contact_measures(path, point).gap_min_m)
+            count += 1
+    slide = slide_and_return()
+    worst, gap = max(worst, slide.balance_relative), min(gap, slide.gap_min_m)
+    measured: Measured = {
+        "equilibria": count + slide.equilibria,
+        "force_balance_max_relative": worst,
+        "gap_min_m": gap,
+        "slide_dissipated_min_of_a_point_j": slide.point_min_j,
+        "slide_dissipated_j": slide.dissipated_j,
+        "slide_work_less_stored_j": slide.work_less_stored_j,
+    }
+    passed = worst <= 1e-6 and gap > 0.0
+    passed &= slide.gives_nothing_back and min(slide.dissipated_j, slide.work_less_stored_j) > 0.0
+    return Outcome(passed=passed, measured=measured)
+
+
+def repeatable() -> Outcome:
+    """Case 19: the same press twice here and once in a process of its own."""
+    here, again = fingerprint(), fingerprint()
+    command = [sys.executable, "-m", "sim.studies.hard_cases.presses"]
+    told = subprocess.run(command, check=True, capture_output=True, text=True)
+    force, positions_hash = told.stdout.split()
+    there = Fingerprint(force_n=float.fromhex(force), positions_hash=positions_hash)
+    measured: Measured = {
+        "force_n": here.force_n,
+        "deviation_same_process_relative": abs(again.force_n / here.force_n - 1.0),
+        "deviation_other_process_relative": abs(there.force_n / here.force_n - 1.0),
+        "bitwise_same_process": here == again,
+        "bitwise_other_process": here == there,
+    }
+    apart = max(abs(other.force_n / here.force_n - 1.0) for other in (again, there))
+    return Outcome(passed=apart <= FORCE_ROUNDING, measured=measured)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slide:
+    """A slide there and back.
+
+    Attributes:
+        point_min_j: Least dissipation of a contact point in an increment [J].
+        dissipated_j: Sum over points and increments: friction's force times slip [J].
+        work_less_stored_j: The indenter's work by the trapezoidal rule less what is stored [J].
+    """
+
+    equilibria: int
+    balance_relative: float
+    gap_min_m: float
+    point_min_j: float
+    dissipated_j: float
+    work_less_stored_j: float
+
+    @property
+    def gives_nothing_back(self) -> bool:
+        """Whether every point dissipates at every increment, to rounding."""
+        return self.point_min_j >= -_DISSIPATION_ROUNDING * self.dissipated_j
+
+
+def slide_and_return() -> Slide:
+    """Press a ball in, slide it by 0.2 mm and back at the same depth."""
+    options = ContactOptions(distance_m=BARRIER_M, friction=0.4)
+    mesh = round_mesh(symmetric=False)
+    model = pad_model(mesh, order=ElementOrder.P1, contact_options=options)
+    path = LoadingPath(model, BALL, step_max_m=_SLIDE_STEP_M)
+    point = path.advance(_DEPTH_M)
+    stored = _stored(path, point)
+    balances, gaps, lost = [], [], []
+    work = 0.0
+    for sign in _SLIDE_SIGNS:
+        before = point
+        point = path.carry(shift_m=(sign * _SLIDE_STEP_M, 0.0), hold=Hold.DEPTH)
+        travel = point.state.tip - before.state.tip
+        work -= 0.5 * float((before.force_n + point.force_n) @ travel)
+        lost.append(_dissipation(before, point))
+        balances.append(balance_relative(model, point))
+        gaps.append(contact_measures(path, point).gap_min_m)
+    return Slide(
+        equilibria=len(_SLIDE_SIGNS),
+        balance_relative=max(balances),
+        gap_min_m=min(gaps),
+        point_min_j=min(least for least, _ in lost),
+        dissipated_j=sum(total for _, total in lost),
+        work_less_stored_j=work - (_stored(path, point) - stored),
+    )
+
+
+def balance_relative(model: Model, point: PathPoint) -> float:
+    """Return |indenter's force less base reaction| over the force."""
+    clamp = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    away = point.force_n - model.mesh.symmetry.whole_force(clamp)
+    return float(np.linalg.norm(away) / np.linalg.norm(point.force_n))
+
+
+def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
+    """Return the least and the summed tangential force times slip of points that held on [J]."""
+    earlier, later = _grip(before), _grip(after)
+    both = (earlier.held == 1) & (later.held == 1)
+    loads = later.loads[both]
+    normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
+    forces = after.equilibrium.contact.forces[both] @ after.state.rotation
+    tangential = forces - np.sum(forces * normals, axis=1, keepdims=True) * normals
+    lost = np.sum(tangential * (later.anchors[both] - earlier.anchors[both]), axis=1)
+    return float(lost.min()), float(lost.sum())
+
+
+def _grip(point: PathPoint) -> Grip:
+    if point.state.grip is None:
+        raise ValueError("a slide without friction has no grip")
+    return point.state.grip
+
+
+def _stored(path: LoadingPath, point: PathPoint) -> float:
+    """Return elastic, barrier and friction's recoverable energy [J]."""
+    positions = point.state.positions
+    elastic, _ = path.model.elastic_energy(positions)
+    return elastic + path.model.contact_energy(positions, path.indenter, point.state)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fingerprint:
+    """F_z [N] and the hash of all nodal positions: equal for bitwise equal results."""
+
+    force_n: float
+    positions_hash: str
+
+
+def fingerprint() -> Fingerprint:
+    """Press a filleted cylinder into a domed pad."""
+    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    point = path.advance(0.2e-3)
+    digest = hashlib.sha256(point.state.positions.tobytes()).hexdigest()
+    return Fingerprint(force_n=float(point.force_n[2]), positions_hash=digest)
+
+
+if __name__ == "__main__":
+    found = fingerprint()
+    sys.stdout.write(f"{found.force_n.hex()} {found.positions_hash}\n")

@@ -1,0 +1,139 @@
+"""Rows 9 and 11: stick and slip without creep, and a pad turned half round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.contact.state import ContactOptions
+from sim.press import contact_measures
+from sim.scene.indenter import Plane, Sphere
+from sim.scene.pad import DiscPad
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.load_steps.path_point import PathPoint
+from sim.studies.hard_cases.case import Outcome
+from sim.studies.hard_cases.pads import DISC, HEIGHT_M, pad_model, round_mesh
+from sim.studies.modes.signatures import contact_signature
+
+FRICTION = 0.5
+SLIP_M = 1e-7
+# IPC's default (Li et al. 2020): sticking is slower than 1e-3 of the scene's size a second.
+EPS_V_M_S = 1e-3 * 2.0 * DISC.radius_m
+SPEED_M_S = 1e-3
+LIMIT_EXCESS = 1e-3
+TORQUE_KINK_SHARE = 0.05
+
+
+def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int = 5) -> Outcome:
+    """Drag a pressed ball to and fro in steps; hold it still in between.
+
+    Creep is the motion along the indenter of points that stick, in one step.
+    """
+    options = ContactOptions(distance_m=2e-6, friction=FRICTION, slip_m=SLIP_M)
+    mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
+    path = LoadingPath(pad_model(mesh, contact_options=options), Sphere(diameter_m=10e-3))
+    path.advance(0.3e-3)
+    legs = [(1.0, 1), (0.0, hold_count), (1.0, step_count), (0.0, hold_count), (-1.0, step_count)]
+    moves = [sign * step_m for sign, count in legs for _ in range(count)]
+    record = _SlipRecord(path)
+    for move in moves:
+        record.go(path.carry(shift_m=(move, 0.0)), driven=move != 0.0)
+    allowed = EPS_V_M_S * step_m / SPEED_M_S
+    return Outcome(
+        passed=record.excess <= LIMIT_EXCESS
+        and max(record.creep_m, record.hold_creep_m) < allowed
+        and record.stuck_share_min < 0.05
+        and record.stuck_share_max > 0.5,
+        measured={
+            "steps": len(moves),
+            "excess_over_friction_limit_relative": record.excess,
+            "creep_m": record.creep_m,
+            "creep_held_still_m": record.hold_creep_m,
+            "eps_v_dt_m": allowed,
+            "stuck_share_min": record.stuck_share_min,
+            "stuck_share_max": record.stuck_share_max,
+            "newton_iterations": path.counts.newton_iterations,
+        },
+    )
+
+
+@dataclass(slots=True)
+class _SlipRecord:
+    """The worst of a drag."""
+
+    path: LoadingPath
+    excess: float = -1.0
+    creep_m: float = 0.0
+    hold_creep_m: float = 0.0
+    stuck_share_min: float = 1.0
+    stuck_share_max: float = 0.0
+    _before: PathPoint | None = None
+
+    def __post_init__(self) -> None:
+        self._before = self.path.last
+
+    def go(self, point: PathPoint, *, driven: bool) -> None:
+        """Take over a step."""
+        mobilised = contact_signature(self.path.model, point).sliding_friction / FRICTION
+        self.excess = max(self.excess, mobilised - 1.0)
+        before, self._before = self._before, point
+        if before is None or before.state.grip is None or point.state.grip is None:
+            return
+        old, new = before.state.grip, point.state.grip
+        touching = (old.held == 1) & (new.held == 1)
+        stuck = touching & np.all(old.anchors == new.anchors, axis=2)
+        slip = _along_indenter(self.path, before, point)
+        share = float(stuck.sum() / max(touching.sum(), 1))
+        creep = float(slip[stuck].max()) if stuck.any() else 0.0
+        if driven:
+            self.creep_m = max(self.creep_m, creep)
+            self.stuck_share_min = min(self.stuck_share_min, share)
+            self.stuck_share_max = max(self.stuck_share_max, share)
+        else:
+            self.hold_creep_m = max(self.hold_creep_m, float(slip[touching].max()))
+
+
+def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> FloatArray:
+    """Return how far every contact point moved along the indenter [m], shape [f, p]."""
+    values = path.model.reference.face_values
+    places = []
+    for point in (before, after):
+        nodes = point.state.positions[path.model.faces]
+        surface = np.einsum("pk,fkx->fpx", values, nodes) - point.state.tip
+        places.append(surface @ point.state.rotation)
+    motion = places[1] - places[0]
+    grip = after.state.grip
+    loads = np.zeros_like(motion) if grip is None else grip.loads
+    normals = loads / np.maximum(np.linalg.norm(loads, axis=2, keepdims=True), 1e-300)
+    motion -= np.einsum("fpx,fpx->fp", motion, normals)[..., None] * normals
+    return np.asarray(np.linalg.norm(motion, axis=2))
+
+
+def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
+    """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
+    pad = DiscPad(radius_m=4e-3, height_m=HEIGHT_M)
+    mesh = round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, symmetric=False)
+    options = ContactOptions(distance_m=2e-6, bonded=True)
+    path = LoadingPath(pad_model(mesh, contact_options=options), Plane())
+    point = path.advance(0.2 * HEIGHT_M)
+    ratio_min = point.equilibrium.min_jacobian
+    torques = [0.0]
+    for _ in range(round(turn_deg / step_deg)):
+        point = path.carry(twist_rad=float(np.radians(step_deg)))
+        torques.append(-float(contact_measures(path, point).moment_nm[2]))
+        ratio_min = min(ratio_min, point.equilibrium.min_jacobian)
+    kink = float(np.abs(np.diff(torques, n=2)).max() / max(torques))
+    return Outcome(
+        passed=kink <= TORQUE_KINK_SHARE and ratio_min > 0.0,
+        measured={
+            "torque_kink_share": kink,
+            "torque_first_step_nm": torques[1],
+            "torque_end_nm": torques[-1],
+            "force_end_n": float(point.force_n[2]),
+            "min_jacobian": ratio_min,
+            "newton_iterations": path.counts.newton_iterations,
+            "increments": path.counts.increments,
+        },
+    )

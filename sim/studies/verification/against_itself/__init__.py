@@ -1,1 +1,0 @@
-"""The simulator against itself: balance, drives, shifts, and its own error estimates."""

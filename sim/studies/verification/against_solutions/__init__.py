@@ -1,1 +1,0 @@
-"""The simulator against exact solutions, references and one real press."""

@@ -1,0 +1,120 @@
+"""How fast F_z converges: as every edge gets shorter, and as those at a sharp rim alone do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
+from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
+from sim.force_error_estimate import force_on
+from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Effect, Preset, Scene, Target
+from sim.solve.load_steps.path import LoadingPath
+from tacauchy_rig.tables import Cell, Table
+
+# Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
+REFINEMENTS = (1.0, 1.5, 2.0)
+# What is pressed, and the least order that is asked.
+_INDENTERS: tuple[tuple[Indenter, float], ...] = (
+    (Cylinder(diameter_m=4e-3), 0.9),
+    (Sphere(diameter_m=8e-3), 1.8),
+)
+_SCENE = Scene(
+    pad=DiscPad(radius_m=8e-3, height_m=4e-3),
+    material=Material(young_pa=4e5, poisson=0.48),
+    indenter=Cylinder(diameter_m=4e-3),
+    target=Target(depth_m=0.1e-3),
+    preset=Preset.FAST,
+    effects=((Effect.FINITE_STRAIN, True),),
+)
+
+_RIM = replace(_SCENE, material=Material(young_pa=2e5, poisson=0.47), preset=Preset.BALANCED)
+# Edges at the rim in radii of the punch, and where their order has to lie.
+EDGE_SHARES = (0.16, 0.08, 0.04, 0.02)
+_LOWEST, _HIGHEST = 0.75, 1.5
+_SECTORS = 40
+
+
+def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]:
+    """Return p and the limit of F = limit + C h^p, least squares weighted by 1 / h.
+
+    Args:
+        edges: Edge lengths h in any unit, at least three.
+        forces_n: F_z on each mesh [N].
+    """
+    weight = 1.0 / edges
+    best = (np.inf, 0.0, 0.0)
+    for order in np.arange(0.2, 6.0, 0.01):
+        columns = np.column_stack([np.ones_like(edges), edges**order])
+        solution = np.linalg.lstsq(columns * weight[:, None], forces_n * weight, rcond=None)[0]
+        misfit = float(np.linalg.norm((columns @ solution - forces_n) * weight))
+        best = min(best, (misfit, float(order), float(solution[0])))
+    return best[1], best[2]
+
+
+def measure() -> Table:
+    """Press a sharp punch and a ball on three meshes each."""
+    rows: list[tuple[Cell, ...]] = []
+    passed = True
+    for indenter, wanted in _INDENTERS:
+        scene = replace(_SCENE, indenter=indenter)
+        plan = plan_effects(scene)
+        forces = tuple(force_on(scene, plan, refinement=factor) for factor in REFINEMENTS)
+        order, limit = fitted_order(1.0 / np.array(REFINEMENTS), np.array(forces))
+        rows.append((describe(indenter), *forces, limit, order, wanted))
+        passed &= order >= wanted
+    return Table(
+        title="Order of convergence of F_z",
+        columns=(
+            "indenter",
+            *(f"F_z, edges 1/{factor:g} [N]" for factor in REFINEMENTS),
+            "limit [N]",
+            "order",
+            "at least",
+        ),
+        rows=tuple(rows),
+        criterion="about 1 (at least 0.9) under a sharp rim, at least 1.8 under a ball",
+        passed=passed,
+        note="the fit is F = limit + C h^p; under a sharp rim an order above 1 says that the rim's "
+        "own edges, which refine at order 1, are not yet what is missing most",
+    )
+
+
+def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
+    """Return F_z with edges at the rim of so many radii, all else as preset balanced has it [N]."""
+    plan = plan_effects(_RIM)
+    forces = []
+    for share in shares:
+        resolution = replace(RESOLUTIONS[_RIM.preset], edge_share=share, sector_count=_SECTORS)
+        mesh = mesh_for(_RIM, resolution=resolution)
+        path = LoadingPath(build_model(_RIM, plan=plan, mesh=mesh), _RIM.indenter)
+        point = path.advance(0.1e-3)
+        forces.append(float(mesh.symmetry.whole_force(point.force_n)[2]))
+    return tuple(forces)
+
+
+def measure_rim() -> Table:
+    """Fit the order to a sharp punch on four meshes."""
+    forces = rim_forces()
+    order, limit = fitted_order(np.array(EDGE_SHARES), np.array(forces))
+    return Table(
+        title="Order of convergence at a sharp rim",
+        columns=(
+            "indenter",
+            *(f"F_z, edges of {share:g} radii [N]" for share in EDGE_SHARES),
+            "limit [N]",
+            "order",
+        ),
+        rows=((describe(_RIM.indenter), *forces, limit, order),),
+        criterion=f"about 1: between {_LOWEST:g} and {_HIGHEST:g}",
+        passed=_LOWEST <= order <= _HIGHEST,
+        note="Only the edges at the rim are refined, and those that grow from them. Stress goes "
+        "there with the inverse root of the distance, so that the energy's error, and with it "
+        "F_z's, goes with the edge length whatever the element.",
+    )

@@ -1,0 +1,110 @@
+"""Does the interface of a layered gel carry traction continuously?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from sim.effects.presets import build_model
+from sim.fields.interface import InterfaceTraction, interface_traction
+from sim.press import press
+from sim.scene.indenter import Sphere
+from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.tables import Table, table_of
+
+REFINEMENTS = (1.0, 2.0, 3.0)
+NODAL_ALLOWED = 1e-6
+SUM_ALLOWED = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InterfacePress:
+    """One press of the 9DTact and what goes through the interface of its layers.
+
+    Attributes:
+        refinement: Edges are this many times shorter than the preset's.
+        force_n: F_z on the indenter [N].
+    """
+
+    refinement: float
+    node_count: int
+    force_n: float
+    interface: InterfaceTraction
+
+    @property
+    def sums_relative(self) -> tuple[float, float]:
+        """Integrals of sigma n from below and from above over F_z, less one."""
+        found = self.interface
+        below, above = found.force_smooth_below_n[2], found.force_smooth_above_n[2]
+        return float(below / self.force_n) - 1.0, float(above / self.force_n) - 1.0
+
+
+def interface_scene() -> Scene:
+    """Return a ball of 8 mm, 0.4 mm deep in a 9DTact."""
+    sensor = load_sensor("9dtact")
+    return Scene(
+        pad=sensor.pad,
+        material=sensor.material,
+        layers=sensor.layers,
+        indenter=Sphere(diameter_m=8e-3),
+        target=Target(depth_m=0.4e-3),
+        preset=Preset.FAST,
+        sensor=sensor.name,
+    )
+
+
+def interface_press(scene: Scene, *, refinement: float) -> InterfacePress:
+    """Press on one mesh.
+
+    Raises:
+        ConvergenceError: There is no equilibrium.
+    """
+    result = press(scene, model=build_model(scene, refinement=refinement))
+    if result.point is None:
+        raise ConvergenceError("the press ended without a state", remedy="press to a depth")
+    (interface,) = interface_traction(result.model, result.point.state.positions)
+    return InterfacePress(
+        refinement=refinement,
+        node_count=result.node_count,
+        force_n=result.force_n[2],
+        interface=interface,
+    )
+
+
+def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
+    """Press on ever finer meshes and compare the two sides."""
+    scene = interface_scene()
+    found = [interface_press(scene, refinement=factor) for factor in refinements]
+    nodal = max(row.interface.recovered_jump_relative for row in found)
+    jumps = [(row.interface.smooth_jump_relative, row.interface.jump_relative) for row in found]
+    shrinks = all(fine[k] < coarse[k] for coarse, fine in pairwise(jumps) for k in range(2))
+    sums = max(abs(value) for value in found[-1].sums_relative)
+    return table_of(
+        found,
+        {
+            "edges of the preset over": lambda row: row.refinement,
+            "nodes": lambda row: row.node_count,
+            "F_z [N]": lambda row: row.force_n,
+            "nodal tractions, above against below": lambda row: (
+                row.interface.recovered_jump_relative
+            ),
+            "integral of sigma n below over F_z, less 1": lambda row: row.sums_relative[0],
+            "above": lambda row: row.sums_relative[1],
+            "jump of sigma n, continuous in each layer": lambda row: (
+                row.interface.smooth_jump_relative
+            ),
+            "jump of sigma n, each element's own": lambda row: row.interface.jump_relative,
+        },
+        title="Traction through the interface of a 9DTact",
+        criterion="the tractions that the nodal forces of either layer stand for are the same "
+        f"within {NODAL_ALLOWED:g}; on the finest mesh sigma n of either layer integrates to F_z "
+        f"within {SUM_ALLOWED:.0%}; its jump shrinks with every refinement",
+        passed=nodal < NODAL_ALLOWED and sums < SUM_ALLOWED and shrinks,
+        note="A jump is the norm of the difference of both sides' sigma n over that of their mean, "
+        "both over the interface. Stress is made continuous within a layer by projection from "
+        "that layer's elements alone (sim/fields/interface.py).",
+        command="tacauchy-rig press --sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm "
+        "--preset fast",
+    )

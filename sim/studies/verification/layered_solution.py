@@ -1,0 +1,176 @@
+"""Exact small-strain forces on elastic layers bonded to a rigid base: what a press has to meet.
+
+A frictionless punch or ball of contact radius a carries F = 2 a E / (1 - nu^2) int_0^1 phi, with E
+and nu of the uppermost layer (Hayes et al. 1972 for one layer). In Lebedev and Ufliand's reduction
+of the dual integral equations phi is even and solves, on [-1, 1],
+
+    phi(x) - a / pi int K(a (x - t)) phi(t) dt = f(x),     K(u) = int_0^inf (1 - L(k)) cos(k u) dk,
+
+where L is the layers' compliance to a wave of wave number k, relative to a half space's. A flat
+punch has f = d; a ball has f = d - a^2 x^2 / R, and a is where phi(1) = 0.
+
+For L each layer is integrated in Hankel space. With u_r = U J1(kr), u_z = W J0(kr),
+tau_rz = T J1(kr) and sigma_zz = S J0(kr), equilibrium and Hooke's law are
+
+    U' = k W + T / mu          T' = k ((lambda + 2 mu) k U + lambda W')
+    W' = (S - lambda k U) / (lambda + 2 mu)                         S' = -k T
+
+The stiffness of all that lies below, (T, S) = K (U, W), is carried up from the clamped base in thin
+slices, where the exponentials stay small. At the surface W = C(k) S, and
+L(k) = C k E / (2 (1 - nu^2)) tends to 1 for short waves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from sim.arrays import FloatArray
+from sim.scene.material import Layer
+from tacauchy_rig.errors import ConfigError
+
+# Beyond this wave number times the top layer's thickness, L is 1 to 1e-17 of what it may reach.
+_WAVE_NUMBER_MAX = 24.0
+# Gauss points over wave numbers and over the contact: four digits more than a page shows.
+_WAVE_COUNT = 800
+_POINT_COUNT = 160
+
+
+class Ply(NamedTuple):
+    """A layer by its elastic constants; nu may be 0.5.
+
+    Attributes:
+        young_pa: E [Pa].
+        poisson: nu.
+        thickness_m: Thickness [m].
+    """
+
+    young_pa: float
+    poisson: float
+    thickness_m: float
+
+
+class BondedLayers:
+    """Layers of infinite extent on a rigid base.
+
+    Args:
+        plies: From the base to the surface.
+
+    Raises:
+        ConfigError: There is no layer.
+    """
+
+    def __init__(self, plies: Sequence[Ply]) -> None:
+        if not plies:
+            raise ConfigError("a laminate of no layers", remedy="give at least one layer")
+        top = plies[-1]
+        self._modulus_pa = top.young_pa / (1.0 - top.poisson**2)
+        at, weight = np.polynomial.legendre.leggauss(_WAVE_COUNT)
+        half = 0.5 * _WAVE_NUMBER_MAX / top.thickness_m
+        self._waves = half * (at + 1.0)
+        self._missing = half * weight * (1.0 - surface_compliance(plies, self._waves))
+
+    @classmethod
+    def of_pad(cls, layers: Sequence[Layer], *, height_m: float) -> BondedLayers:
+        """Return the layers of a pad of some height [m]."""
+        gels = [(layer.material, layer.share * height_m) for layer in layers]
+        return cls([Ply(gel.young_pa, gel.poisson, thickness) for gel, thickness in gels])
+
+    def punch_factor(self, radius_m: float) -> float:
+        """Return kappa = F (1 - nu^2) / (2 a E d) of a flat punch; 1 on a half space."""
+        return self._density(radius_m).mean(0)
+
+    def punch_force(self, *, radius_m: float, depth_m: float) -> float:
+        """Return the force of a frictionless flat punch [N]."""
+        return 2.0 * radius_m * self._modulus_pa * depth_m * self.punch_factor(radius_m)
+
+    def ball_force(self, *, radius_m: float, depth_m: float) -> tuple[float, float]:
+        """Return a frictionless ball's force [N] and contact radius [m].
+
+        The ball is the paraboloid of its radius, as in Hertz's theory.
+        """
+
+        def excess(contact_m: float) -> float:
+            phi = self._density(contact_m)
+            return depth_m * phi.rim(0) - contact_m**2 / radius_m * phi.rim(2)
+
+        widest = math.sqrt(2.0 * radius_m * depth_m)
+        contact = float(scipy.optimize.brentq(excess, 0.1 * widest, 2.0 * widest))
+        phi = self._density(contact)
+        mean = depth_m * phi.mean(0) - contact**2 / radius_m * phi.mean(2)
+        return 2.0 * contact * self._modulus_pa * mean, contact
+
+    def _density(self, radius_m: float) -> _Density:
+        return _Density(radius_m, self._waves, self._missing)
+
+
+def hertz_force(*, radius_m: float, depth_m: float, young_pa: float, poisson: float) -> float:
+    """Return Hertz's force of a ball on a half space [N]: 4/3 E / (1 - nu^2) sqrt(R) d^1.5."""
+    return 4.0 / 3.0 * young_pa / (1.0 - poisson**2) * math.sqrt(radius_m * depth_m) * depth_m
+
+
+class _Density:
+    """phi for f = 1 and f = x^2, by Nystroem's method on Gauss points.
+
+    Args:
+        radius_m: a [m].
+        waves: Wave numbers [1/m], shape [wave_count].
+        missing: 1 - L there, times the weight of each in an integral [1/m].
+    """
+
+    def __init__(self, radius_m: float, waves: FloatArray, missing: FloatArray) -> None:
+        points, self._weights = np.polynomial.legendre.leggauss(_POINT_COUNT)
+        angles = np.outer(waves, radius_m * np.append(points, 1.0))
+        even, odd = np.cos(angles), np.sin(angles)
+        kernel = even.T @ (missing[:, None] * even) + odd.T @ (missing[:, None] * odd)
+        coupling = radius_m / math.pi * kernel[:, :-1] * self._weights
+        system = np.eye(_POINT_COUNT) - coupling[:-1]
+        self._values = {power: np.linalg.solve(system, points**power) for power in (0, 2)}
+        self._rim = {power: 1.0 + float(coupling[-1] @ self._values[power]) for power in (0, 2)}
+
+    def mean(self, power: int) -> float:
+        """Return int_0^1 phi for f = x^power."""
+        return 0.5 * float(self._weights @ self._values[power])
+
+    def rim(self, power: int) -> float:
+        """Return phi(1) for f = x^power."""
+        return self._rim[power]
+
+
+def surface_compliance(plies: Sequence[Ply], waves: FloatArray) -> FloatArray:
+    """Return L at wave numbers [1/m]: 0 for long waves, 1 for short ones."""
+    stiffness: FloatArray = np.empty(0)
+    for ply in plies:
+        slices = max(4, math.ceil(waves.max() * ply.thickness_m))
+        step = scipy.linalg.expm(_system(ply, waves) * (ply.thickness_m / slices))
+        kept, forced = step[:, :2, :2], step[:, :2, 2:]
+        raised, carried = step[:, 2:, :2], step[:, 2:, 2:]
+        for _ in range(slices):
+            if not stiffness.size:
+                stiffness = carried @ np.linalg.inv(forced)
+            else:
+                motion = kept + forced @ stiffness
+                stiffness = (raised + carried @ stiffness) @ np.linalg.inv(motion)
+    compliance = np.linalg.inv(stiffness)[:, 1, 1]
+    top = plies[-1]
+    return np.asarray(compliance * waves * top.young_pa / (2.0 * (1.0 - top.poisson**2)))
+
+
+def _system(ply: Ply, waves: FloatArray) -> FloatArray:
+    """Return d/dz of (U, W, T, S) for every wave number, shape [wave_count, 4, 4]."""
+    nu = ply.poisson
+    mu = ply.young_pa / (2.0 * (1.0 + nu))
+    system = np.zeros((len(waves), 4, 4))
+    system[:, 0, 1], system[:, 0, 2] = waves, 1.0 / mu
+    # lambda / (lambda + 2 mu) and 1 / (lambda + 2 mu), which are finite at nu = 0.5.
+    system[:, 1, 0] = -waves * nu / (1.0 - nu)
+    system[:, 1, 3] = (1.0 - 2.0 * nu) / (2.0 * mu * (1.0 - nu))
+    system[:, 2, 0] = waves**2 * 2.0 * mu / (1.0 - nu)
+    system[:, 2, 3] = waves * nu / (1.0 - nu)
+    system[:, 3, 2] = -waves
+    return system

@@ -1,0 +1,147 @@
+"""The mesh of preset ``paper`` beside the paper's numbers, and what its surface's stress costs."""
+
+from __future__ import annotations
+
+import platform
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.effects.footprint_presets import diagonal
+from sim.effects.presets import PAPER_SIZING, mesh_for
+from sim.fields.stress import surface_stress
+from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.mesh.tetwild import WildSizing, wild_mesh
+from sim.press import press
+from sim.scene.indenter import Cylinder
+from sim.scene.pad import Pad
+from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from sim.solve.model import Model
+from sim.studies.verification.press_command import press_command
+from tacauchy_rig.tables import Cell, Table
+
+# How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
+_REPEATS = 200
+_PAPER_S = 1e-3
+
+
+def measure_mesh() -> Table:
+    """Measure the mesh with and without its fine region."""
+    pad = load_sensor("gelsight-mini").pad
+    coarse = mesh_statistics(baseline_mesh(pad))
+    fine = mesh_statistics(mesh_for(replace(paper_scene(), preset=Preset.PAPER)))
+    growth = fine.tet_count / coarse.tet_count
+    density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
+    sizing = PAPER_SIZING
+    return Table(
+        title="The paper's mesh",
+        columns=("quantity", "paper", "here"),
+        rows=(
+            ("tetrahedra, not refined", 661, coarse.tet_count),
+            ("tetrahedra, refined", 1920, fine.tet_count),
+            ("refined over not refined", 2.90, growth),
+            ("vertices", 553, fine.vertex_count),
+            ("vertices on the surface", 358, fine.surface_vertex_count),
+            ("faces of the surface", 712, fine.surface_face_count),
+            ("edge in the middle, not refined [mm]", 1.82, coarse.centre_edge_m * 1e3),
+            ("edge in the middle, refined [mm]", 0.68, fine.centre_edge_m * 1e3),
+            ("density in the middle, refined over not", 7.35, density),
+            ("smallest dihedral angle [deg]", None, fine.dihedral_min_deg),
+            ("edge length l_c in the middle [mm]", 0.8, sizing.fine_m * 1e3),
+            ("edge length l_g elsewhere [mm]", 3.2, sizing.coarse_m * 1e3),
+            ("l_r = l_g over the bounding box's diagonal", None, sizing.coarse_m / diagonal(pad)),
+            ("envelope epsilon_r over the same", None, sizing.envelope_share),
+            ("AMIPS energy to stop at", None, sizing.stop_energy),
+        ),
+        criterion="none: the paper does not state its pad, l_r, epsilon_r and energy, so its "
+        "counts cannot be met but by chance; preset paper",
+        passed=True,
+        note="fTetWild with the paper's sizing field on the domed pad of the sensor file; it gives "
+        "another mesh every time, so that these two are kept with the program. Density is the "
+        "square of the ratio of edge lengths (the paper's rounded lengths give 7.16); the middle "
+        "is what lies within 2.5 mm of it.",
+    )
+
+
+def baseline_mesh(pad: Pad) -> TetMesh:
+    """Return the pad meshed with the coarse edge length everywhere."""
+    sizing: WildSizing = replace(PAPER_SIZING, fine_m=PAPER_SIZING.coarse_m)
+    key = mesh_key(pad, sizing)
+    return stored_mesh(
+        "paper-unrefined", key, lambda: wild_mesh(pad, sizing, name=f"fTetWild, unrefined, {key}")
+    )
+
+
+def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Table:
+    """Press once on each preset and time the extraction on what came out."""
+    scene = paper_scene()
+    rows: list[tuple[Cell, ...]] = []
+    for preset in presets:
+        result = press(replace(scene, preset=preset))
+        if result.point is None:
+            continue
+        model = result.model
+        times = extraction_times(model, result.point.state.positions)
+        low, middle, high = (1e3 * float(np.quantile(times, q)) for q in (0.05, 0.5, 0.95))
+        rows.append(
+            (
+                preset.value,
+                result.element,
+                result.tet_count,
+                len(model.faces),
+                model.device,
+                low,
+                middle,
+                high,
+                "yes" if middle < 1e3 * _PAPER_S else "no",
+            )
+        )
+    return Table(
+        title="Cost of extracting the surface's stress",
+        columns=(
+            "preset",
+            "element",
+            "tetrahedra",
+            "faces",
+            "device",
+            "5 % [ms]",
+            "median [ms]",
+            "95 % [ms]",
+            "median below 1 ms",
+        ),
+        rows=tuple(rows),
+        criterion="none: a time belongs to the machine and what else it does, so it is reported "
+        "and not judged; the paper states less than 1 ms",
+        passed=True,
+        note=f"{_REPEATS} extractions (Algorithm 1: Cauchy stress in every element, traction, its "
+        "normal and tangential part on every unclamped face), from positions in memory to arrays "
+        f"in memory, on {platform.machine()}.",
+        command=press_command(replace(scene, preset=presets[0])),
+    )
+
+
+def extraction_times(model: Model, positions: FloatArray, *, repeats: int = _REPEATS) -> FloatArray:
+    """Return the wall time of every extraction but the first [s], shape [repeats]."""
+    surface_stress(model, positions)
+    times = np.empty(repeats)
+    for k in range(repeats):
+        started = time.perf_counter()
+        surface_stress(model, positions)
+        times[k] = time.perf_counter() - started
+    return times
+
+
+def paper_scene() -> Scene:
+    """Return a shallow press of a GelSight Mini; its preset is the caller's to choose."""
+    sensor = load_sensor("gelsight-mini")
+    return Scene(
+        pad=sensor.pad,
+        material=sensor.material,
+        indenter=Cylinder(diameter_m=5e-3),
+        target=Target(depth_m=0.3e-3),
+        sensor=sensor.name,
+    )

@@ -1,0 +1,103 @@
+"""Young's modulus from one press of a real GelSight Mini gel."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from sim.press import press
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from sim.studies.verification.press_command import press_command
+from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.tables import Table
+
+_FILE = "real_press.toml"
+_ALLOWED = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealPress:
+    """A press that somebody measured."""
+
+    source: str
+    sensor: str
+    ball_radius_m: float
+    depth_m: float
+    force_n: float
+
+
+def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
+    """Fit E, press anew with it, and show what the fit hangs on."""
+    real = real_press()
+    numbers = load_sensor(real.sensor).numbers
+    young, poisson = numbers["material.young"], numbers["material.poisson"]
+    asked = (
+        (poisson.value, ContactMode.FRICTIONLESS),
+        (poisson.value, ContactMode.BONDED),
+        (poisson.value - poisson.uncertainty, ContactMode.FRICTIONLESS),
+        (poisson.value + poisson.uncertainty, ContactMode.FRICTIONLESS),
+    )
+    fits = [fitted_young(real, nu, contact, preset) for nu, contact in asked]
+    scene = real_scene(real, fits[0], *asked[0], preset)
+    force = press(scene).force_n[2]
+    forces = (force, None, None, None)
+    off = (fits[0] - young.value) / young.uncertainty
+    return Table(
+        title="One press of a real gel",
+        columns=("nu", "contact", "fitted E [MPa]", "F_z pressed anew [N]", "measured [N]"),
+        rows=tuple(
+            (nu, contact.value, fit * 1e-6, again, real.force_n)
+            for (nu, contact), fit, again in zip(asked, fits, forces, strict=True)
+        ),
+        criterion="E is fitted to the one point and stated; pressed anew with it, F_z is the "
+        f"measured one within 0.1 %; preset {preset.value}",
+        passed=abs(force / real.force_n - 1.0) <= _ALLOWED,
+        note=f"{real.source}: radius {real.ball_radius_m * 1e3:g} mm, {real.force_n:g} N at "
+        f"{real.depth_m * 1e3:g} mm, on the sensor's own domed pad. The fit is "
+        f"E = {fits[0] * 1e-6:.4f} MPa (first row), {off:+.1f} standard uncertainties from "
+        f"the sensor file's {young.value * 1e-6:g} MPa, which was measured on another unit "
+        "and stays. A fit to one point verifies nothing by itself; the presses to other depths "
+        "do.",
+        command=press_command(scene),
+    )
+
+
+def real_press() -> RealPress:
+    """Return the measured press."""
+    text = resources.files("sim.studies.verification.data").joinpath(_FILE).read_text("utf-8")
+    data: dict[str, Any] = tomllib.loads(text)
+    return RealPress(
+        source=data["source"],
+        sensor=data["sensor"],
+        ball_radius_m=parse_quantity(data["ball_radius"], dimension=Dimension.LENGTH).value,
+        depth_m=parse_quantity(data["depth"], dimension=Dimension.LENGTH).value,
+        force_n=parse_quantity(data["force"], dimension=Dimension.FORCE).value,
+    )
+
+
+def fitted_young(real: RealPress, poisson: float, contact: ContactMode, preset: Preset) -> float:
+    """Return the E [Pa] at which a press gives the measured force, to which it is proportional."""
+    young = load_sensor(real.sensor).material.young_pa
+    scene = real_scene(real, young, poisson, contact, preset)
+    return young * real.force_n / press(scene).force_n[2]
+
+
+def real_scene(
+    real: RealPress, young_pa: float, poisson: float, contact: ContactMode, preset: Preset
+) -> Scene:
+    """Return the measured press as a scene."""
+    sensor = load_sensor(real.sensor)
+    return Scene(
+        pad=sensor.pad,
+        material=Material(young_pa=young_pa, poisson=poisson),
+        indenter=Sphere(diameter_m=2.0 * real.ball_radius_m),
+        target=Target(depth_m=real.depth_m),
+        contact=contact,
+        preset=preset,
+        sensor=sensor.name,
+    )

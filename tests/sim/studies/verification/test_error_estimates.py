@@ -1,0 +1,54 @@
+"""Estimates of the force error beside true errors."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim.force_error_estimate import CoarserForce
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.verification.error_estimates import (
+    HELD_OUT,
+    RefinedPress,
+    judged,
+    refined_press,
+)
+
+SCENE = Scene(
+    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
+    material=Material(young_pa=3e5, poisson=0.46),
+    indenter=Sphere(diameter_m=5e-3),
+    target=Target(depth_m=0.05e-3),
+    preset=Preset.FAST,
+)
+
+
+def test_ten_scenes_are_held_out() -> None:
+    """No two are alike."""
+    scenes = list(HELD_OUT.values())
+    assert len(scenes) == 10
+    assert all(a != b for k, a in enumerate(scenes) for b in scenes[:k])
+
+
+def test_small_scene_has_an_estimate_and_a_true_error() -> None:
+    """Four meshes of one ball: forces come down as edges shorten, and the estimate holds."""
+    found = refined_press("ball", SCENE, finer=1.5)
+    assert found.coarser[1].force_n > found.force_n > 0.99 * found.finer_n
+    assert found.is_inside
+
+
+def press_with(*, finer_n: float) -> RefinedPress:
+    """Return a press that was never made."""
+    coarser = (CoarserForce(ratio=1.5, force_n=1.01), CoarserForce(ratio=2.0, force_n=1.03))
+    return RefinedPress(name="made up", scene=SCENE, force_n=1.0, finer_n=finer_n, coarser=coarser)
+
+
+@pytest.mark.parametrize(("outside", "passed"), [(0, True), (1, True), (2, False)])
+def test_nine_of_ten_must_lie_inside(outside: int, passed: bool) -> None:
+    """Two that lie outside fail the section."""
+    found = [press_with(finer_n=0.5 if k < outside else 0.999) for k in range(10)]
+    section = judged(found)
+    assert section.passed is passed
+    assert [row[-1] for row in section.rows].count("no") == outside

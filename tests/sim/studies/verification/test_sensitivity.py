@@ -1,0 +1,59 @@
+"""What F_z should hardly depend on, in small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.verification.sensitivity import (
+    BarrierLimit,
+    barrier_limit,
+    measure_drives,
+    shifted_press,
+)
+
+SCENE = Scene(
+    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
+    material=Material(young_pa=3e5, poisson=0.46),
+    indenter=Sphere(diameter_m=5e-3),
+    target=Target(depth_m=0.05e-3),
+    preset=Preset.FAST,
+)
+
+
+def test_parabola_through_three_distances() -> None:
+    """Forces a + b d + c d^2 have the limit a."""
+    forces = tuple(2.0 + 0.3 * d + 0.1 * d**2 for d in (1.0, 0.5, 0.25))
+    limit = BarrierLimit(scene=SCENE, forces_n=(forces[0], forces[1], forces[2]))
+    assert limit.limit_n == pytest.approx(2.0)
+    assert limit.difference == pytest.approx(0.2)
+
+
+def test_contact_distance_hardly_matters() -> None:
+    """F_z of a small press is within 0.3 % of its limit."""
+    assert barrier_limit(SCENE).difference < 3e-3
+
+
+def test_shifted_press_moves_by_half_an_edge() -> None:
+    """A ball half an element aside on the same mesh is felt a little, not a lot."""
+    found = shifted_press(replace(SCENE, preset=Preset.FAST))
+    assert 0.0 < found.change < 0.05
+
+
+@pytest.mark.slow
+def test_sharp_rim_shifted() -> None:
+    """A sharp punch cuts other faces when it is moved; F_z stays within 6 % on preset fast."""
+    found = shifted_press(replace(SCENE, indenter=Cylinder(diameter_m=3e-3)))
+    assert 0.0 < found.change < 0.06
+
+
+def test_drives_agree_in_depth() -> None:
+    """One small force, by load and by displacement."""
+    found = measure_drives(preset=Preset.FAST, forces_n=(0.6,))
+    assert found.passed
+    assert found.rows[0][1] == pytest.approx(found.rows[0][2], rel=1e-3)
