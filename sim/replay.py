@@ -16,7 +16,7 @@ from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import PressResult, measure, path_for
 from sim.scene.indenter import Indenter, describe
-from sim.scene.scene import ContactMode, Drive, Preset, Scene, Target
+from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
@@ -33,8 +33,6 @@ def replay_forces(
     preset: Preset = Preset.BALANCED,
     tolerance: Tolerance | None = None,
     tolerance_n: float = 0.08,
-    centre_m: tuple[float, float] = (0.0, 0.0),
-    contact: ContactMode = ContactMode.FRICTIONLESS,
     drive: Drive = Drive.LOAD,
     on_progress: Progress | None = None,
     name: str = "force-matched",
@@ -52,8 +50,6 @@ def replay_forces(
         preset: Mesh and element.
         tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
         tolerance_n: Largest |F_z simulated - measured| [N].
-        centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
-        contact: What touching points may do along the indenter.
         drive: How a force is reached.
         on_progress: Called with the trial's number (from 1, 0 before all) and a line of text.
         name: Name of the replay.
@@ -73,8 +69,6 @@ def replay_forces(
         preset=preset,
         tolerance=tolerance,
         tolerance_n=tolerance_n,
-        centre_m=centre_m,
-        contact=contact,
         drive=drive,
     )
     say(0, f"meshing {sensor.title}, preset {setting_of(scene)}")
@@ -120,8 +114,6 @@ def replay_scene(
     preset: Preset = Preset.BALANCED,
     tolerance: Tolerance | None = None,
     tolerance_n: float = 0.08,
-    centre_m: tuple[float, float] = (0.0, 0.0),
-    contact: ContactMode = ContactMode.FRICTIONLESS,
     drive: Drive = Drive.LOAD,
 ) -> Scene:
     """Return the press to the largest of the forces; arguments as for ``replay_forces``.
@@ -136,8 +128,6 @@ def replay_scene(
         tetwild=sensor.tetwild,
         indenter=indenter,
         target=Target(force_n=max([0.0, *forces_n])),
-        centre_m=centre_m,
-        contact=contact,
         drive=drive,
         preset=preset,
         force_tolerance_n=tolerance_n,

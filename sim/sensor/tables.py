@@ -139,8 +139,8 @@ def naming(origin: str) -> Iterator[None]:
         raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
 
 
-def surface_of(section: Mapping[str, Any], *, origin: str, folder: Path) -> SurfacePad:
-    """Read ``surface = "gel.stl"``, ``unit = "mm"`` and ``source`` of a section ``[pad]``.
+def surface_of(table: Mapping[str, Any], *, origin: str, folder: Path) -> SurfacePad:
+    """Read ``surface = "gel.stl"``, ``unit = "mm"`` and ``source`` of ``[pad]``.
 
     Args:
         origin: The sensor file, for messages.
@@ -149,37 +149,37 @@ def surface_of(section: Mapping[str, Any], *, origin: str, folder: Path) -> Surf
     Raises:
         ConfigError: A key is missing or wrong, or the file bounds no pad.
     """
-    missing = [key for key in SURFACE_KEYS if not str(section.get(key, "")).strip()]
+    missing = [key for key in SURFACE_KEYS if not str(table.get(key, "")).strip()]
     if missing:
         raise ConfigError(
             f"{origin}: pad has a surface but no {', '.join(missing)}",
             remedy='write surface = "gel.stl", unit = "mm", source = "where it is from"',
         )
-    unit = str(section["unit"])
+    unit = str(table["unit"])
     if unit not in set(MeshUnit):
         raise ConfigError(
             f"{origin}: pad.unit = {unit!r} is no unit", remedy=f"one of: {', '.join(MeshUnit)}"
         )
     with naming(origin):
-        return read_surface_pad(folder / str(section["surface"]), unit=MeshUnit(unit))
+        return read_surface_pad(folder / str(table["surface"]), unit=MeshUnit(unit))
 
 
-def tetwild_options_of(section: Mapping[str, Any], *, origin: str) -> TetWildOptions:
+def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptions:
     """Read fTetWild's settings: ``l_r``, ``epsilon_r``, ``stop_energy``, ``dihedral_min``.
 
     Raises:
         ConfigError: A setting is unknown, no number, or out of its range.
     """
-    unknown = [key for key in section if key not in _TETWILD]
+    unknown = [key for key in table if key not in _TETWILD]
     if unknown:
         raise ConfigError(
             f"{origin}: unknown mesh setting {', '.join(unknown)}",
             remedy=f"settings are {', '.join(_TETWILD)}",
         )
     given = {
-        name: parse_quantity(str(section[key]), dimension=dimension, field=f"{origin}: {key}").value
+        name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}").value
         for key, (name, dimension) in _TETWILD.items()
-        if key in section
+        if key in table
     }
     with naming(origin):
         return TetWildOptions(**given)

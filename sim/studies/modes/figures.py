@@ -18,7 +18,7 @@ from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.section import Section, cut
+from sim.fields.plane_cut import PlaneCut, cut
 from sim.studies.modes.maps import SurfaceMaps, surface_maps, traction_arrows
 from sim.studies.modes.runs import ModeRun
 from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
@@ -100,7 +100,7 @@ def _drawn(
     return figure
 
 
-def _maps_and_section(run: ModeRun) -> tuple[SurfaceMaps, Section]:
+def _maps_and_section(run: ModeRun) -> tuple[SurfaceMaps, PlaneCut]:
     return surface_maps(run.path, run.point), cut(run.path.model, run.point.state.positions)
 
 
@@ -113,7 +113,7 @@ def _reach(run: ModeRun) -> float:
 
 
 def _draw_section(
-    axes: Axes, run: ModeRun, section: Section, entry: tuple[int, int], name: str
+    axes: Axes, run: ModeRun, section: PlaneCut, entry: tuple[int, int], name: str
 ) -> None:
     values = section.stress_pa[:, entry[0], entry[1]] * _KPA
     thick = section.without_slivers(_THIN_SHARE * run.path.model.height_m)
@@ -137,7 +137,7 @@ def _draw_section(
     _bar(axes, shown, f"{name} (kPa)", extend="both")
 
 
-def _draw_interfaces(axes: Axes, section: Section) -> None:
+def _draw_interfaces(axes: Axes, section: PlaneCut) -> None:
     """Draw the edges where two layers meet."""
     if section.layers.max() == section.layers.min():
         return

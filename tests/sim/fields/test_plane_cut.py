@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.effects.presets import mesh_for
-from sim.fields.section import Section, cut
+from sim.fields.plane_cut import PlaneCut, cut
 from sim.material.laws.catalogue import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
@@ -42,7 +42,7 @@ def model() -> Model:
     )
 
 
-def areas_of(section: Section) -> np.ndarray:
+def areas_of(section: PlaneCut) -> np.ndarray:
     """Return the triangles' areas [m^2]."""
     a, b, c = (section.points_m[section.triangles[:, k]] for k in range(3))
     u, v = b - a, c - a
