@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,17 +36,6 @@ class TimedPress:
     newton_iterations: int
     processor_s: float
     wall_s: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values for ``--json``."""
-        return {
-            "force_n": list(self.force_n),
-            "depth_m": self.depth_m,
-            "node_count": self.node_count,
-            "newton_iterations": self.newton_iterations,
-            "processor_s": self.processor_s,
-            "wall_s": self.wall_s,
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,19 +104,11 @@ class EffectCheck:
             "estimated_error": self.plan.estimated_error,
             "difference": self.difference,
             "time_ratio": self.time_ratio,
-            "planned": self.planned.as_json(),
-            "full": self.full.as_json(),
+            "planned": asdict(self.planned),
+            "full": asdict(self.full),
             "added": [effect.value for effect in self.added],
             "left_apart": {effect.value: why for effect, why in self.left_apart},
-            "omissions": [
-                {
-                    "effect": omission.effect.value,
-                    "estimated": omission.estimated,
-                    "measured": omission.measured,
-                    "time_ratio": omission.time_ratio,
-                }
-                for omission in self.omissions
-            ],
+            "omissions": [asdict(omission) for omission in self.omissions],
             "needless": [omission.effect.value for omission in self.needless],
             "effects": self.plan.as_json(),
         }

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from sim.scene.scene import Effect
 from sim.studies.effects_check.cases import EffectCase, effect_cases
 from sim.studies.effects_check.check import EffectCheck, check_effects
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
-from tacauchy_rig.cli.studies.effects_page import line, markdown
 from tacauchy_rig.cli.studies.side_by_side import Jobs, side_by_side
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.page import page
+from tacauchy_rig.tables import Table, table_of
 
 
 def effects_check(
@@ -41,11 +44,11 @@ def effects_check(
     measure = partial(_checked, one_by_one=one_by_one)
     for _, check in side_by_side(measure, [case.name for case in chosen], jobs=jobs):
         checks.append(check)
-        say(line(check))
+        say(_line(check))
         # After every scene, so that Ctrl-C leaves what was found until then.
         if out is not None:
             command = f"tacauchy-rig effects-check --out {out}"
-            write_text(out, markdown(checks, command=command, case_count=len(effect_cases())))
+            write_text(out, _page(checks, command))
         write_json(json_file, {"scenes": [check.as_json() for check in checks]})
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
 
@@ -63,3 +66,67 @@ def _chosen(names: list[str]) -> list[EffectCase]:
 
 def _checked(name: str, *, one_by_one: bool) -> EffectCheck:
     return check_effects(_chosen([name])[0], one_by_one=one_by_one)
+
+
+def _line(check: EffectCheck) -> str:
+    verdict = "ok" if check.passed else "MISSED"
+    text = (
+        f"{check.case.name:22} {verdict:6} {check.difference:9.2e} of {check.plan.tolerance:.2e}, "
+        f"{check.time_ratio:5.1f} times the time with {_names(check.added)} on"
+    )
+    apart = "; ".join(f"{effect.value} apart: {why}" for effect, why in check.left_apart)
+    return f"{text} ({apart})" if apart else text
+
+
+def _page(checks: Sequence[EffectCheck], command: str) -> str:
+    apart: dict[tuple[Effect, str], list[str]] = {}
+    for check in checks:
+        for reason in check.left_apart:
+            apart.setdefault(reason, []).append(check.case.name)
+    facts = {
+        "command": command,
+        "checks": checks,
+        "case_count": len(effect_cases()),
+        "missed": [check.case.name for check in checks if not check.passed],
+        "compared": _compared(checks),
+        "apart": apart,
+        "kept": _kept(checks),
+    }
+    return page("tacauchy_rig.cli.studies", "effects.md.jinja", facts)
+
+
+def _compared(checks: Sequence[EffectCheck]) -> Table:
+    return table_of(
+        checks,
+        {
+            "scene": lambda check: check.case.name,
+            "tolerance": lambda check: _percent(check.plan.tolerance),
+            "left out": lambda check: _names(check.added),
+            "expected": lambda check: _percent(check.plan.estimated_error),
+            "found": lambda check: _percent(check.difference),
+            "time saved": lambda check: f"{check.time_ratio:.1f} x",
+            "": lambda check: "within" if check.passed else "**missed**",
+        },
+    )
+
+
+def _kept(checks: Sequence[EffectCheck]) -> Table:
+    return table_of(
+        [(check, omission) for check in checks for omission in check.omissions],
+        {
+            "scene": lambda kept: kept[0].case.name,
+            "effect": lambda kept: kept[1].effect.value,
+            "expected": lambda kept: _percent(kept[1].estimated),
+            "found": lambda kept: _percent(kept[1].measured),
+            "time": lambda kept: f"{kept[1].time_ratio:.1f} x",
+            "": lambda kept: "needless" if kept[1] in kept[0].needless else "needed",
+        },
+    )
+
+
+def _names(effects: Sequence[Effect]) -> str:
+    return ", ".join(effect.value for effect in effects) or "nothing"
+
+
+def _percent(value: float) -> str:
+    return f"{float(f'{value * 100:.2g}'):g} %"
