@@ -14,10 +14,7 @@ from sim.scene.scene import Preset, Scene
 from sim.studies.accuracy.force_limit import ForceLimit, PressStore, pressed_path
 from sim.studies.accuracy.scenes import HELD_OUT, HeldOut
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.tables import Cell, Table
 
-TITLE = "What a tolerance promises"
-KEPT_WANTED = 0.9
 COST_WANTED = 2.0
 _EVERYTHING_ON = 2e-4
 
@@ -172,62 +169,3 @@ def check_tolerances(
         on_progress(asked.name)
         found.append(check_tolerance(asked, store))
     return found
-
-
-def section(
-    found: Sequence[ToleranceOutcome], *, command: str, title: str = TITLE, note: str = ""
-) -> Table:
-    """Return the table of what was found.
-
-    Args:
-        note: What else is to be said of the scenes.
-    """
-    kept = sum(each.is_kept for each in found)
-    thrifty = sum(each.is_thrifty for each in found)
-    plain = sum(each.is_thrifty_once_chosen for each in found)
-    return Table(
-        title=title,
-        columns=(
-            "scene",
-            "tolerance",
-            "F_z [N]",
-            "allowed [%]",
-            "settings chosen",
-            "error believed [%]",
-            "true error [%]",
-            "doubt of it [%]",
-            "kept",
-            "cheapest that would have kept it",
-            "time over its time",
-            "of it for choosing",
-        ),
-        rows=tuple(_cells(each) for each in found),
-        criterion=f"the error is within the tolerance on nine scenes of ten, at no more than "
-        f"{COST_WANTED:g} times the processor time of the cheapest settings that would have",
-        passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
-        note=f"Kept on {kept} of {len(found)}, at no more than {COST_WANTED:g} times the time on "
-        f"{thrifty}, the choice's own time included; on {plain} without it. "
-        "The true error is against the limit that preset reference and edges 1.5 times as long "
-        "tend to (Richardson). The scenes had no part "
-        f"in the table that chooses.{note}",
-        command=command,
-    )
-
-
-def _cells(each: ToleranceOutcome) -> tuple[Cell, ...]:
-    head = (each.asked.name, str(each.asked.tolerance))
-    if each.setting is None:
-        return (*head, None, None, "refused", None, None, None, "no", None, None, None)
-    return (
-        *head,
-        each.force_n,
-        1e2 * each.allowed,
-        str(each.setting),
-        1e2 * each.believed,
-        1e2 * each.true_error,
-        1e2 * each.doubt,
-        "yes" if each.is_kept else "no",
-        None if each.cheapest is None else str(each.cheapest),
-        each.cost_ratio,
-        each.choice_ratio,
-    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,25 +29,41 @@ from sim.studies.accuracy.figure import draw_study
 from sim.studies.accuracy.force_error_table import measure_force_errors
 from sim.studies.accuracy.force_limit import PressStore
 from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
-from sim.studies.accuracy.study import Row, Study, study
-from sim.studies.accuracy.tables import study_section
-from sim.studies.accuracy.tolerance_check import TITLE, check_tolerances, section
+from sim.studies.accuracy.study import Row, error_bar, study
+from sim.studies.accuracy.tables import presets_table, seed_table, study_table, tolerance_table
+from sim.studies.accuracy.tolerance_check import check_tolerances
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, show_table, writable_folder, write_json
+from tacauchy_rig.cli.output import (
+    complain,
+    say,
+    show_table,
+    writable_folder,
+    write_json,
+    write_text,
+)
 from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
-from tacauchy_rig.cli.studies.accuracy_page import OLD_PROMISES, PROMISES, study_name, write_page
-from tacauchy_rig.versions import versions
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.page import criteria_page
+from tacauchy_rig.tables import Table
+from tacauchy_rig.versions import machine, versions
 
-_PROMISES = {
-    PROMISES: (HELD_OUT, TITLE, ""),
-    OLD_PROMISES: (
+PROMISES = "promises.json"
+_PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
+_IMAGE = "accuracy.png"
+_TITLE = "What a tolerance promises"
+_HELD_OUT = {
+    PROMISES: (HELD_OUT, _TITLE, ""),
+    "promises-judged-before.json": (
         SEEN_BEFORE,
-        f"{TITLE}, on scenes that were judged before",
+        f"{_TITLE}, on scenes that were judged before",
         " They were looked at while the method was made: the other ten decide.",
     ),
 }
-_PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
-PRESSES = "presses"
+_NOTE = (
+    "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance such as "
+    "0.02N or 1% and choose the cheapest preset that is believed to keep it. The command below a "
+    "table makes it again."
+)
 
 
 def accuracy(
@@ -77,7 +95,7 @@ def accuracy(
     if presets is not None:
         facts = _measure_presets(presets, out)
     elif promise:
-        facts = _judge_promises(out)
+        facts = _check_tolerances(out)
     else:
         terms = SceneTerms(indenter=indenter, sensor=sensor, force=force)
         facts = _study(terms, out, full=full, seed=seed)
@@ -85,6 +103,15 @@ def accuracy(
     if page is not None:
         for file in write_page(page, out):
             say(str(file))
+
+
+def study_name(seed: int) -> str:
+    """Return how a study's files are called."""
+    return "accuracy" if seed == 0 else f"accuracy-seed-{seed}"
+
+
+def _told(text: str) -> None:
+    complain(f"  {text}")
 
 
 def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
@@ -97,19 +124,25 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         similarity=_similarity,
         reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
         shifted=SHIFTED if seed == 0 else (),
-        on_progress=lambda text: complain(f"  {text}"),
+        on_progress=_told,
     )
     text = f"{terms.indenter} into {terms.sensor} at {terms.force}"
-    name = study_name(seed)
-    command = " ".join(
-        ["tacauchy-rig accuracy", *(["--full"] if full else []), f"--seed {seed} --out {out}"]
-    )
-    section = study_section(found, scene=text, command=command)
-    facts = {**_facts(found, scene_text=text, seed=seed), "section": asdict(section)}
-    show_table(section)
+    command = f"tacauchy-rig accuracy{' --full' if full else ''} --seed {seed} --out {out}"
+    table = study_table(found, scene=text, command=command)
+    facts = {
+        "scene": text,
+        "seed": seed,
+        "reference_error_bars": found.bars,
+        "reference": _row_facts(found.reference),
+        "rows": [_row_facts(row) for row in found.rows],
+        "versions": versions(),
+        "section": asdict(table),
+    }
+    show_table(table)
     for row in found.rows:
         if row.failure:
             complain(f"{row.configuration.name}: {row.failure}")
+    name = study_name(seed)
     files = [*draw_study(found, folder=out, name=name), out / f"{name}.json"]
     write_json(files[-1], facts)
     for file in files:
@@ -117,28 +150,8 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     return facts
 
 
-def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
-    store = PressStore(folder=out / PRESSES)
-    rows = measure_force_errors(file, store, on_progress=lambda text: complain(f"  {text}"))
-    say(str(file))
-    return {"rows": rows, "versions": versions()}
-
-
-def _judge_promises(out: Path) -> dict[str, Any]:
-    command = f"tacauchy-rig accuracy --promise --out {out}"
-    facts: dict[str, Any] = {"versions": versions()}
-    for name, (scenes, title, note) in _PROMISES.items():
-        found = check_tolerances(
-            PressStore(folder=out / PRESSES),
-            scenes,
-            on_progress=lambda text: complain(f"  {text}"),
-        )
-        table = section(found, command=command, title=title, note=note)
-        show_table(table)
-        facts[name] = {"section": asdict(table), "versions": versions()}
-        write_json(out / name, facts[name])
-        say(str(out / name))
-    return facts
+def _row_facts(row: Row) -> dict[str, Any]:
+    return {**asdict(row), "wall_s": row.wall_s, "time_s": row.time_s}
 
 
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
@@ -147,16 +160,89 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 
-def _facts(found: Study, *, scene_text: str, seed: int) -> dict[str, Any]:
-    return {
-        "scene": scene_text,
-        "seed": seed,
-        "reference_error_bars": found.bars,
-        "reference": _row_facts(found.reference),
-        "rows": [_row_facts(row) for row in found.rows],
-        "versions": versions(),
+def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
+    rows = measure_force_errors(file, _store(out), on_progress=_told)
+    say(str(file))
+    return {"rows": rows, "versions": versions()}
+
+
+def _check_tolerances(out: Path) -> dict[str, Any]:
+    command = f"tacauchy-rig accuracy --promise --out {out}"
+    facts: dict[str, Any] = {"versions": versions()}
+    for name, (scenes, title, note) in _HELD_OUT.items():
+        found = check_tolerances(_store(out), scenes, on_progress=_told)
+        table = tolerance_table(found, command=command, title=title, note=note)
+        show_table(table)
+        facts[name] = {"section": asdict(table), "versions": versions()}
+        write_json(out / name, facts[name])
+        say(str(out / name))
+    return facts
+
+
+def _store(out: Path) -> PressStore:
+    return PressStore(folder=out / "presses")
+
+
+def write_page(page: Path, folder: Path) -> list[Path]:
+    """Write a page, and its figure into ``images`` beside it, of what a folder holds.
+
+    Raises:
+        RecordError: The folder has no study of seed 0, or the page cannot be written.
+    """
+    first = _read(folder / f"{study_name(0)}.json")
+    others = [_read(file) for file in sorted(folder.glob(f"{study_name(0)}-seed-*.json"))]
+    tables = [
+        _table(first),
+        *(_seed_table(first, other, folder) for other in others),
+        presets_table(command="tacauchy-rig accuracy --presets sim/force_errors.json"),
+        *(_table(_read(folder / name)) for name in _HELD_OUT if (folder / name).exists()),
+    ]
+    text = criteria_page(
+        tables,
+        title="What accuracy costs in time",
+        note=_NOTE,
+        image=f"images/{_IMAGE}",
+        command=f"tacauchy-rig accuracy --out {folder} --page {page}",
+        versions=versions(),
+        machine=machine(),
+    )
+    write_text(page, text)
+    image = page.parent / "images" / _IMAGE
+    image.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder / _IMAGE, image)
+    return [page, image]
+
+
+def _seed_table(first: dict[str, Any], other: dict[str, Any], folder: Path) -> Table:
+    errors, others = (
+        {row["configuration"]["name"]: row["errors"] for row in facts["rows"]}
+        for facts in (first, other)
+    )
+    references = first["reference_error_bars"]
+    bars = {
+        row["configuration"]["name"]: {
+            name: error_bar(references[name], error, row["chances"][name])
+            for name, error in row["errors"].items()
+        }
+        for row in first["rows"]
     }
+    seed = other["seed"]
+    command = f"tacauchy-rig accuracy --seed {seed} --out {folder}"
+    return seed_table(errors, others, bars, seed=seed, command=command)
 
 
-def _row_facts(row: Row) -> dict[str, Any]:
-    return {**asdict(row), "wall_s": row.wall_s, "time_s": row.time_s}
+def _table(facts: dict[str, Any]) -> Table:
+    given = facts["section"]
+    rows = tuple(tuple(row) for row in given["rows"])
+    return Table(**{**given, "columns": tuple(given["columns"]), "rows": rows})
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise RecordError(
+            f"{file}: cannot be read: {error.strerror}",
+            remedy="run `tacauchy-rig accuracy` with the same --out first",
+        ) from error
+    return content

@@ -19,7 +19,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
 from sim.studies.accuracy.mesh_chance import MeasuredChance, chances, mesh_key
 from sim.studies.accuracy.study import QUANTITIES, error_bar, front_of, study
-from sim.studies.accuracy.tables import presets_section, seed_section
+from sim.studies.accuracy.tables import presets_table, seed_table
 
 _GEOMETRY = CameraGeometry(
     width=40,
@@ -130,9 +130,9 @@ def test_seeds_agree_within_the_bar_or_say_where_not() -> None:
     """Twice the first run's own bar is allowed: either run may be off by it."""
     bars = {"a": dict.fromkeys(QUANTITIES, 0.0025)}
     near = {**_ERRORS, "force": 0.0149}
-    alike = seed_section({"a": _ERRORS}, {"a": near}, bars, seed=1, command="c")
+    alike = seed_table({"a": _ERRORS}, {"a": near}, bars, seed=1, command="c")
     assert alike.passed
-    far = seed_section({"a": _ERRORS}, {"a": {**near, "depth": 0.0151}}, bars, seed=1, command="c")
+    far = seed_table({"a": _ERRORS}, {"a": {**near, "depth": 0.0151}}, bars, seed=1, command="c")
     assert not far.passed
     assert far.rows[0][-1] == "depth"
     assert "5 of 6" in far.note
@@ -178,7 +178,7 @@ def test_a_study_measures_chance_on_shifted_meshes() -> None:
 
 def test_the_presets_table_is_in_the_order_of_cost() -> None:
     """Every setting has two times and an error for every kind and Poisson's ratio."""
-    table = presets_section(command="c")
+    table = presets_table(command="c")
     fast = next(row for row in table.rows if row[0] == Preset.FAST)
     assert fast[1:3] == (1.0, 1.0)
     assert {row[0] for row in table.rows} >= {preset.value for preset in Preset}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from sim.scene.indenter import describe
 from sim.scene.scene import Preset
 from sim.studies.accuracy.force_limit import PressStore
 from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE, TRAINING, HeldOut
-from sim.studies.accuracy.tolerance_check import ToleranceOutcome, check_tolerance, section
+from sim.studies.accuracy.tables import tolerance_table
+from sim.studies.accuracy.tolerance_check import ToleranceOutcome, check_tolerance
+from tacauchy_rig.tables import Table
 
 _KEPT = ToleranceOutcome(
     asked=SEEN_BEFORE[0],
@@ -54,24 +57,28 @@ def test_a_refusal_is_a_row_that_was_not_kept(tmp_path: Path) -> None:
     refused = check_tolerance(strict, PressStore(folder=tmp_path))
     assert not refused.is_kept
     assert "comes nearest" in refused.refusal
-    assert section([refused], command="c").rows[0][4] == "refused"
+    assert _table([refused]).rows[0][4] == "refused"
 
 
 def test_nine_of_ten_kept_and_all_thrifty_is_a_pass() -> None:
     """An error above the tolerance may happen once; a price above twice the cheapest may not."""
     broken = ToleranceOutcome(**{**_as_dict(_KEPT), "true_error": -0.021})
     dear = ToleranceOutcome(**{**_as_dict(_KEPT), "cheapest": FAST, "cost_ratio": 2.5})
-    assert section([_KEPT] * 9 + [broken], command="c").passed
-    assert not section([_KEPT] * 8 + [broken] * 2, command="c").passed
-    assert not section([_KEPT] * 9 + [dear], command="c").passed
+    assert _table([_KEPT] * 9 + [broken]).passed
+    assert not _table([_KEPT] * 8 + [broken] * 2).passed
+    assert not _table([_KEPT] * 9 + [dear]).passed
 
 
 def test_the_choices_own_time_counts() -> None:
     """What was cheap once chosen is dear where choosing it took long; the note has both."""
     slow = ToleranceOutcome(**{**_as_dict(_KEPT), "cost_ratio": 2.4, "choice_ratio": 0.9})
-    found = section([_KEPT] * 9 + [slow], command="c")
+    found = _table([_KEPT] * 9 + [slow])
     assert not found.passed
     assert "on 9, the choice's own time included; on 10 without it" in found.note
+
+
+def _table(found: Sequence[ToleranceOutcome]) -> Table:
+    return tolerance_table(found, command="c", title="t")
 
 
 def _as_dict(settled: ToleranceOutcome) -> dict[str, Any]:

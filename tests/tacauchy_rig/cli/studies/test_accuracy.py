@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sim.studies.accuracy.study import QUANTITIES
-from tacauchy_rig.cli.studies.accuracy_page import PROMISES, study_name, write_page
+from tacauchy_rig.cli.studies.accuracy import PROMISES, study_name, write_page
 from tacauchy_rig.errors import RecordError
 
 
