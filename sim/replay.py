@@ -178,7 +178,7 @@ def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
         "centre_y_m": scene.centre_m[1],
         "contact": scene.contact.value,
         "drive": scene.drive.value,
-        "law": scene.material.law.value,
+        "law": str(scene.material.law),
         "young_pa": scene.material.young_pa,
         "poisson": scene.material.poisson,
         "layers": [

@@ -53,6 +53,23 @@ _OWN: dict[Kind, dict[str, str]] = {
         "emulated": "drivers.camera.uvc:UvcCamera.from_config",
         "mock": "drivers.mock.camera:MockCamera.from_config",
     },
+    Kind.LAW: {
+        "stable-neo-hookean": "sim.material.laws.stable_neo_hookean:LAW",
+        "neo-hookean": "sim.material.laws.neo_hookean:LAW",
+        "linear": "sim.material.laws.linear:LAW",
+        "paper-eq4": "sim.material.laws.paper_eq4:LAW",
+    },
+    Kind.INDENTER: {
+        "cylinder": "tacauchy_rig.cli.press_terms:parse_cylinder",
+        "sphere": "tacauchy_rig.cli.press_terms:parse_sphere",
+        "plane": "tacauchy_rig.cli.press_terms:parse_plane",
+        "mesh": "tacauchy_rig.cli.press_terms:parse_mesh",
+    },
+    Kind.SENSOR: {
+        "9dtact": "sim.sensor.files:NINE_D_TACT",
+        "digit": "sim.sensor.files:DIGIT",
+        "gelsight-mini": "sim.sensor.files:GELSIGHT_MINI",
+    },
 }
 
 

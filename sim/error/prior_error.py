@@ -274,8 +274,10 @@ def _outside(scene: Scene, depth_m: float) -> str:
         return f"the press is deeper than {_DEPTH_SHARE_MAX:.0%} of the pad"
     if scene.contact is not ContactMode.FRICTIONLESS:
         return "no bonded contact and none with friction was measured"
-    if scene.material.law is LawName.PAPER_EQ4:
+    if scene.material.law == LawName.PAPER_EQ4:
         return "the paper's printed Eq. 4 was not measured"
+    if scene.material.law not in set(LawName):
+        return f"the law {scene.material.law} was not measured"
     if not scene.motion.is_straight:
         return "only straight presses were measured"
     choice = mesh_choice(scene)

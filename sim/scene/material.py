@@ -14,7 +14,7 @@ _CONTRAST_COARSE = 100.0
 
 
 class LawName(StrEnum):
-    """Names as the command line takes them."""
+    """Our own laws, by the names that the command line takes; other packages may bring more."""
 
     STABLE_NEO_HOOKEAN = "stable-neo-hookean"
     NEO_HOOKEAN = "neo-hookean"
@@ -50,7 +50,7 @@ class Material:
 
     young_pa: float
     poisson: float
-    law: LawName = LawName.STABLE_NEO_HOOKEAN
+    law: str = LawName.STABLE_NEO_HOOKEAN
     density_kg_m3: float = 1000.0
     relaxation: tuple[RelaxationTerm, ...] = ()
 
@@ -100,7 +100,7 @@ def interface_shares(layers: Sequence[Layer]) -> tuple[float, ...]:
     return tuple(accumulate(layer.share for layer in layers[:-1]))
 
 
-def law_name(material: Material, layers: Sequence[Layer]) -> LawName:
+def law_name(material: Material, layers: Sequence[Layer]) -> str:
     """Return the one law of a gel.
 
     Raises:
@@ -108,7 +108,7 @@ def law_name(material: Material, layers: Sequence[Layer]) -> LawName:
     """
     names = {layer.material.law for layer in layers} or {material.law}
     if len(names) > 1:
-        listed = ", ".join(sorted(name.value for name in names))
+        listed = ", ".join(sorted(names))
         raise ConfigError(
             f"the layers follow different laws: {listed}",
             remedy="give all layers the same law; E and nu may differ",

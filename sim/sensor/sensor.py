@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from sim.sensor.tables import (
 )
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension
+from tacauchy_rig.registry import Kind, load, names, unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,20 +92,19 @@ class Sensor:
 
 
 def sensor_names() -> list[str]:
-    """Return the names of the built-in sensors."""
-    folder = resources.files("sim.sensor.files")
-    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name[-5:] == ".toml")
+    """Return the names of the sensors that are built in or that other packages bring."""
+    return names(Kind.SENSOR)
 
 
 def load_sensor(name: str) -> Sensor:
-    """Load a built-in sensor by name, or one from a TOML file by path.
+    """Load a sensor by the name that the registry knows it by, or from a TOML file by path.
 
     Raises:
         ConfigError: No such sensor, or its file has an unknown key, a wrong unit or a gap.
     """
-    if name in sensor_names():
-        text = resources.files("sim.sensor.files").joinpath(f"{name}.toml").read_text("utf-8")
-        return parse_sensor(text, origin=f"sensor {name}")
+    if not unknown(Kind.SENSOR, name):
+        file: Path = load(Kind.SENSOR, name)
+        return parse_sensor(file.read_text("utf-8"), origin=f"sensor {name}", folder=file.parent)
     path = Path(name)
     if path.suffix != ".toml" or not path.is_file():
         raise ConfigError(

@@ -40,7 +40,7 @@ def press(
 ) -> None:
     """Press once in the simulator and say what it took."""
     scene = scene_of(terms)
-    if terms.law is LawName.PAPER_EQ4:
+    if terms.law == LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
     result = simulate_press(scene, device=warp_device(device))
     unknown = result.estimated_force_error_relative is None

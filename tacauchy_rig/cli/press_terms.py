@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import typer
+
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
-from sim.scene.material import LawName, Layer, Material
+from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.tetwild_options import TetWildOptions
@@ -13,6 +15,7 @@ from sim.scene.triangle_file import MeshUnit
 from sim.sensor.tables import tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.registry import Kind, load, names, unknown
 
 
 def parse_pad(text: str) -> Pad:
@@ -76,7 +79,19 @@ def _box(sizes: str) -> BoxPad:
     return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
 
 
-def parse_layer(text: str, *, law: LawName) -> Layer:
+def parse_law(text: str) -> str:
+    """Read the name of a law, ours or of another package.
+
+    Raises:
+        BadParameter: There is none of that name.
+    """
+    if unknown(Kind.LAW, text):
+        choices = ", ".join(repr(name) for name in names(Kind.LAW))
+        raise typer.BadParameter(f"{text!r} is not one of {choices}.")
+    return text
+
+
+def parse_layer(text: str, *, law: str) -> Layer:
     """Read ``share=0.925,young=0.1MPa,poisson=0.48``.
 
     Raises:
@@ -101,35 +116,43 @@ def parse_layer(text: str, *, law: LawName) -> Layer:
 
 
 def parse_indenter(text: str) -> Indenter:
-    """Read ``cylinder:diameter=[,fillet=]``, ``sphere:diameter=``, ``plane`` or ``mesh:FILE``.
+    """Read ``KIND:SIZES``: ours, or a kind that another package brings.
 
     Raises:
         ConfigError: Another shape, a size that is missing or has no length unit, or a mesh that
             bounds no body.
     """
     kind, _, sizes = text.partition(":")
-    match kind:
-        case "cylinder":
-            given = _lengths(
-                sizes, needed=("diameter",), allowed=("fillet",), field="--indenter cylinder"
-            )
-            return Cylinder(diameter_m=given["diameter"], fillet_m=given.get("fillet", 0.0))
-        case "sphere":
-            given = _lengths(sizes, needed=("diameter",), field="--indenter sphere")
-            return Sphere(diameter_m=given["diameter"])
-        case "plane":
-            return Plane()
-        case "mesh":
-            return _mesh(sizes)
-        case _:
-            raise ConfigError(
-                f"--indenter {text!r}: no such indenter",
-                remedy="write cylinder:diameter=5mm, sphere:diameter=15mm, plane or "
-                "mesh:part.stl,unit=mm",
-            )
+    if unknown(Kind.INDENTER, kind):
+        ours = "cylinder:diameter=5mm", "sphere:diameter=15mm", "plane", "mesh:part.stl,unit=mm"
+        brought = names(Kind.INDENTER)[len(ours) :]
+        raise ConfigError(
+            f"--indenter {text!r}: no such indenter",
+            remedy=f"write {', '.join([*ours[:-1], *brought])} or {ours[-1]}",
+        )
+    indenter: Indenter = load(Kind.INDENTER, kind)(sizes)
+    return indenter
 
 
-def _mesh(text: str) -> MeshIndenter:
+def parse_cylinder(sizes: str) -> Cylinder:
+    """Read ``diameter=[,fillet=]``."""
+    given = _lengths(sizes, needed=("diameter",), allowed=("fillet",), field="--indenter cylinder")
+    return Cylinder(diameter_m=given["diameter"], fillet_m=given.get("fillet", 0.0))
+
+
+def parse_sphere(sizes: str) -> Sphere:
+    """Read ``diameter=``."""
+    return Sphere(
+        diameter_m=_lengths(sizes, needed=("diameter",), field="--indenter sphere")["diameter"]
+    )
+
+
+def parse_plane(_sizes: str) -> Plane:
+    """Return a plate, which has no size."""
+    return Plane()
+
+
+def parse_mesh(text: str) -> MeshIndenter:
     """Read ``FILE[,unit=]``; triangle files name no unit, so millimetres are assumed."""
     file, _, unit = text.partition(",unit=")
     if unit and unit not in set(MeshUnit):

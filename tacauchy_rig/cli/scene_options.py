@@ -17,6 +17,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.press_terms import (
     parse_contact,
     parse_indenter,
+    parse_law,
     parse_layer,
     parse_pad,
     parse_pair,
@@ -69,7 +70,9 @@ LayerOption = Annotated[
         help="share=0.925,young=0.1MPa,poisson=0.48; once a layer, from the base upwards.",
     ),
 ]
-LawOption = Annotated[LawName, typer.Option("--law")]
+LawOption = Annotated[
+    str, typer.Option("--law", parser=parse_law, metavar=f"<{'|'.join(LawName)}>")
+]
 ContactOption = Annotated[
     str, typer.Option("--contact", help="frictionless, bonded or friction:MU.")
 ]

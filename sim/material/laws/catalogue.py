@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from sim.material.laws import linear, neo_hookean, paper_eq4, stable_neo_hookean
 from sim.material.laws.tangent import Law
-from sim.scene.material import LawName
+from tacauchy_rig.registry import Kind, load
 
 
-def law(name: LawName) -> Law:
-    """Return a law."""
-    return {
-        LawName.STABLE_NEO_HOOKEAN: stable_neo_hookean.LAW,
-        LawName.NEO_HOOKEAN: neo_hookean.LAW,
-        LawName.LINEAR: linear.LAW,
-        LawName.PAPER_EQ4: paper_eq4.LAW,
-    }[name]
+def law(name: str) -> Law:
+    """Return a law: one of ``LawName``, or one that another package brings.
+
+    Raises:
+        ConfigError: There is none of that name, or its package does not import.
+    """
+    found: Law = load(Kind.LAW, name)
+    return found

@@ -1,1 +1,9 @@
 """Sensors as data: one TOML file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+DIGIT = Path(__file__).with_name("digit.toml")
+GELSIGHT_MINI = Path(__file__).with_name("gelsight-mini.toml")
+NINE_D_TACT = Path(__file__).with_name("9dtact.toml")

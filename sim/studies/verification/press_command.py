@@ -28,8 +28,8 @@ def press_command(scene: Scene) -> str:
         "--poisson",
         f"{material.poisson:g}",
     ]
-    if material.law is not LawName.STABLE_NEO_HOOKEAN:
-        parts += ["--law", material.law.value]
+    if material.law != LawName.STABLE_NEO_HOOKEAN:
+        parts += ["--law", material.law]
     if scene.contact is not ContactMode.FRICTIONLESS:
         parts += ["--contact", scene.contact.value]
     if scene.drive is not Drive.LOAD:
