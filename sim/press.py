@@ -17,15 +17,16 @@ from sim.fields.stress import surface_stress
 from sim.material.per_element import densities_of
 from sim.scene.scene import Drive, Effect, Preset, Scene
 from sim.scene.tilted_indenter import tilted
-from sim.solve.dynamics.gravity import weight
-from sim.solve.dynamics.moving_press import moving_press
+from sim.solve.dynamics.implicit import moving_press
+from sim.solve.dynamics.weight_and_inertia import weight
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force
 from sim.solve.load_steps.path import Hold, LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
+from sim.solve.preconditioned_lbfgs import LbfgsOptions
 
-_QUICKLY = NewtonOptions(residual_relative=1e-6)
+_LIGHT = NewtonOptions(residual_relative=1e-6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,15 +130,15 @@ def path_for(
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
-    is_quick = keeps_factors(scene, model)
+    lbfgs = LbfgsOptions() if keeps_factors(scene, model) else None
     return LoadingPath(
         model,
         scene.indenter,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
-        options=_QUICKLY if is_quick and scene.is_light else NewtonOptions(),
-        is_quick=is_quick,
+        options=_LIGHT if lbfgs and scene.is_light else NewtonOptions(),
+        lbfgs=lbfgs,
     )
 
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
 from sim.scene.indenter import Indenter, MeshIndenter
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
+from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from tacauchy_rig.errors import ConfigError
 
 # A GPU takes the inverses, which are dense: 8 of this size are 2 GB.
@@ -95,7 +96,7 @@ class Pilot:
             self.indenter,
             self.centre_m,
             options=NewtonOptions(residual_relative=_RESIDUAL),
-            is_quick=True,
+            lbfgs=LbfgsOptions(),
         )
         self.touch_m = path.touch_m
         points = [path.advance(float(depth)) for depth in self.depths_m]

@@ -15,8 +15,8 @@ from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model
 
 _AT_NODES = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
 
 

@@ -33,12 +33,17 @@ from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 
+# A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
+# A residual over the contact force that tells whether the barrier has to be extended less.
 _ROUGH = 1e-3
+# Shares of d_hat below which the barrier is a parabola, tried one after the other.
 _EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
+# A residual over the contact force that changes no result that is reported.
 _HARMLESS_SHARE = 3e-7
 # The rounding's estimate may be short by this.
 _ROUNDING_DOUBT = 10.0
+# A standstill: this many iterations leave more than this share of the residual before them.
 _WINDOW, _LEFT = 5, 0.9
 
 

@@ -13,9 +13,15 @@ from sim.scene.indenter import Indenter
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConvergenceError
 
+# Of the pad's height: overlap between equilibria, and at a start that is refused.
 OVERLAP_SHARE = 0.005
 _PENETRATION_SHARE = 0.3
+# Cosine between contact force and surface from which the nearest side faces the gel.
 _FACING = 0.5
+# A motion that overlaps is cut to where the gap falls to the allowed, or by this if that is less.
+_CUT, _TRIES = 0.9, 60
+# A change of a gap that is none [m]; it keeps quotients finite.
+_NOTHING_M = 1e-300
 
 
 def overlap_fraction(
@@ -30,14 +36,14 @@ def overlap_fraction(
     before = model.gaps(state.positions, indenter, state)
     floor = np.minimum(-OVERLAP_SHARE * model.height_m, before)
     fraction, trial = 1.0, state.copy()
-    for _ in range(60):
+    for _ in range(_TRIES):
         trial.tip = state.tip + fraction * (tip - state.tip)
         after = model.gaps(state.positions + fraction * motion, indenter, trial)
         hit = after < floor
         if not hit.any():
             return fraction
-        reach = (before - floor)[hit] / np.maximum((before - after)[hit], 1e-300)
-        fraction *= min(0.9, float(reach.min()))
+        reach = (before - floor)[hit] / np.maximum((before - after)[hit], _NOTHING_M)
+        fraction *= min(_CUT, float(reach.min()))
     return 0.0
 
 

@@ -1,7 +1,7 @@
 """Equilibria of a press along one path at few factorisations: the factor of an earlier one is kept.
 
 Newton's direction takes the inverse of a stiffness that an earlier state had, corrected by what the
-last steps have shown of the present one (``limited_memory``). A step then costs one evaluation of
+last steps have shown of the present one (``LimitedMemory``). A step then costs one evaluation of
 the forces and one solution, a twentieth of a factorisation. The stiffness is factored anew where
 the last state took many steps, or this one does. Each state starts where the last three point to.
 Without friction an equilibrium depends on the indenter's height alone, so that any three near it
@@ -12,50 +12,149 @@ Where this does not come to rest it says so, and Newton's method proper takes ov
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import warp as wp
+from scipy.linalg.blas import daxpy
 
 from sim.arrays import FloatArray
+from sim.contact.indenter_distance import body_at
 from sim.contact.state import State
+from sim.device import Device
 from sim.scene.indenter import Indenter
-from sim.solve.forces import QuickForces
-from sim.solve.lbfgs import LimitedMemory
-from sim.solve.linear_solver import LinearSolver, NotPositiveDefiniteError
+from sim.solve.linear_solver import LinearSolver, NotPositiveDefiniteError, single_precision_solver
 from sim.solve.model import Model
 from sim.solve.newton import Equilibrium
-from sim.solve.potentials import NodalPotential
-from sim.solve.single_precision_solver import rough_solver
+from sim.solve.problem import NodalPotential
 
+# Steps with less curvature are not learnt from: s . y over |s| |y|, which rounding would decide.
+_CURVATURE_MIN = 1e-12
+# Before Newton's method takes over: steps and factors of a state, lengths tried of a step.
 _STEPS_MAX, _FACTORS_MAX, _TRIES = 120, 10, 10
+# Evaluations of the state before the first, which thus begins with a factor.
 _NEVER = 1_000_000
+# Share of the slope that a step may end with (Wolfe's second condition; Nocedal and Wright, 3.1),
+# and the least that a step is shortened to at once.
 _SLOPE_LEFT, _SHORTEST = 0.9, 0.1
+# A residual that is always enough, over E H^2, and a stiffness that is none, over E H, with the
+# pad's height H.
 _FLOOR_SHARE, _HELD = 1e-11, 1e-13
 
 
+class NodalForces:
+    """Forces of a gel and of contact without friction, in arrays that are kept.
+
+    Args:
+        model: The pad, on the CPU.
+        indenter: The body, analytic.
+        extension: Share of d_hat below which the barrier is a parabola.
+
+    Attributes:
+        elastic: Gradient of the elastic energy [N], shape [node_count, 3]; like the others of the
+            state that was evaluated last.
+        push: Force on the indenter, modelled part [N], shape [3].
+        gap: Smallest gap of a point that touches [m], shape [1].
+    """
+
+    def __init__(self, model: Model, indenter: Indenter, *, extension: float) -> None:
+        self._indenter = indenter
+        self._pose: tuple[float, ...] = ()
+        cpu, count = Device("cpu"), len(model.nodes)
+        positions, elastic, contact = (cpu.zeros(count, wp.vec3d) for _ in range(3))
+        push, gap = cpu.zeros(1, wp.vec3d), cpu.zeros(1, wp.float64)
+        self._at, self.elastic, self._contact = (a.numpy() for a in (positions, elastic, contact))
+        self.push, self.gap = push.numpy()[0], gap.numpy()
+        self._ratios, self._find_ratios = model.recorded_ratios(positions)
+        self._launches = (
+            model.recorded_gradient(positions, elastic),
+            model.recorded_push(positions, [contact, push, gap], indenter, extension=extension),
+        )
+
+    def gradient(self, state: State) -> FloatArray:
+        """Return the gradient of the energy by the nodes [N], shape [node_count, 3]."""
+        self._at[:] = state.positions
+        for array in (self.elastic, self._contact, self.push):
+            array.fill(0.0)
+        self.gap.fill(np.inf)
+        gel, contact = self._launches
+        pose = (*state.tip.tolist(), *state.rotation.reshape(-1).tolist())
+        if pose != self._pose:
+            contact.set_param_by_name("body", body_at(self._indenter, state.tip, state.rotation))
+            self._pose = pose
+        gel.launch()
+        contact.launch()
+        return np.asarray(self.elastic + self._contact)
+
+    def smallest_ratio(self) -> float:
+        """Return the smallest volume ratio of the state that was evaluated last."""
+        self._find_ratios.launch()
+        return float(self._ratios.min())
+
+
+class LimitedMemory:
+    """What the last steps have shown of a Hessian, added to an inverse that is about right.
+
+    Args:
+        length: Steps that are remembered.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._pairs: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=length)
+
+    def forget(self) -> None:
+        """Begin anew, since another inverse takes over."""
+        self._pairs.clear()
+
+    def learn(self, step: FloatArray, change: FloatArray) -> None:
+        """Remember how a step changed the gradient, unless it went along no curvature."""
+        curvature = float(step @ change)
+        if curvature > _CURVATURE_MIN * np.linalg.norm(step) * np.linalg.norm(change):
+            self._pairs.append((step, change, 1.0 / curvature))
+
+    def direction(
+        self, gradient: FloatArray, inverse: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Return minus the inverse Hessian times a gradient.
+
+        Args:
+            inverse: Applies the inverse that is about right.
+        """
+        left = -gradient
+        shares = []
+        for step, change, scale in reversed(self._pairs):
+            shares.append(scale * float(step @ left))
+            left = daxpy(change, left, a=-shares[-1])
+        found = inverse(left)
+        for step, change, scale in self._pairs:
+            found = daxpy(step, found, a=shares.pop() - scale * float(change @ found))
+        return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class QuickOptions:
+class LbfgsOptions:
     """When a factor is renewed, and what else is gone by.
 
     A factorisation costs as much as ten to fifteen steps.
 
     Attributes:
         memory: Steps that are remembered.
-        tired: A state begins with a new factor if the last one took more evaluations than this.
+        evaluations_max: A state begins with a new factor if the last one took more evaluations.
         patience: In a state, after so many steps with a factor, it is renewed if the residual is
             still more than this share of the contact force.
         points: Points of the path that the next one is predicted by, at most.
     """
 
     memory: int = 16
-    tired: int = 10
+    evaluations_max: int = 10
     patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
     points: int = 3
 
 
 @dataclass(slots=True, kw_only=True)
-class QuickSettling:
+class PreconditionedLbfgs:
     """Settles one indenter against one pad without friction, on the CPU.
 
     Attributes:
@@ -66,10 +165,10 @@ class QuickSettling:
     model: Model
     indenter: Indenter
     potentials: Sequence[NodalPotential] = ()
-    options: QuickOptions = field(default_factory=QuickOptions)
+    options: LbfgsOptions = field(default_factory=LbfgsOptions)
     factorisations: int = 0
     evaluations: int = 0
-    _forces: QuickForces = field(init=False)
+    _forces: NodalForces = field(init=False)
     _factor: _Factor = field(init=False)
     _memory: LimitedMemory = field(init=False)
     _last_evaluations: int = _NEVER
@@ -77,7 +176,7 @@ class QuickSettling:
 
     def __post_init__(self) -> None:
         extension = self.model.contact_options.extension
-        self._forces = QuickForces(self.model, self.indenter, extension=extension)
+        self._forces = NodalForces(self.model, self.indenter, extension=extension)
         self._factor = _Factor(self.model, self.indenter, self.potentials)
         self._memory = LimitedMemory(self.options.memory)
 
@@ -102,7 +201,7 @@ class QuickSettling:
             self._memory.forget()
             self._was_held = load_n is None
         evaluations, factorisations = self.evaluations, self.factorisations
-        if self._last_evaluations > self.options.tired:
+        if self._last_evaluations > self.options.evaluations_max:
             self._renew(state)
         gradient, steps, since = self._gradient(search), 0, 0
         while not self._is_enough(search, gradient, residual_relative):
@@ -228,7 +327,7 @@ class _Factor:
         self, model: Model, indenter: Indenter, potentials: Sequence[NodalPotential]
     ) -> None:
         self._model, self._indenter, self._potentials = model, indenter, potentials
-        self.solver: LinearSolver = rough_solver(model.pattern)
+        self.solver: LinearSolver = single_precision_solver(model.pattern)
         self._border = self._along = np.zeros(0)
         self._contact_n_m, self._corner = np.zeros(0), 0.0
 

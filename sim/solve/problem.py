@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -24,14 +25,39 @@ from sim.scene.indenter import Indenter
 from sim.solve.linear_solver import LinearSolver, NotPositiveDefiniteError
 from sim.solve.model import Model
 from sim.solve.overlap import overlap_fraction
-from sim.solve.potentials import NodalPotential
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
-
+# Where rounding hides the energy's change: share of the slope that a step may end with.
 _SLOPE_LEFT = 0.3
+# Share of the slope that the energy falls by at least (Armijo; Nocedal and Wright, 3.1).
+_ARMIJO = 1e-4
+# A step is halved where the energy rises, and shortened to no less than this by the slopes.
+_HALF, _SHORTEST, _TRIES = 0.5, 0.1, 40
+# Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.
 _SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
+# Of the pad's height: the longest step of an indenter that is pushed.
 _TIP_STEP_SHARE = 0.025
+# A stiffness that is none, over E H with the pad's height H.
+_HELD = 1e-13
+# Rounding of a sum of energies, in units in the last place of the sum and of E times the volume.
+_ROUNDING_OF_SUM, _ROUNDING_OF_SCALE = 4500.0, 4.5
+
+
+class NodalPotential(Protocol):
+    """An energy whose stiffness is a constant diagonal."""
+
+    def energy(self, positions: FloatArray) -> float:
+        """Return the energy at nodal positions [m], shape [node_count, 3]; [J]."""
+        ...
+
+    def gradient(self, positions: FloatArray) -> FloatArray:
+        """Return its gradient [N], shape [node_count, 3]."""
+        ...
+
+    def diagonal(self) -> FloatArray:
+        """Return its stiffness [N/m], shape [node_count, 3]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +205,7 @@ class Problem:
         pull = balance.tip_n + float(border @ unknowns)
         # Without contact nothing holds the indenter, and it is brought down by the largest step.
         longest = _TIP_STEP_SHARE * self.model.height_m
-        held = corner > 1e-13 * self.model.young_pa * self.model.height_m
+        held = corner > _HELD * self.model.young_pa * self.model.height_m
         rise = -pull / corner if held else -np.inf * pull
         rise = float(np.clip(rise, -longest, longest)) if pull else 0.0
         unknowns = unknowns + rise * along
@@ -198,8 +224,10 @@ class Problem:
         fraction = overlap_fraction(model, self.indenter, state, tip + rise, full)
         energy, slope = self.energy(state), step.slope_j
         # Rounding of the summed energy: below it only the gradient can tell which way is down.
-        noise = KERNEL_EPSILON * (4500.0 * abs(energy) + 4.5 * model.energy_scale_j)
-        for _ in range(40):
+        noise = KERNEL_EPSILON * (
+            _ROUNDING_OF_SUM * abs(energy) + _ROUNDING_OF_SCALE * model.energy_scale_j
+        )
+        for _ in range(_TRIES):
             state.positions = start + fraction * full
             state.tip = tip + fraction * rise
             change = self.energy(state) - energy
@@ -208,11 +236,11 @@ class Problem:
                 ahead = float(balance.gradient @ step.unknowns) + balance.tip_n * step.rise_m
                 if ahead <= _SLOPE_LEFT * abs(slope):
                     return
-                fraction *= max(0.1, abs(slope) / (abs(slope) + ahead))
-            elif change <= 1e-4 * fraction * slope:
+                fraction *= max(_SHORTEST, abs(slope) / (abs(slope) + ahead))
+            elif change <= _ARMIJO * fraction * slope:
                 return
             else:
-                fraction *= 0.5
+                fraction *= _HALF
         state.positions, state.tip = start, tip
         raise ConvergenceError(
             f"the line search found no descent along a direction of slope {slope:.3g} J",

@@ -18,6 +18,7 @@ import scipy.sparse.linalg
 from sim.arrays import FloatArray
 from sim.solve.model import Model
 
+# Shares of the rest volume that are inverted: worth untangling, and little enough to end.
 TANGLED_SHARE = 0.1
 _ENOUGH_SHARE = 1e-3
 _PASSES_MAX = 10

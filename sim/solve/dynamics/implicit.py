@@ -12,6 +12,7 @@ fall of ``DynamicStep.damped_j`` would show energy out of nothing.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -19,8 +20,9 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.contact.state import State
-from sim.solve.dynamics.inertia import Inertia
-from sim.solve.dynamics.nodal_mass import inertial_masses
+from sim.scene.scene import Scene
+from sim.solve.dynamics.weight_and_inertia import Inertia, inertial_masses
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.newton import Equilibrium, equilibrate
 from sim.solve.overlap import overlap_fraction
@@ -29,9 +31,12 @@ from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
 
+# Residual over the contact force that will do within a time step.
 _PASSING = 1e-3
-_GO_MIN_M = 1e-9
-_DEPTH_EXACT_M = 1e-14
+# Shortest way that the indenter is brought at once, and distance from its goal that is none.
+_GO_MIN_M, _DEPTH_EXACT_M = 1e-9, 1e-14
+# Time steps of a press that is too quick for statics.
+STEP_COUNT = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,3 +230,50 @@ class DynamicPress:
         contact = self._model.contact_energy(state.positions, self._path.indenter, state)
         potential = sum(each.energy(state.positions) for each in self._path.potentials)
         return self._copies * elastic, self._copies * contact, self._copies * potential
+
+
+def moving_press(
+    scene: Scene, path: LoadingPath, *, density_kg_m3: float | FloatArray
+) -> PathPoint:
+    """Press to a depth in the scene's time and return the last instant.
+
+    Its residual is not zero: what is missing from the balance accelerates the gel.
+
+    Raises:
+        ConfigError: The scene asks for a force, for friction or for a motion besides.
+        ConvergenceError: A time step has no solution.
+    """
+    depth = scene.target.depth_m
+    if depth is None or not scene.motion.is_straight:
+        raise ConfigError(
+            f"a press of {scene.duration_s:g} s calls for inertia, which goes straight down to a "
+            "depth only",
+            remedy="give a depth, or switch it off with --effect inertia=off",
+        )
+    started = time.perf_counter()
+    pressing = DynamicPress(path, density_kg_m3=density_kg_m3)
+    steps = pressing.run(
+        lambda time_s: depth * min(1.0, time_s / scene.duration_s),
+        step_s=scene.duration_s / STEP_COUNT,
+        duration_s=scene.duration_s,
+    )
+    path.counts.newton_iterations += sum(step.newton_iterations for step in steps)
+    path.counts.wall_s += time.perf_counter() - started
+    state, last = pressing.state, steps[-1]
+    contact = path.model.contact_forces(state.positions, path.indenter, state)
+    elastic = path.model.elastic_gradient(state.positions)
+    unbalanced = path.model.pattern.unknowns(elastic + path.model.scatter(contact.forces))
+    found = Equilibrium(
+        iterations=last.newton_iterations,
+        contact=contact,
+        elastic_gradient=elastic,
+        residual_n=float(np.linalg.norm(unbalanced)),
+        min_jacobian=last.min_jacobian,
+    )
+    return PathPoint(
+        depth_m=last.depth_m,
+        force_n=last.force_n,
+        stiffness_n_m=float("nan"),
+        state=state,
+        equilibrium=found,
+    )

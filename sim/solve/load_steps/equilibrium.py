@@ -12,26 +12,49 @@ from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.linear_solver import LinearSolver
-from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.load_steps.phases import DOWN, STILL
 from sim.solve.model import Model
 from sim.solve.newton import Equilibrium, NewtonOptions, equilibrate
-from sim.solve.potentials import NodalPotential
-from sim.solve.preconditioned_lbfgs import QuickSettling
-from sim.solve.problem import Problem
+from sim.solve.preconditioned_lbfgs import PreconditionedLbfgs
+from sim.solve.problem import NodalPotential, Problem
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
-
-DOWN = np.array([0.0, 0.0, -1.0])
-STILL = np.zeros(3)
+# Residual over the contact force that will do on the way to another point.
 _PASSING = 1e-3
 # The next start is extrapolated from points in passing, and the better the closer they are.
-_PASSING_QUICKLY = 1e-4
+_PASSING_EXTRAPOLATED = 1e-4
 # A load that is asked for is met as closely as by Newton's method.
 _LOAD_MET = 1e-8
+# Friction's pressure is lagged: Newton is run again until the limit changes by no more than this.
 _GRIP_ROUNDS = 30
 _GRIP_CHANGE = 1e-4
 _GRIP_CHANGE_PASSING = 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathPoint:
+    """An equilibrium on a path.
+
+    Attributes:
+        depth_m: Travel below first touch of the unloaded pad [m].
+        force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
+        stiffness_n_m: dF_z / d(depth) by the tangent [N/m].
+    """
+
+    depth_m: float
+    force_n: FloatArray
+    stiffness_n_m: float
+    state: State
+    equilibrium: Equilibrium
+
+    @property
+    def contact_radius_m(self) -> float:
+        """How far from the tip the gel is touched [m]."""
+        contact = self.equilibrium.contact
+        touched = np.any(contact.forces != 0.0, axis=2)
+        away = contact.points[touched] - self.state.tip
+        return float(np.hypot(away[:, 0], away[:, 1]).max()) if touched.any() else 0.0
 
 
 @dataclass(slots=True, kw_only=True)
@@ -50,7 +73,7 @@ class Settling:
     Attributes:
         solver: Holds the factor of the equilibrium that was settled or refreshed last.
         touch_m: Tip height from which depth counts [m].
-        quick: Tried first where it is given.
+        lbfgs: Tried first where it is given.
     """
 
     model: Model
@@ -59,7 +82,7 @@ class Settling:
     potentials: Sequence[NodalPotential]
     touch_m: float
     counts: PathCounts
-    quick: QuickSettling | None = None
+    lbfgs: PreconditionedLbfgs | None = None
 
     def settle(
         self,
@@ -81,9 +104,9 @@ class Settling:
         Raises:
             ConvergenceError: There is none, or friction does not come to rest.
         """
-        quickly = self._settled_quickly(state, load_n, passing, options, before)
-        if quickly is not None:
-            return quickly
+        found_by_lbfgs = self._settled_by_lbfgs(state, load_n, passing, options, before)
+        if found_by_lbfgs is not None:
+            return found_by_lbfgs
         options = replace(options, residual_relative=_PASSING) if passing else options
         problem = self._problem(load_n)
         allowed = _GRIP_CHANGE_PASSING if passing else _GRIP_CHANGE
@@ -104,7 +127,7 @@ class Settling:
         _, stiffness = self.response(state, found, DOWN, STILL)
         return self._point(state, found, stiffness)
 
-    def _settled_quickly(
+    def _settled_by_lbfgs(
         self,
         state: State,
         load_n: float | None,
@@ -112,14 +135,14 @@ class Settling:
         options: NewtonOptions,
         before: PathPoint | None,
     ) -> PathPoint | None:
-        """Return the point that the quick way leads to, its stiffness that of the last step."""
-        if self.quick is None:
+        """Return the point that L-BFGS finds, with the last step's stiffness; None for none."""
+        if self.lbfgs is None:
             return None
         trial, wanted = state.copy(), options.residual_relative
         if load_n is not None:
             load_n, wanted = load_n / self.model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
-        relative = _PASSING_QUICKLY if passing else wanted
-        found = self.quick.settle(trial, load_n=load_n, residual_relative=relative)
+        relative = _PASSING_EXTRAPOLATED if passing else wanted
+        found = self.lbfgs.settle(trial, load_n=load_n, residual_relative=relative)
         if found is None:
             logger.debug("no equilibrium with a kept factor at %.4g m", trial.tip[2])
             return None

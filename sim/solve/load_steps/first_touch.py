@@ -1,15 +1,50 @@
-"""Where an indenter that comes down first feels a pad; depths count from there."""
+"""The pad before anything touches it, and where an indenter that comes down first feels it.
+
+Weight, and a law with stress at rest, deform it; depths count from first touch of that shape.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, Plane
+from sim.solve.linear_solver import LinearSolver
 from sim.solve.model import Model
+from sim.solve.newton import NewtonOptions, equilibrate
+from sim.solve.problem import NodalPotential, Problem
 from tacauchy_rig.errors import ConfigError
 
-_EXACT_SHARE = 2.5e-10
+# Height of an indenter that touches nothing, in heights of the pad.
+_CLEARANCE_HEIGHTS = 10.0
+# Of the pad's height: how closely first touch is found.
+_EXACT_SHARE, _TRIES = 2.5e-10, 100
+
+
+def unloaded_positions(
+    model: Model,
+    solver: LinearSolver,
+    *,
+    options: NewtonOptions,
+    potentials: Sequence[NodalPotential] = (),
+) -> FloatArray:
+    """Return the nodes at equilibrium without an indenter [m], shape [node_count, 3].
+
+    Where nothing deforms the pad, these are the undeformed nodes and nothing is solved.
+
+    Raises:
+        ConvergenceError: No equilibrium was found.
+    """
+    stress = model.law.rest_stress(model.young_pa, model.poisson)
+    if stress == 0.0 and not potentials:
+        return model.nodes
+    high = _CLEARANCE_HEIGHTS * float(model.nodes[:, 2].max())
+    state = model.rest_state(tip=np.array([0.0, 0.0, high]))
+    problem = Problem(model, solver, Plane(), potentials=potentials)
+    equilibrate(problem, state, options=options)
+    return state.positions
 
 
 def touch_height(
@@ -34,7 +69,7 @@ def touch_height(
     high = float(unloaded[:, 2].max())
     distance = model.contact_options.distance_m
     state = model.rest_state(tip=np.array([*centre_m, high]), rotation=rotation)
-    for _ in range(100):
+    for _ in range(_TRIES):
         gap = float(model.gaps(unloaded, indenter, state).min()) - distance
         if abs(gap) < _EXACT_SHARE * model.height_m:
             break

@@ -11,12 +11,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from tacauchy_rig.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40
+# Longest way to a guess, in the path's longest steps.
 _GUESS_MAX_STEPS = 5.0
+# Every so many evaluations the bracket is halved, so that it shrinks for sure.
+_HALVED_EVERY = 4
+# A stiffness that is none [N/m].
+_NO_STIFFNESS_N_M = 1e-30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +76,7 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
         low, high = (point, high) if missing > 0.0 else (low, point)
         depth = _tangent_guess(path, point, missing)
         if low is not None and high is not None:
-            depth = _bracketed(depth, low, high, force_n, halved=len(history) % 4 == 0)
+            depth = _bracketed(depth, low, high, force_n, halved=len(history) % _HALVED_EVERY == 0)
         point = path.advance(depth, start=point)
         history.append((point.depth_m, _force(point)))
     depth, nearest = min(history, key=lambda pair: abs(pair[1] - force_n))
@@ -87,7 +92,10 @@ def _force(point: PathPoint) -> float:
 
 
 def _tangent_guess(path: LoadingPath, point: PathPoint, missing_n: float) -> float:
-    step, longest = missing_n / max(point.stiffness_n_m, 1e-30), _GUESS_MAX_STEPS * path.step_max_m
+    step, longest = (
+        missing_n / max(point.stiffness_n_m, _NO_STIFFNESS_N_M),
+        _GUESS_MAX_STEPS * path.step_max_m,
+    )
     return point.depth_m + min(max(step, -longest), longest)
 
 

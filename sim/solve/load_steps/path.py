@@ -1,7 +1,7 @@
 """A loading path: the indenter advanced, pushed, carried and turned against one pad.
 
 It is advanced to a depth, pushed with a force, or carried along and about its axis while its depth
-or its force is held. Each of these is a leg with one parameter that grows.
+or its force is held. Each of these is a phase with one parameter that grows.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.linear_solver import LinearSolver, linear_solver
-from sim.solve.load_steps.equilibrium import PathCounts, Settling
-from sim.solve.load_steps.first_touch import touch_height
-from sim.solve.load_steps.path_point import PathPoint
-from sim.solve.load_steps.phases import CarryLeg, DepthLeg, ForceLeg, Leg, Pose
+from sim.solve.load_steps.equilibrium import PathCounts, PathPoint, Settling
+from sim.solve.load_steps.first_touch import touch_height, unloaded_positions
+from sim.solve.load_steps.phases import CarryPhase, DepthPhase, ForcePhase, Phase
 from sim.solve.load_steps.stepping import Stepping
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
 from sim.solve.overlap import OVERLAP_SHARE
-from sim.solve.potentials import NodalPotential
-from sim.solve.preconditioned_lbfgs import QuickOptions, QuickSettling
-from sim.solve.unloaded import unloaded_positions
+from sim.solve.preconditioned_lbfgs import LbfgsOptions, PreconditionedLbfgs
+from sim.solve.problem import NodalPotential
 from tacauchy_rig.errors import ConvergenceError
 
-# Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
+# Of the pad's height. Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face
+# at twice the energy.
 _STEP_SHARE = 0.0125
-_DEPTH_EXACT_SHARE = 2.5e-12
+# Differences from a depth, over the pad's height, and from a force, over it, that rounding leaves.
+_DEPTH_EXACT_SHARE, _FORCE_EXACT_SHARE = 2.5e-12, 1e-12
 # Of a push's time, until its force has a tangent to go by: a guess.
 _TOUCHING_SHARE = 0.02
 
@@ -56,9 +56,8 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
-        quick_options: When they are renewed.
-        is_quick: Keep factors from state to state (``quick_settling``); for a round, analytic
-            indenter without friction, on the CPU.
+        lbfgs: Keep factors from state to state (``sim.solve.preconditioned_lbfgs``); for a round,
+            analytic indenter without friction, on the CPU. None is Newton's method.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -72,8 +71,7 @@ class LoadingPath:
     step_max_m: float = 0.0
     options: NewtonOptions = field(default_factory=NewtonOptions)
     potentials: Sequence[NodalPotential] = ()
-    is_quick: bool = False
-    quick_options: QuickOptions = field(default_factory=QuickOptions)
+    lbfgs: LbfgsOptions | None = None
     counts: PathCounts = field(default_factory=PathCounts)
     solver: LinearSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
@@ -106,14 +104,14 @@ class LoadingPath:
             potentials=self.potentials,
             touch_m=self.touch_m,
             counts=self.counts,
-            quick=self._quick() if self.is_quick else None,
+            lbfgs=self._lbfgs_solver(),
         )
         self._stepping = Stepping(settling=self._settling)
         self.setup_s = time.perf_counter() - started
 
     @property
     def last(self) -> PathPoint | None:
-        """The equilibrium that was reached last, also when a leg ended in an error."""
+        """The equilibrium that was reached last, also when a phase ended in an error."""
         return self._stepping.last
 
     @property
@@ -124,12 +122,12 @@ class LoadingPath:
     @property
     def solver_name(self) -> str:
         """What factors the stiffness."""
-        return self.solver.name if self.quick is None else self.quick.solver_name
+        return self.solver.name if self.lbfgs_solver is None else self.lbfgs_solver.solver_name
 
     @property
-    def quick(self) -> QuickSettling | None:
+    def lbfgs_solver(self) -> PreconditionedLbfgs | None:
         """What keeps the factors; None where every state is Newton's."""
-        return self._settling.quick
+        return self._settling.lbfgs
 
     def advance(
         self,
@@ -152,14 +150,13 @@ class LoadingPath:
         if point is None:
             point = self._first(depth_m, duration_s)
             duration_s = _part(1.0 - point.depth_m / depth_m, duration_s) if depth_m > 0.0 else None
-        leg = DepthLeg(
+        phase = DepthPhase(
             start=point.depth_m,
             end=depth_m,
-            touch_m=self.touch_m,
             step_max_m=self.step_max_m,
             exact=_DEPTH_EXACT_SHARE * self.model.height_m,
         )
-        return self._go(point, leg, duration_s)
+        return self._go(point, phase, duration_s)
 
     def push(
         self,
@@ -180,8 +177,13 @@ class LoadingPath:
             depth = OVERLAP_SHARE * self.model.height_m
             point = self.advance(depth, duration_s=_part(touching, duration_s))
             duration_s = _part(1.0 - touching, duration_s)
-        leg = ForceLeg(start=float(point.force_n[2]), end=force_n, step_max_m=self.step_max_m)
-        return self._go(point, leg, duration_s)
+        phase = ForcePhase(
+            start=float(point.force_n[2]),
+            end=force_n,
+            exact=_FORCE_EXACT_SHARE * force_n,
+            step_max_m=self.step_max_m,
+        )
+        return self._go(point, phase, duration_s)
 
     def dwell(self, duration_s: float) -> PathPoint:
         """Let time pass at the same depth; a gel that relaxes pushes back less.
@@ -210,15 +212,14 @@ class LoadingPath:
             ConvergenceError: As for ``advance``, or nothing was pressed yet.
         """
         point = self._pressed("is carried")
-        leg = CarryLeg(
-            origin=Pose(tip=point.state.tip, rotation=point.state.rotation),
+        phase = CarryPhase(
             shift_m=np.array([*shift_m, 0.0]),
             twist_rad=twist_rad,
             load_n=float(point.force_n[2]) if hold is Hold.FORCE else None,
             step_max_m=self.step_max_m,
             radius_m=point.contact_radius_m,
         )
-        return self._go(point, leg, duration_s)
+        return self._go(point, phase, duration_s)
 
     def body_force_n(self, point: PathPoint) -> FloatArray:
         """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""
@@ -228,12 +229,14 @@ class LoadingPath:
             part += potential.gradient(point.state.positions)[free].sum(axis=0)
         return self.model.mesh.symmetry.whole_force(part)
 
-    def _quick(self) -> QuickSettling:
-        return QuickSettling(
+    def _lbfgs_solver(self) -> PreconditionedLbfgs | None:
+        if self.lbfgs is None:
+            return None
+        return PreconditionedLbfgs(
             model=self.model,
             indenter=self.indenter,
             potentials=self.potentials,
-            options=self.quick_options,
+            options=self.lbfgs,
         )
 
     def _pressed(self, what: str) -> PathPoint:
@@ -243,14 +246,14 @@ class LoadingPath:
             )
         return self.last
 
-    def _go(self, point: PathPoint, leg: Leg, duration_s: float | None) -> PathPoint:
-        return self._stepping.go(point, leg, duration_s=duration_s, options=self.options)
+    def _go(self, point: PathPoint, phase: Phase, duration_s: float | None) -> PathPoint:
+        return self._stepping.go(point, phase, duration_s=duration_s, options=self.options)
 
     def _settle(self, state: State, *, passing: bool) -> PathPoint:
         return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        first = self.step_max_m if self.is_quick else OVERLAP_SHARE * self.model.height_m
+        first = OVERLAP_SHARE * self.model.height_m if self.lbfgs is None else self.step_max_m
         depth = min(depth_m, first)
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         return self._stepping.accept(self._settle(self._start(depth), passing=depth < depth_m))

@@ -1,4 +1,4 @@
-"""Along a leg in steps: each started from the tangent's prediction, and cut where it fails."""
+"""Along a phase in steps: each started from the tangent's prediction, and cut where it fails."""
 
 from __future__ import annotations
 
@@ -6,25 +6,32 @@ import logging
 import math
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim.contact.state import State
-from sim.solve.load_steps.equilibrium import DOWN, STILL, Settling
-from sim.solve.load_steps.path_point import PathPoint
-from sim.solve.load_steps.phases import CarryLeg, Leg
-from sim.solve.load_steps.prediction import predicted_state
+from sim.solve.load_steps.equilibrium import PathPoint, Settling
+from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
 from sim.solve.newton import NewtonOptions
 from sim.solve.overlap import overlap_fraction
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
 
+# Of the longest step: a press that fails in shorter ones stops.
 _STEP_MIN_SHARE = 2e-5
-# Of a leg, where a gel relaxes: its stress is taken to change evenly in a step.
+# Of the longest step: what overlap leaves of a step must be more, or the step is refused.
+_OVERLAP_LEFT_MIN_SHARE = 1e-6
+# Steps are cut by this where they fail, and may grow by the other where they do not.
+_CUT, _GROWTH = 4.0, 2.0
+# Of a phase, where a gel relaxes: its stress is taken to change evenly in a step.
 _EVEN_SHARE = 0.1
+# Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
+# Points nearer to each other than this share of the way ahead say too little.
+_APART = 0.05
 
 
 @dataclass(slots=True, kw_only=True)
@@ -32,7 +39,7 @@ class Stepping:
     """Steps through equilibria, and has a gel that relaxes remember them.
 
     Attributes:
-        last: The equilibrium that was reached last, also when a leg ended in an error.
+        last: The equilibrium that was reached last, also when a phase ended in an error.
         history: (depth [m], F_z [N]) of every equilibrium on the way.
     """
 
@@ -58,9 +65,9 @@ class Stepping:
         return point
 
     def go(
-        self, point: PathPoint, leg: Leg, *, duration_s: float | None, options: NewtonOptions
+        self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: NewtonOptions
     ) -> PathPoint:
-        """Go along a leg from a point, the last one or an earlier.
+        """Go along a phase from a point, the last one or an earlier.
 
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
@@ -69,24 +76,24 @@ class Stepping:
         """
         started = time.perf_counter()
         point = self._resume(point)
-        whole = abs(leg.end - leg.start)
+        whole = abs(phase.end - phase.start)
         pace = None if duration_s is None else duration_s / max(whole, 1e-300)
         even = whole * self._even_share(duration_s)
-        at, step = leg.start, min(leg.longest(point.stiffness_n_m), even)
-        while leg.is_short_of(at):
-            advance = float(np.clip(leg.end - at, -step, step))
+        at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
+        while phase.is_short_of(at):
+            advance = float(np.clip(phase.end - at, -step, step))
             try:
-                found, taken = self._increment(point, leg, at, advance, pace, options)
+                found, taken = self._increment(point, phase, at, advance, pace, options)
             except ConvergenceError as error:
-                step = abs(advance) / 4.0
+                step = abs(advance) / _CUT
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
-                if step < leg.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
-                    raise _stopped(point, leg, error) from error
+                if step < phase.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
+                    raise _stopped(point, phase, error) from error
                 self.settling.refresh(point)
                 continue
             point = self.accept(found)
-            at = leg.end if abs(leg.end - at - taken) <= leg.exact else at + taken
-            step = min(leg.longest(point.stiffness_n_m), 2.0 * max(step, abs(taken)), even)
+            at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
+            step = min(phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even)
         self.settling.counts.wall_s += time.perf_counter() - started
         return point
 
@@ -103,7 +110,7 @@ class Stepping:
         return point
 
     def _even_share(self, duration_s: float | None) -> float:
-        """Return the part of a leg in which a relaxing gel's stress may be taken as a ramp."""
+        """Return the part of a phase in which a relaxing gel's stress may be taken as a ramp."""
         remembers = self.settling.model.relaxation is not None
         lasts = duration_s is not None and math.isfinite(duration_s)
         return _EVEN_SHARE if remembers and lasts else 1.0
@@ -111,44 +118,44 @@ class Stepping:
     def _increment(
         self,
         point: PathPoint,
-        leg: Leg,
+        phase: Phase,
         at: float,
         advance: float,
         pace: float | None,
         options: NewtonOptions,
     ) -> tuple[PathPoint, float]:
-        """Go one step; return where that led and how much of the leg was done."""
-        if self.settling.quick is not None and not isinstance(leg, CarryLeg):
-            count = self.settling.quick.options.points
-            state = self._predicted(point, leg, at + advance, advance, count)
-            return self._settled(state, point, leg, at + advance, options), advance
+        """Go one step; return where that led and how much of the phase was done."""
+        if self.settling.lbfgs is not None and not isinstance(phase, CarryPhase):
+            count = self.settling.lbfgs.options.points
+            state = self._predicted(point, phase, at + advance, advance, count)
+            return self._settled(state, point, phase, at + advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
-        velocity, spin = leg.rate(point.stiffness_n_m)
+        velocity, spin = phase.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
-        if leg.holds_force:
+        if phase.holds_force:
             sink = -lift / max(point.stiffness_n_m, 1e-30)
             motion = motion + sink * settling.response(point.state, found, DOWN, STILL)[0]
             velocity = velocity + sink * DOWN
-        turned = leg.turned(state.rotation, advance)
+        turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
         state.rotation = turned
         fraction = overlap_fraction(settling.model, settling.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
-        if fraction * abs(advance) < leg.longest(point.stiffness_n_m) * 1e-6:
+        if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
             raise ConvergenceError("the next step would overlap the indenter")
         state.positions = state.positions + fraction * advance * motion
         state.tip = state.tip + fraction * (tip - state.tip)
         reached = at + fraction * advance
         self.begin(None if pace is None else pace * fraction * abs(advance))
-        return self._settled(state, point, leg, reached, options), fraction * advance
+        return self._settled(state, point, phase, reached, options), fraction * advance
 
     def _predicted(
-        self, point: PathPoint, leg: Leg, to: float, advance: float, count: int
+        self, point: PathPoint, phase: Phase, to: float, advance: float, count: int
     ) -> State:
         """Return the state straight up or down from a point to which the points so far lead."""
         known = [k for k in self._known if _stand_alike(k.state, point.state)]
-        held = leg.load_at(to) is None
+        held = phase.load_at(to) is None
         places = [k.depth_m if held else float(k.force_n[2]) for k in known]
         state = predicted_state(known, places, at=to, step=advance, count=count)
         if held:
@@ -156,12 +163,12 @@ class Stepping:
         return state
 
     def _settled(
-        self, state: State, point: PathPoint, leg: Leg, at: float, options: NewtonOptions
+        self, state: State, point: PathPoint, phase: Phase, at: float, options: NewtonOptions
     ) -> PathPoint:
         return self.settling.settle(
             state,
-            load_n=leg.load_at(at),
-            passing=leg.is_short_of(at),
+            load_n=phase.load_at(at),
+            passing=phase.is_short_of(at),
             options=options,
             before=point,
         )
@@ -173,9 +180,47 @@ def _stand_alike(one: State, other: State) -> bool:
     return beside and np.array_equal(one.rotation, other.rotation)
 
 
-def _stopped(point: PathPoint, leg: Leg, error: ConvergenceError) -> ConvergenceError:
+def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> ConvergenceError:
     return ConvergenceError(
         f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
-        f"{point.force_n[2]:.4f} N on the way to {leg.goal}: {error.message}",
+        f"{point.force_n[2]:.4f} N on the way to {phase.goal}: {error.message}",
         remedy=error.remedy,
     )
+
+
+def predicted_state(
+    points: Sequence[PathPoint],
+    places: Sequence[float],
+    *,
+    at: float,
+    step: float,
+    count: int = 3,
+) -> State:
+    """Return the state that polynomials through the nearest points give.
+
+    Args:
+        points: Equilibria, the last one to go on from.
+        places: Their depths [m] or loads [N]; of the last one it need not be the largest.
+        at: Where the state is wanted, in the same unit.
+        step: Way from the last point to there, likewise.
+        count: Points that are gone by, at most.
+    """
+    chosen: list[int] = []
+    for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
+        apart = [abs(places[k] - places[j]) for j in chosen]
+        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < count:
+            chosen.append(k)
+    state = points[chosen[0]].state.copy()
+    shares = _lagrange([places[k] for k in chosen], at)
+    pairs = list(zip(shares, (points[k].state for k in chosen), strict=True))
+    state.positions = np.sum([share * known.positions for share, known in pairs], axis=0)
+    state.tip = np.sum([share * known.tip for share, known in pairs], axis=0)
+    return state
+
+
+def _lagrange(places: Sequence[float], at: float) -> list[float]:
+    """Return the share of every place's value in the value at another."""
+    return [
+        float(np.prod([(at - other) / (place - other) for other in places if other != place]))
+        for place in places
+    ]

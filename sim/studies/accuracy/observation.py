@@ -17,6 +17,7 @@ from sim.press import contact_measures, keeps_factors
 from sim.scene.scene import Scene
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.newton import NewtonOptions
+from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from sim.studies.accuracy.configurations import Configuration
 
 _TOUCHING_M = 6e-6
@@ -84,7 +85,7 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         scene.indenter,
         scene.centre_m,
         options=options,
-        is_quick=keeps_factors(scene, model),
+        lbfgs=LbfgsOptions() if keeps_factors(scene, model) else None,
     )
     ready = time.perf_counter()
     point = path.push(force)

@@ -17,7 +17,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
-from sim.solve.preconditioned_lbfgs import QuickOptions
+from sim.solve.preconditioned_lbfgs import LbfgsOptions
 
 _KIB, _MIB = 1024.0, 1024.0**2
 TRAVEL_M = 1e-3
@@ -32,13 +32,15 @@ _OPTIONS = NewtonOptions(residual_relative=1e-6)
 _STUBBORN = ((60, 0.0),)
 _NEVER = 10**9
 # The first is preset fast as it is.
-WAYS: dict[str, QuickOptions] = {
-    "factors kept, steps remembered, predicted by three points": QuickOptions(),
-    "predicted by two points": QuickOptions(points=2),
-    "started from the last point": QuickOptions(points=1),
-    "no steps remembered": QuickOptions(memory=0),
-    "a factor for every frame": QuickOptions(tired=0),
-    "a factor renewed only after 60 steps": QuickOptions(tired=_NEVER, patience=_STUBBORN),
+WAYS: dict[str, LbfgsOptions] = {
+    "factors kept, steps remembered, predicted by three points": LbfgsOptions(),
+    "predicted by two points": LbfgsOptions(points=2),
+    "started from the last point": LbfgsOptions(points=1),
+    "no steps remembered": LbfgsOptions(memory=0),
+    "a factor for every frame": LbfgsOptions(evaluations_max=0),
+    "a factor renewed only after 60 steps": LbfgsOptions(
+        evaluations_max=_NEVER, patience=_STUBBORN
+    ),
 }
 NEWTON = "Newton's method, a factor for every step"
 ONE_PATH, EACH_ANEW = "the replay's forces on one path", "the replay's forces each anew"
@@ -133,7 +135,7 @@ def travel(
         tet_count=len(path.model.elements),
         unknown_count=path.model.pattern.dof_count,
         newton_iterations=path.counts.newton_iterations,
-        factorisations=None if path.quick is None else path.quick.factorisations,
+        factorisations=None if path.lbfgs_solver is None else path.lbfgs_solver.factorisations,
         setup_s=setup_s,
         wall_s=wall_s,
         cpu_s=cpu_s,
@@ -177,20 +179,19 @@ def measure_reuse(
     newton = LoadingPath(model, scene.indenter, scene.centre_m, options=_OPTIONS)
     yield _timed(NEWTON, [newton], [_travel])
     ordered = sorted(forces_n)
-    one = [_path(scene, model, QuickOptions())] * len(ordered)
-    anew = [_path(scene, model, QuickOptions()) for _ in ordered]
+    one = [_path(scene, model, LbfgsOptions())] * len(ordered)
+    anew = [_path(scene, model, LbfgsOptions()) for _ in ordered]
     for name, paths in ((ONE_PATH, one), (EACH_ANEW, anew)):
         yield _timed(name, paths, [partial(LoadingPath.push, force_n=force) for force in ordered])
 
 
-def _path(scene: Scene, model: Model, options: QuickOptions) -> LoadingPath:
+def _path(scene: Scene, model: Model, options: LbfgsOptions) -> LoadingPath:
     return LoadingPath(
         model,
         scene.indenter,
         scene.centre_m,
         options=_OPTIONS,
-        is_quick=True,
-        quick_options=options,
+        lbfgs=options,
     )
 
 
@@ -208,14 +209,14 @@ def _timed(
         leg(path)
     spent = time.process_time() - spent
     distinct = {id(path): path for path in paths}.values()
-    quick = [path.quick for path in distinct if path.quick is not None]
+    kept = [path.lbfgs_solver for path in distinct if path.lbfgs_solver is not None]
     # Newton's method factors at every step, and once more where it has arrived.
     newton = sum(path.counts.newton_iterations + path.counts.increments for path in distinct)
     last = paths[-1].last
     return ReuseRow(
         way=way,
-        evaluations=sum(each.evaluations for each in quick) if quick else None,
-        factorisations=sum(each.factorisations for each in quick) if quick else newton,
+        evaluations=sum(each.evaluations for each in kept) if kept else None,
+        factorisations=sum(each.factorisations for each in kept) if kept else newton,
         cpu_s=spent,
         force_n=0.0 if last is None else float(last.force_n[2]),
     )

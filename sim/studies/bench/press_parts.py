@@ -15,8 +15,8 @@ from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 
 _REPEATS = 30
 _BUDGET_S = 3.0

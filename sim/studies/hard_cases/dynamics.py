@@ -7,7 +7,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.solve.dynamics.implicit import DynamicPress, DynamicStep
-from sim.solve.dynamics.nodal_mass import inertial_masses
+from sim.solve.dynamics.weight_and_inertia import inertial_masses
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome

@@ -12,8 +12,8 @@ import numpy as np
 from sim.contact.state import ContactOptions, Grip
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BALL, BARRIER_M, DOMED, PUNCH, pad_model, round_mesh

@@ -9,8 +9,8 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.fields.press_fields import top_faces
 from sim.mesh.elements import linear_facets
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.studies.modes.signatures import contact_traction
 
 

@@ -12,8 +12,8 @@ from sim.press import path_for
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
-from sim.solve.load_steps.path_point import PathPoint
 from sim.studies.modes.criteria import (
     FRICTION,
     GROWTH_MAX,

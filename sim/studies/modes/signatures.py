@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.solve.load_steps.path_point import PathPoint
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -14,10 +14,10 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.linear_solver import linear_solver
+from sim.solve.load_steps.first_touch import unloaded_positions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
-from sim.solve.unloaded import unloaded_positions
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
 YOUNG_PA = 0.43e6

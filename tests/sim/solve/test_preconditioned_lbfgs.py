@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sim.effects.plan import plan_effects
 from sim.effects.presets import LIGHT, build_model, light_resolution
@@ -14,11 +16,11 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
-from sim.solve import preconditioned_lbfgs as quick_settling
-from sim.solve.forces import QuickForces
+from sim.solve import preconditioned_lbfgs
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
+from sim.solve.preconditioned_lbfgs import LimitedMemory, NodalForces
 
 PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)
 BALL = Sphere(diameter_m=10e-3)
@@ -55,7 +57,7 @@ def test_it_finds_what_newton_finds_with_fewer_factors(indenter: Indenter) -> No
         assert one.equilibrium.min_jacobian == pytest.approx(
             other.equilibrium.min_jacobian, rel=1e-3
         )
-    found = quick.quick
+    found = quick.lbfgs_solver
     assert found is not None
     assert 0 < found.factorisations <= 2 * len(DEPTHS)
     assert found.evaluations < 40 * len(DEPTHS)
@@ -71,8 +73,8 @@ def test_finer_presets_find_what_newton_finds(indenter: Indenter) -> None:
         one, other = (path.advance(depth) for path in (quick, exact))
         assert one.force_n[2] == pytest.approx(other.force_n[2], rel=1e-7)
         assert one.equilibrium.residual_n <= 1e-8 * one.force_n[2]
-    assert quick.quick is not None
-    assert quick.quick.factorisations < exact.counts.newton_iterations
+    assert quick.lbfgs_solver is not None
+    assert quick.lbfgs_solver.factorisations < exact.counts.newton_iterations
 
 
 def test_the_papers_preset_is_left_to_newton() -> None:
@@ -114,7 +116,7 @@ def test_it_goes_back_the_way_it_came(model: Model) -> None:
 
 def test_newton_takes_over_where_it_gives_up(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Allowed no step at all, the press is Newton's from end to end."""
-    monkeypatch.setattr(quick_settling, "_STEPS_MAX", 0)
+    monkeypatch.setattr(preconditioned_lbfgs, "_STEPS_MAX", 0)
     found = path_for(SCENE, plan_effects(SCENE), model=model).advance(0.1e-3)
     exact = LoadingPath(model, PUNCH).advance(0.1e-3)
     assert found.force_n[2] == pytest.approx(exact.force_n[2], rel=1e-5)
@@ -125,7 +127,7 @@ def test_forces_are_those_of_the_model(model: Model) -> None:
     """Gel and contact, their sum on the indenter and the smallest gap, at any state."""
     path = LoadingPath(model, PUNCH, options=NewtonOptions(residual_relative=1e-4))
     state = path.advance(0.2e-3).state
-    forces = QuickForces(model, PUNCH, extension=state.extension)
+    forces = NodalForces(model, PUNCH, extension=state.extension)
     for lift in (0.0, -10e-6, 1.0):
         state.tip[2] += lift
         contact = model.contact_forces(state.positions, PUNCH, state)
@@ -152,3 +154,29 @@ def test_other_scenes_are_left_to_newton(changed: Scene) -> None:
     assert SCENE.is_light
     assert not changed.is_light
     assert changed.contact_distance_m < SCENE.contact_distance_m
+
+
+@given(seed=st.integers(0, 10_000), pairs=st.integers(1, 6))
+def test_the_last_step_is_foretold(seed: int, pairs: int) -> None:
+    """Minus the inverse times the last change is minus the last step, whatever the inverse."""
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(8, 8))
+    hessian = root @ root.T + np.eye(8)
+    scales = random.uniform(0.1, 10.0, size=8)
+    memory = LimitedMemory(4)
+    for _ in range(pairs):
+        step = random.normal(size=8)
+        memory.learn(step, hessian @ step)
+    found = memory.direction(hessian @ step, lambda right: scales * right)
+    np.testing.assert_allclose(found, -step, rtol=1e-7, atol=1e-9)
+
+
+def test_without_memory_it_is_the_inverse_alone() -> None:
+    """Nothing learnt, all forgotten, or a step along no curvature: the inverse decides."""
+    gradient = np.array([1.0, -2.0, 4.0])
+    memory = LimitedMemory(3)
+    memory.learn(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.0]))
+    memory.forget()
+    memory.learn(np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(memory.direction(gradient, lambda r: 0.5 * r), -0.5 * gradient)
+    np.testing.assert_array_equal(gradient, [1.0, -2.0, 4.0])

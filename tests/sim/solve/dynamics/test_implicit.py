@@ -19,9 +19,8 @@ from sim.mesh.revolved import revolved_mesh
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
-from sim.solve.dynamics.gravity import weight
 from sim.solve.dynamics.implicit import DynamicPress, DynamicStep
-from sim.solve.dynamics.nodal_mass import inertial_masses
+from sim.solve.dynamics.weight_and_inertia import inertial_masses, weight
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError

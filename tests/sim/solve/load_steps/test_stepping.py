@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.contact.state import ContactForces, State
-from sim.solve.load_steps.path_point import PathPoint
-from sim.solve.load_steps.prediction import predicted_state
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.load_steps.stepping import predicted_state
 from sim.solve.newton import Equilibrium
 
 _NONE = np.zeros((0, 1, 3))

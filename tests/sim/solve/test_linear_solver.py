@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.mesh.sparsity import SparsePattern, sparse_pattern
-from sim.solve.linear_solver import NotPositiveDefiniteError
-from sim.solve.single_precision_solver import rough_solver
+from sim.solve.linear_solver import NotPositiveDefiniteError, single_precision_solver
 
 
 @pytest.fixture
@@ -31,7 +30,7 @@ def matrix(pattern: SparsePattern, diagonal: float) -> tuple[np.ndarray, np.ndar
 
 def test_it_solves_to_single_precision(pattern: SparsePattern) -> None:
     """Refactored with other values, it solves with those."""
-    solver = rough_solver(pattern)
+    solver = single_precision_solver(pattern)
     right = np.linspace(-1.0, 1.0, pattern.dof_count)
     for diagonal in (4.0, 9.0):
         data, dense = matrix(pattern, diagonal)
@@ -42,7 +41,7 @@ def test_it_solves_to_single_precision(pattern: SparsePattern) -> None:
 
 def test_an_indefinite_matrix_is_refused(pattern: SparsePattern) -> None:
     """A negative pivot is told apart from other errors, and the solver goes on after it."""
-    solver = rough_solver(pattern)
+    solver = single_precision_solver(pattern)
     with pytest.raises(NotPositiveDefiniteError):
         solver.factorise(matrix(pattern, -4.0)[0])
     data, dense = matrix(pattern, 4.0)

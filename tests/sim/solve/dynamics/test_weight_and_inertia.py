@@ -14,14 +14,18 @@ from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
-from sim.solve.dynamics.gravity import STANDARD_M_S2, weight
-from sim.solve.dynamics.inertia import Inertia
-from sim.solve.dynamics.nodal_mass import inertial_masses, weighing_masses
+from sim.solve.dynamics.weight_and_inertia import (
+    STANDARD_M_S2,
+    Inertia,
+    inertial_masses,
+    weighing_masses,
+    weight,
+)
 from sim.solve.linear_solver import linear_solver
+from sim.solve.load_steps.first_touch import unloaded_positions
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
-from sim.solve.potentials import NodalPotential
-from sim.solve.unloaded import unloaded_positions
+from sim.solve.problem import NodalPotential
 from tacauchy_rig.errors import ConfigError
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)

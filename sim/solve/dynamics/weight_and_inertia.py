@@ -1,0 +1,150 @@
+"""Weight, and inertia over one time step, as energies of the nodes.
+
+Implicit Euler's equation of motion, M (x - x_n - dt v_n) / dt^2 = forces(x), says that the
+positions at the step's end are stationary for
+
+    1/(2 dt^2) |x - x_hat|_M^2 + energies(x),  x_hat = x_n + dt v_n
+
+so that a step is an equilibrium with one more energy. It is stable for every dt, damps what it does
+not resolve, and tends to statics for large dt.
+
+Weight is shared among the nodes of a straight-sided tetrahedron as virtual work shares it: by the
+integrals of the shape functions. A quadratic tetrahedron's corners then carry -1/20 of it each,
+which no mass may be. Inertia is therefore shared in proportion to the diagonal of the consistent
+mass matrix (Hinton, Rock, Zienkiewicz 1976), which is positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.mesh.elements import ElementOrder
+from sim.solve.model import Model
+from tacauchy_rig.errors import ConfigError
+
+# Of a tetrahedron's mass, node by node.
+_WEIGHT_SHARES = {
+    ElementOrder.P1: np.full(4, 1.0 / 4.0),
+    ElementOrder.P2: np.array([-1.0 / 20.0] * 4 + [1.0 / 5.0] * 6),
+}
+_INERTIA_SHARES = {
+    ElementOrder.P1: np.full(4, 1.0 / 4.0),
+    ElementOrder.P2: np.array([1.0 / 36.0] * 4 + [4.0 / 27.0] * 6),
+}
+# Standard gravity (CGPM 1901).
+STANDARD_M_S2 = 9.80665
+
+
+def weighing_masses(model: Model, density_kg_m3: float | FloatArray) -> FloatArray:
+    """Return the nodal masses that weight acts on [kg], shape [node_count]; some are negative.
+
+    Args:
+        model: The pad.
+        density_kg_m3: One number, or one for each tetrahedron.
+    """
+    return _shared(model, density_kg_m3, _WEIGHT_SHARES[model.reference.order])
+
+
+def inertial_masses(model: Model, density_kg_m3: float | FloatArray) -> FloatArray:
+    """Return the lumped nodal masses [kg], shape [node_count]; all positive.
+
+    Args:
+        model: The pad.
+        density_kg_m3: One number, or one for each tetrahedron.
+    """
+    return _shared(model, density_kg_m3, _INERTIA_SHARES[model.reference.order])
+
+
+def _shared(model: Model, density_kg_m3: float | FloatArray, shares: FloatArray) -> FloatArray:
+    corners = model.nodes[model.elements[:, :4]]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    masses = np.zeros(len(model.nodes))
+    np.add.at(masses, model.elements, (density_kg_m3 * volumes)[:, None] * shares)
+    return masses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weight:
+    """A constant force on every node.
+
+    Attributes:
+        forces_n: Shape [node_count, 3].
+        rest_m: Where the energy is zero, shape [node_count, 3].
+    """
+
+    forces_n: FloatArray
+    rest_m: FloatArray
+
+    def energy(self, positions: FloatArray) -> float:
+        """Return minus the work of the weight since rest [J]."""
+        return -float(np.sum(self.forces_n * (positions - self.rest_m)))
+
+    def gradient(self, positions: FloatArray) -> FloatArray:
+        """Return minus the weight [N], shape [node_count, 3], wherever the nodes are."""
+        return np.broadcast_to(-self.forces_n, positions.shape)
+
+    def diagonal(self) -> FloatArray:
+        """Return zero [N/m], shape [node_count, 3]."""
+        return np.zeros_like(self.forces_n)
+
+
+def weight(
+    model: Model,
+    density_kg_m3: float | FloatArray,
+    *,
+    acceleration_m_s2: tuple[float, float, float] = (0.0, 0.0, -STANDARD_M_S2),
+) -> Weight:
+    """Return the weight of a pad.
+
+    Args:
+        model: The pad.
+        density_kg_m3: One number, or one for each tetrahedron.
+        acceleration_m_s2: Free fall in the pad's frame: -z for a sensor that looks up.
+
+    Raises:
+        ConfigError: The weight pulls across a plane of symmetry of a folded mesh.
+    """
+    symmetry = model.mesh.symmetry
+    if (symmetry.mirror_x and acceleration_m_s2[0]) or (symmetry.mirror_y and acceleration_m_s2[1]):
+        raise ConfigError(
+            f"weight along {acceleration_m_s2} m/s2 breaks the symmetry by which the pad is "
+            "modelled in part",
+            remedy="let the weight act along z, or mesh the whole pad",
+        )
+    masses = weighing_masses(model, density_kg_m3)
+    return Weight(forces_n=np.outer(masses, acceleration_m_s2), rest_m=model.nodes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inertia:
+    """What pulls the nodes to where they would fly in one step.
+
+    Attributes:
+        masses_kg: Lumped nodal masses, shape [node_count].
+        flown_m: x_hat, where each node would be without forces, shape [node_count, 3].
+        step_s: dt.
+    """
+
+    masses_kg: FloatArray
+    flown_m: FloatArray
+    step_s: float
+
+    def energy(self, positions: FloatArray) -> float:
+        """Return the incremental energy [J]."""
+        away = positions - self.flown_m
+        return 0.5 * float(np.sum(self._stiffness[:, None] * away * away))
+
+    def gradient(self, positions: FloatArray) -> FloatArray:
+        """Return mass times acceleration [N], shape [node_count, 3]."""
+        return np.asarray(self._stiffness[:, None] * (positions - self.flown_m))
+
+    def diagonal(self) -> FloatArray:
+        """Return M / dt^2 [N/m], shape [node_count, 3]."""
+        return np.tile(self._stiffness[:, None], (1, 3))
+
+    @property
+    def _stiffness(self) -> FloatArray:
+        return self.masses_kg / self.step_s**2
