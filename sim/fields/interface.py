@@ -11,12 +11,47 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces, shape_gradients
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.solve.model import Model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StressOnSides:
+    """t = sigma n on an interface, from below and from above; one in the exact solution.
+
+    Attributes:
+        below_pa: sigma of the lower layer, shape [face_count, point_count, 3].
+        above_pa: sigma of the upper layer, same shape.
+        areas_m2: Deformed area of each point, shape [face_count, point_count].
+        symmetry: By which the faces stand for the whole interface.
+    """
+
+    below_pa: FloatArray
+    above_pa: FloatArray
+    areas_m2: FloatArray
+    symmetry: MirrorSymmetry
+
+    @property
+    def forces_n(self) -> tuple[FloatArray, FloatArray]:
+        """Integrals of both over the whole interface, shape [3] each."""
+        below, above = (
+            -self.symmetry.whole_force(np.einsum("fpi,fp->i", side, self.areas_m2))
+            for side in (self.below_pa, self.above_pa)
+        )
+        return below, above
+
+    @property
+    def jump_relative(self) -> float:
+        """Norm of the traction's jump over the norm of its mean, both over the interface."""
+        jump = ((self.above_pa - self.below_pa) ** 2).sum(axis=2)
+        mean = ((0.5 * (self.above_pa + self.below_pa)) ** 2).sum(axis=2)
+        size = float((mean * self.areas_m2).sum())
+        return float(np.sqrt((jump * self.areas_m2).sum() / size)) if size > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InterfaceTraction:
-    """One interface of a deformed gel, shape [face_count, point_count, ...] for the modelled part.
+    """One interface of a deformed gel.
 
     Forces are those of the gel below on the gel above for the whole pad, +z in compression, as the
     force on the indenter is.
@@ -31,34 +66,18 @@ class InterfaceTraction:
             3].
         recovered_above_pa: The same from the nodal forces of the layers above; equilibrium of the
             nodes makes the two equal, but for weight.
-        normals: Deformed unit normals, out of the lower layer.
-        areas_m2: Deformed area of each point.
-        below_pa: t = sigma n, sigma of the element below.
-        above_pa: t = sigma n, sigma of the element above; the same in the exact solution.
-        smooth_below_pa: As ``below_pa``, of the lower layer's stress made continuous within it.
-        smooth_above_pa: As ``above_pa``, of the upper layer's.
         force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, but for
             the weight in between, shape [3].
-        force_below_n: Integral of ``below_pa``, shape [3].
-        force_above_n: Integral of ``above_pa``, shape [3].
-        force_smooth_below_n: Integral of ``smooth_below_pa``, shape [3].
-        force_smooth_above_n: Integral of ``smooth_above_pa``, shape [3].
+        element: By the stress of each element.
+        smooth: By each layer's stress made continuous within it.
     """
 
     nodes: IntArray
     recovered_pa: FloatArray
     recovered_above_pa: FloatArray
-    normals: FloatArray
-    areas_m2: FloatArray
-    below_pa: FloatArray
-    above_pa: FloatArray
-    smooth_below_pa: FloatArray
-    smooth_above_pa: FloatArray
     force_n: FloatArray
-    force_below_n: FloatArray
-    force_above_n: FloatArray
-    force_smooth_below_n: FloatArray
-    force_smooth_above_n: FloatArray
+    element: StressOnSides
+    smooth: StressOnSides
 
     @property
     def recovered_jump_relative(self) -> float:
@@ -66,22 +85,6 @@ class InterfaceTraction:
         size = float(np.linalg.norm(self.recovered_pa))
         jump = float(np.linalg.norm(self.recovered_above_pa - self.recovered_pa))
         return jump / size if size > 0.0 else 0.0
-
-    @property
-    def jump_relative(self) -> float:
-        """Norm of the traction's jump over the norm of its mean, both over the interface."""
-        return self._jump(self.below_pa, self.above_pa)
-
-    @property
-    def smooth_jump_relative(self) -> float:
-        """The same of the layers' continuous stresses."""
-        return self._jump(self.smooth_below_pa, self.smooth_above_pa)
-
-    def _jump(self, below_pa: FloatArray, above_pa: FloatArray) -> float:
-        jump = ((above_pa - below_pa) ** 2).sum(axis=2)
-        mean = ((0.5 * (above_pa + below_pa)) ** 2).sum(axis=2)
-        size = float((mean * self.areas_m2).sum())
-        return float(np.sqrt((jump * self.areas_m2).sum() / size)) if size > 0.0 else 0.0
 
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
@@ -106,16 +109,16 @@ def _traction(
     vectors = 0.5 * np.cross(along[0], along[1]) * reference.face_weights[:, None]
     areas = np.linalg.norm(vectors, axis=2)
     normals = vectors / areas[..., None]
-    lower, upper = (
-        np.einsum("fpij,fpj->fpi", _stress_on_faces(model, positions, faces, parents), normals)
-        for parents in (under, over)
-    )
-    smooth_lower, smooth_upper = (
-        _smooth_traction(model, _layer_stress(model, positions, side), faces, normals)
-        for side in (labels == layer, labels == layer + 1)
-    )
-    symmetry = model.mesh.symmetry
-    nodes = np.unique(faces)
+    symmetry, nodes = model.mesh.symmetry, np.unique(faces)
+
+    def on_sides(below_pa: FloatArray, above_pa: FloatArray) -> StressOnSides:
+        lower, upper = (np.einsum("fpij,fpj->fpi", each, normals) for each in (below_pa, above_pa))
+        return StressOnSides(below_pa=lower, above_pa=upper, areas_m2=areas, symmetry=symmetry)
+
+    def smooth(side: NDArray[np.bool_]) -> FloatArray:
+        stress = _layer_stress(model, positions, side)[faces[:, :3]]
+        return np.asarray(np.einsum("pc,fcij->fpij", reference.face_points, stress))
+
     forces, forces_above = (
         _nodal_forces(model, positions, side)[nodes] for side in (below, ~below)
     )
@@ -123,26 +126,13 @@ def _traction(
         nodes=nodes,
         recovered_pa=_recovered(model, faces, areas, nodes, forces),
         recovered_above_pa=_recovered(model, faces, areas, nodes, -forces_above),
-        normals=normals,
-        areas_m2=areas,
-        below_pa=lower,
-        above_pa=upper,
-        smooth_below_pa=smooth_lower,
-        smooth_above_pa=smooth_upper,
         force_n=-symmetry.whole_force(forces.sum(axis=0)),
-        force_below_n=-symmetry.whole_force(np.einsum("fpi,fp->i", lower, areas)),
-        force_above_n=-symmetry.whole_force(np.einsum("fpi,fp->i", upper, areas)),
-        force_smooth_below_n=-symmetry.whole_force(np.einsum("fpi,fp->i", smooth_lower, areas)),
-        force_smooth_above_n=-symmetry.whole_force(np.einsum("fpi,fp->i", smooth_upper, areas)),
+        element=on_sides(
+            _stress_on_faces(model, positions, faces, under),
+            _stress_on_faces(model, positions, faces, over),
+        ),
+        smooth=on_sides(smooth(labels == layer), smooth(labels == layer + 1)),
     )
-
-
-def _smooth_traction(
-    model: Model, stress_pa: FloatArray, faces: IntArray, normals: FloatArray
-) -> FloatArray:
-    """Return sigma n at the faces' points, sigma between the vertices' [Pa], shape [f, p, 3]."""
-    at_points = np.einsum("pc,fcij->fpij", model.reference.face_points, stress_pa[faces[:, :3]])
-    return np.asarray(np.einsum("fpij,fpj->fpi", at_points, normals))
 
 
 def _shared_faces(

@@ -90,5 +90,5 @@ def _show_interfaces(result: PressResult) -> None:
         gap = abs(interface.force_n[2] - result.force_n[2])
         say(
             f"interface  {number}: {interface.force_n[2]:.4f} N go through, {gap:.1e} N from the "
-            f"indenter's; tractions below and above differ by {interface.jump_relative:.0%}"
+            f"indenter's; tractions below and above differ by {interface.element.jump_relative:.0%}"
         )

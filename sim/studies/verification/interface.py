@@ -37,7 +37,7 @@ class InterfacePress:
     def sums_relative(self) -> tuple[float, float]:
         """Integrals of sigma n from below and from above over F_z, less one."""
         found = self.interface
-        below, above = found.force_smooth_below_n[2], found.force_smooth_above_n[2]
+        below, above = (force[2] for force in found.smooth.forces_n)
         return float(below / self.force_n) - 1.0, float(above / self.force_n) - 1.0
 
 
@@ -78,7 +78,9 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
     scene = interface_scene()
     found = [interface_press(scene, refinement=factor) for factor in refinements]
     nodal = max(row.interface.recovered_jump_relative for row in found)
-    jumps = [(row.interface.smooth_jump_relative, row.interface.jump_relative) for row in found]
+    jumps = [
+        (row.interface.smooth.jump_relative, row.interface.element.jump_relative) for row in found
+    ]
     shrinks = all(fine[k] < coarse[k] for coarse, fine in pairwise(jumps) for k in range(2))
     sums = max(abs(value) for value in found[-1].sums_relative)
     return table_of(
@@ -93,9 +95,9 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
             "integral of sigma n below over F_z, less 1": lambda row: row.sums_relative[0],
             "above": lambda row: row.sums_relative[1],
             "jump of sigma n, continuous in each layer": lambda row: (
-                row.interface.smooth_jump_relative
+                row.interface.smooth.jump_relative
             ),
-            "jump of sigma n, each element's own": lambda row: row.interface.jump_relative,
+            "jump of sigma n, each element's own": lambda row: row.interface.element.jump_relative,
         },
         title="Traction through the interface of a 9DTact",
         criterion="the tractions that the nodal forces of either layer stand for are the same "

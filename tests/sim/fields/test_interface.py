@@ -60,12 +60,12 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
     (interface,) = interface_traction(model, positions)
     modulus = 1e5 * 0.7 / (1.3 * 0.4)
     expected = modulus * strain / (1.0 + strain)
-    smooth = (interface.smooth_below_pa, interface.smooth_above_pa)
-    for side in (interface.below_pa, interface.above_pa, *smooth):
+    smooth = (interface.smooth.below_pa, interface.smooth.above_pa)
+    for side in (interface.element.below_pa, interface.element.above_pa, *smooth):
         assert side[..., 2] == pytest.approx(expected, rel=5e-3)
-    assert interface.jump_relative < 1e-2
-    assert interface.smooth_jump_relative < 1e-2
-    assert interface.areas_m2.sum() * model.mesh.symmetry.copies == pytest.approx(
+    assert interface.element.jump_relative < 1e-2
+    assert interface.smooth.jump_relative < 1e-2
+    assert interface.smooth.areas_m2.sum() * model.mesh.symmetry.copies == pytest.approx(
         np.pi * PAD.radius_m**2, rel=0.1
     )
 
@@ -87,12 +87,14 @@ def test_jump_shrinks_with_refinement() -> None:
     """Half the edge: the jump and the integrals' gaps to the force shrink."""
     coarse, force, _ = pressed(layered_model(10.0))
     fine, fine_force, _ = pressed(layered_model(10.0, size_m=0.5e-3, sectors=24))
-    assert fine.jump_relative < 0.75 * coarse.jump_relative
-    assert fine.smooth_jump_relative < 0.6 * coarse.smooth_jump_relative
-    assert fine.smooth_jump_relative < fine.jump_relative
-    assert fine.force_smooth_below_n[2] == pytest.approx(fine_force, rel=0.03)
-    assert fine.force_smooth_above_n[2] == pytest.approx(fine_force, rel=0.03)
-    assert abs(fine.force_below_n[2] / fine_force - 1.0) < abs(coarse.force_below_n[2] / force - 1)
+    assert fine.element.jump_relative < 0.75 * coarse.element.jump_relative
+    assert fine.smooth.jump_relative < 0.6 * coarse.smooth.jump_relative
+    assert fine.smooth.jump_relative < fine.element.jump_relative
+    assert fine.smooth.forces_n[0][2] == pytest.approx(fine_force, rel=0.03)
+    assert fine.smooth.forces_n[1][2] == pytest.approx(fine_force, rel=0.03)
+    assert abs(fine.element.forces_n[0][2] / fine_force - 1.0) < abs(
+        coarse.element.forces_n[0][2] / force - 1
+    )
 
 
 @pytest.mark.slow
@@ -102,8 +104,8 @@ def test_9dtact_carries_the_press_through_its_interface() -> None:
     for found in (coarse, fine):
         assert found.interface.recovered_jump_relative < 1e-6
         assert found.interface.force_n[2] == pytest.approx(found.force_n, rel=1e-6)
-    assert fine.interface.smooth_jump_relative < 0.8 * coarse.interface.smooth_jump_relative
-    assert fine.interface.jump_relative < 0.6 * coarse.interface.jump_relative
+    assert fine.interface.smooth.jump_relative < 0.8 * coarse.interface.smooth.jump_relative
+    assert fine.interface.element.jump_relative < 0.6 * coarse.interface.element.jump_relative
     assert max(map(abs, fine.sums_relative)) < 0.5 * max(map(abs, coarse.sums_relative))
 
 
