@@ -46,7 +46,7 @@ class HardCase:
     name: str
     criterion: str
     measure: Callable[[], Outcome]
-    limit_s: float = 300.0
+    limit_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

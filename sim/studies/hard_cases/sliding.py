@@ -35,8 +35,14 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
     path = LoadingPath(pad_model(mesh, contact_options=options), Sphere(diameter_m=10e-3))
     path.advance(0.3e-3)
-    legs = [(1.0, 1), (0.0, hold_count), (1.0, step_count), (0.0, hold_count), (-1.0, step_count)]
-    moves = [sign * step_m for sign, count in legs for _ in range(count)]
+    strokes = [
+        (1.0, 1),
+        (0.0, hold_count),
+        (1.0, step_count),
+        (0.0, hold_count),
+        (-1.0, step_count),
+    ]
+    moves = [sign * step_m for sign, count in strokes for _ in range(count)]
     record = _SlipRecord(path)
     for move in moves:
         record.go(path.carry(shift_m=(move, 0.0)), driven=move != 0.0)

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from sim.scene.scene import Effect
-from sim.studies.effects_check.cases import EffectCase, effect_cases
+from sim.studies.effects_check.cases import EFFECT_CASES, EffectCase
 from sim.studies.effects_check.check import EffectCheck, check_effects
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
@@ -54,7 +54,7 @@ def effects_check(
 
 
 def _chosen(names: list[str]) -> list[EffectCase]:
-    known = {case.name: case for case in effect_cases()}
+    known = {case.name: case for case in EFFECT_CASES}
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ConfigError(
@@ -86,7 +86,7 @@ def _page(checks: Sequence[EffectCheck], command: str) -> str:
     facts = {
         "command": command,
         "checks": checks,
-        "case_count": len(effect_cases()),
+        "case_count": len(EFFECT_CASES),
         "missed": [check.case.name for check in checks if not check.passed],
         "compared": _compared(checks),
         "apart": apart,

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from sim.studies.hard_cases.case import CaseResult, observe
-from sim.studies.hard_cases.catalogue import CASES, select_cases
+from sim.studies.hard_cases.catalogue import all_cases, select_cases
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.cli.studies.side_by_side import Jobs
@@ -97,7 +97,7 @@ def markdown(results: Sequence[CaseResult], *, command: str, used: Mapping[str, 
     facts = {
         "summary": _summary(results),
         "results": results,
-        "case_count": len(CASES),
+        "case_count": len(all_cases()),
         "command": command,
         "versions": ", ".join(f"{name} {used[name]}" for name in _NUMERICAL if name in used),
         "machine": machine(),

@@ -11,7 +11,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
-from sim.studies.effects_check.cases import EffectCase, effect_cases
+from sim.studies.effects_check.cases import EFFECT_CASES, EffectCase
 from sim.studies.effects_check.check import check_effects, everything_on
 
 SMALL = Scene(
@@ -28,7 +28,7 @@ SMALL = Scene(
 
 def test_the_catalogue_differs_in_what_is_planned() -> None:
     """Every doubtful effect is on in one scene and off in another; names are unique."""
-    cases = effect_cases()
+    cases = EFFECT_CASES
     assert len({case.name for case in cases}) == len(cases) >= 8
     plans = [plan_effects(case.scene) for case in cases]
     doubtful = set(Effect) - {Effect.SELF_CONTACT, Effect.IMAGE, Effect.SHADOW, Effect.MARKERS}

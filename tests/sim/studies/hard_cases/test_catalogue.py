@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from sim.studies.hard_cases.catalogue import CASES, select_cases
+from sim.studies.hard_cases.catalogue import all_cases, select_cases
 from tacauchy_rig.errors import ConfigError
 
 
 def test_numbers_are_unique_and_rows_are_selected() -> None:
     """A number names one case; an unknown one is refused with those that exist."""
-    numbers = [case.number for case in CASES]
+    numbers = [case.number for case in all_cases()]
     assert numbers == sorted(set(numbers))
     assert [case.number for case in select_cases([14, 1])] == [1, 14]
     with pytest.raises(ConfigError, match="no hard case 20") as error:
