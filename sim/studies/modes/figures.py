@@ -19,8 +19,8 @@ from matplotlib.tri import Triangulation
 
 from sim.arrays import FloatArray, IntArray
 from sim.fields.plane_cut import PlaneCut, cut
-from sim.studies.modes.maps import SurfaceMaps, surface_maps, traction_arrows
 from sim.studies.modes.runs import ModeRun
+from sim.studies.modes.signatures import SurfaceMaps, surface_maps, traction_arrows
 from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
 _STEEL = "#C9CED6"

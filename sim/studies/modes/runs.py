@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
+
+import numpy as np
 
 from sim.effects.plan import plan_effects
 from sim.press import path_for
@@ -14,17 +16,12 @@ from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
-from sim.studies.modes.criteria import (
-    FRICTION,
-    GROWTH_MAX,
-    SLIDE_STEP_M,
-    ModeCriterion,
-    press_criteria,
-    slide_criteria,
-    twist_criteria,
-)
 from sim.studies.modes.signatures import ContactSignature, contact_signature
 
+FRICTION = 0.5
+SLIDE_STEP_M = 0.2e-3
+# A slide has let go where its resultant grows by less than this in a step.
+GROWTH_MAX = 5e-3
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)
 BALL = Sphere(diameter_m=8e-3)
 # A ball's whole contact is smooth: its edge wants finer faces than a force does.
@@ -34,6 +31,94 @@ _SLIDE_MAX_M = 2e-3
 _TWIST_STEP_RAD, _TWIST_MAX_RAD = 0.1, 0.6
 # Every point slides where the tangential sizes' sum comes this close to mu times the normal one.
 _SLIDING_SHARE = 0.999
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeCriterion:
+    """One number of a signature against its limit.
+
+    Attributes:
+        judged: False where the run did not come to what the number is about; it has then failed.
+    """
+
+    name: str
+    measured: float
+    limit: str
+    passed: bool
+    judged: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in a word or two."""
+        if not self.judged:
+            return "not judged"
+        return "ok" if self.passed else "MISSED"
+
+
+def press_criteria(signature: ContactSignature) -> tuple[ModeCriterion, ...]:
+    """Judge a straight press."""
+    resultant = float(np.linalg.norm(signature.tangential_n[:2])) / signature.normal_size_n
+    return (
+        _at_least("tangential traction is radial: mean cosine", signature.radial_share, 0.95),
+        _below("tangential resultant in the plane over F_n", resultant, 1e-3),
+    )
+
+
+def slide_criteria(
+    before: ContactSignature, signature: ContactSignature, growth: float
+) -> tuple[ModeCriterion, ...]:
+    """Judge a slide's end.
+
+    Args:
+        before: Where it began.
+        growth: Relative growth of the tangential resultant over F_n in the last step.
+    """
+    on_indenter = -np.array(signature.tangential_n)
+    cosine = float(on_indenter[0] / np.linalg.norm(on_indenter))
+    mobilised = signature.mobilised_friction / FRICTION
+    settled = abs(growth) <= GROWTH_MAX
+    advance = signature.centre_m[0] - before.centre_m[0]
+    step = f"{SLIDE_STEP_M * 1e3:g} mm"
+    return (
+        _below("cosine of summed traction on the indenter and motion", cosine, -0.98),
+        ModeCriterion(
+            name=f"growth of the tangential resultant in the last {step}",
+            measured=growth,
+            limit=f"within {GROWTH_MAX:g}",
+            passed=settled,
+        ),
+        ModeCriterion(
+            name="tangential resultant over mu F_n where all slides",
+            measured=mobilised,
+            limit="1 within 0.02",
+            passed=settled and abs(mobilised - 1.0) <= 0.02,
+            judged=settled,
+        ),
+        ModeCriterion(
+            name="centre of pressure moved towards the leading edge [mm]",
+            measured=advance * 1e3,
+            limit="> 0",
+            passed=advance > 0.0,
+        ),
+    )
+
+
+def twist_criteria(signature: ContactSignature) -> tuple[ModeCriterion, ...]:
+    """Judge a turn."""
+    share = signature.circumferential_share
+    return (_at_least("tangential traction is circumferential: mean cosine", share, 0.95),)
+
+
+def _at_least(name: str, measured: float, limit: float) -> ModeCriterion:
+    return ModeCriterion(
+        name=name, measured=measured, limit=f">= {limit:g}", passed=measured >= limit
+    )
+
+
+def _below(name: str, measured: float, limit: float) -> ModeCriterion:
+    return ModeCriterion(
+        name=name, measured=measured, limit=f"< {limit:g}", passed=measured < limit
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +154,6 @@ class ModeRun:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``, units in the keys."""
-        signature = self.signature
         return {
             "name": self.name,
             "sensor": self.sensor.name,
@@ -79,26 +163,9 @@ class ModeRun:
             "passed": self.passed,
             "force_n": [float(value) for value in self.point.force_n],
             "depth_m": self.point.depth_m,
-            "normal_n": signature.normal_n,
-            "normal_sum_n": signature.normal_sum_n,
-            "tangential_n": signature.tangential_n,
-            "tangential_sum_n": signature.tangential_sum_n,
-            "centre_m": signature.centre_m,
-            "circumferential_share": signature.circumferential_share,
-            "radial_share": signature.radial_share,
-            "inward_share": signature.inward_share,
-            "radial_share_points": signature.radial_share_points,
+            **asdict(self.signature),
             "processor_s": self.processor_s,
-            "criteria": [
-                {
-                    "name": criterion.name,
-                    "measured": criterion.measured,
-                    "limit": criterion.limit,
-                    "passed": criterion.passed,
-                    "judged": criterion.judged,
-                }
-                for criterion in self.criteria
-            ],
+            "criteria": [asdict(criterion) for criterion in self.criteria],
         }
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +12,11 @@ import typer
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from sim.studies.modes.criteria import FRICTION
 from sim.studies.modes.figures import draw_modes, draw_sensors
 from sim.studies.modes.runs import (
     BALL,
     BALL_REFINEMENT,
+    FRICTION,
     PUNCH,
     ModeRun,
     press_in,
@@ -26,8 +27,9 @@ from sim.studies.modes.runs import (
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
 from tacauchy_rig.cli.press_terms import parse_indenter
-from tacauchy_rig.cli.studies.modes_page import markdown
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.page import page as written
+from tacauchy_rig.tables import Table, table_of
 
 _MOVED_ON = "gelsight-mini"
 _SENSORS = ("gelsight-mini", "digit", "9dtact")
@@ -67,7 +69,7 @@ def modes(
             command += f" --indenter {indenter}"
         if preset is not Preset.FAST:
             command += f" --preset {preset.value}"
-        write_text(page, markdown(punched, pressed, command=command, preset=preset))
+        write_text(page, modes_page(punched, pressed, command=command, preset=preset))
         say(f"page {page}")
     write_json(json_file, {"preset": preset, "modes": [run.as_json() for run in runs]})
     raise typer.Exit(0 if all(run.passed for run in runs) else 1)
@@ -108,3 +110,65 @@ def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
             told = f"{criterion.measured:10.5f}  {criterion.limit:14} {criterion.verdict}"
             say(f"  {criterion.name:60} {told}")
         yield run
+
+
+def modes_page(
+    moved: Sequence[ModeRun], pressed: Sequence[ModeRun], *, command: str, preset: Preset
+) -> str:
+    """Return what was found as a page of Markdown.
+
+    Args:
+        moved: A punch's modes on one sensor.
+        pressed: One press on several sensors.
+        command: What makes the page.
+    """
+    runs = [*moved, *pressed]
+    return written(
+        "tacauchy_rig.cli.studies",
+        "modes.md.jinja",
+        {
+            "command": command,
+            "preset": preset,
+            "friction": f"{FRICTION:g}",
+            "missed": [run.title for run in runs if not run.passed],
+            "punch": describe(moved[0].indenter),
+            "sensor": moved[0].sensor.title,
+            "ball": f"{describe(pressed[0].indenter)}, {pressed[0].travel}",
+            "refinement": f"{BALL_REFINEMENT:g}",
+            "moved": _criteria(moved),
+            "pressed": _criteria(pressed),
+            "signatures": _signatures(runs),
+        },
+    )
+
+
+def _criteria(runs: Sequence[ModeRun]) -> Table:
+    return table_of(
+        [(run, criterion) for run in runs for criterion in run.criteria],
+        {
+            "run": lambda row: f"{row[0].sensor.title}, {row[0].name}, {row[0].travel}",
+            "criterion": lambda row: row[1].name,
+            "measured": lambda row: row[1].measured,
+            "limit": lambda row: row[1].limit,
+            "": lambda row: row[1].verdict if row[1].passed else f"**{row[1].verdict}**",
+        },
+    )
+
+
+def _signatures(runs: Sequence[ModeRun]) -> Table:
+    return table_of(
+        runs,
+        {
+            "sensor, mode": lambda run: f"{run.sensor.title}, {run.name}",
+            "F_n [N]": lambda run: f"{run.signature.normal_size_n:.4f}",
+            "T [N]": lambda run: f"{math.hypot(*run.signature.tangential_n):.4f}",
+            "sum t [N]": lambda run: f"{run.signature.tangential_sum_n:.4f}",
+            "sliding": lambda run: f"{run.signature.sliding_friction / FRICTION:.4f}",
+            "centre [mm]": lambda run: f"{run.signature.centre_m[0] * 1e3:.4f}",
+            "radial": lambda run: f"{run.signature.radial_share:.4f}",
+            "inward": lambda run: f"{run.signature.inward_share:.4f}",
+            "around": lambda run: f"{run.signature.circumferential_share:.4f}",
+            "radial, by point": lambda run: f"{run.signature.radial_share_points:.3f}",
+            "time [s]": lambda run: f"{run.processor_s:.0f}",
+        },
+    )

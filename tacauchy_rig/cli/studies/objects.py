@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,8 @@ from sim.studies.objects.runs import DEPTH_M, ObjectPress, press_object
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
-from tacauchy_rig.cli.studies.objects_page import markdown
+from tacauchy_rig.page import page as written
+from tacauchy_rig.tables import table_of
 
 _SENSORS = "gelsight-mini,digit"
 
@@ -48,7 +50,7 @@ def objects(
         command = f"tacauchy-rig objects --out {out} --page {page}"
         command += f" --sensors {sensors}" if sensors != _SENSORS else ""
         command += f" --preset {preset}" if preset is not Preset.FAST else ""
-        write_text(page, markdown(runs, command=command, preset=preset))
+        write_text(page, objects_page(runs, command=command, preset=preset))
         say(f"page {page}")
     rows = [
         {
@@ -73,3 +75,51 @@ def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
         run = found[-1]
         say(f"  {run.sensor}, {label}: {run.force_n:.3f} N [{run.processor_s:.0f} s]")
     return found
+
+
+def objects_page(runs: Sequence[Sequence[ObjectPress]], *, command: str, preset: Preset) -> str:
+    """Return what was found as a page of Markdown.
+
+    Args:
+        runs: Of each sensor the objects in one order.
+        command: What makes the page.
+    """
+    presses = [run for sensor in runs for run in sensor]
+    bodies = table_of(
+        OBJECTS,
+        {
+            "object": str,
+            "what it is": lambda name: (
+                (OBJECTS[name].__doc__ or "").strip().removeprefix("Return ").rstrip(".")
+            ),
+        },
+    )
+    rows = table_of(
+        presses,
+        {
+            "sensor": lambda run: run.sensor,
+            "object": lambda run: run.name,
+            "F_z [N]": lambda run: f"{run.force_n:.3f}",
+            "highest pixel above the object [um]": lambda run: (
+                f"{_seen_um(run.highest_over_m):.3g}"
+            ),
+            "time [s]": lambda run: f"{run.processor_s:.0f}",
+        },
+    )
+    return written(
+        "tacauchy_rig.cli.studies",
+        "objects.md.jinja",
+        {
+            "command": command,
+            "depth_mm": f"{DEPTH_M * 1e3:g}",
+            "preset": preset,
+            "minutes": f"{sum(run.processor_s for run in presses) / 60.0:.0f}",
+            "bodies": bodies,
+            "presses": rows,
+        },
+    )
+
+
+def _seen_um(height_m: float) -> float:
+    """Return a height [um]; below a picometre it is rounding."""
+    return 0.0 if height_m < 1e-12 else height_m * 1e6

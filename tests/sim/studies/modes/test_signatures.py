@@ -14,10 +14,17 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.modes.criteria import FRICTION, slide_criteria
 from sim.studies.modes.figures import draw_modes, draw_sensors
-from sim.studies.modes.maps import surface_maps, traction_arrows
-from sim.studies.modes.runs import ModeRun, Pressed, press_mode, slide_mode, twist_mode
+from sim.studies.modes.runs import (
+    FRICTION,
+    ModeRun,
+    Pressed,
+    press_mode,
+    slide_criteria,
+    slide_mode,
+    twist_mode,
+)
+from sim.studies.modes.signatures import surface_maps, traction_arrows
 
 BALL = Sphere(diameter_m=10e-3)
 DEPTH_M = 0.3e-3

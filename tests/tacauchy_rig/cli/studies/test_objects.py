@@ -6,14 +6,14 @@ from dataclasses import replace
 
 from sim.scene.scene import Preset
 from sim.studies.objects.shapes import OBJECTS
-from tacauchy_rig.cli.studies.objects_page import markdown
+from tacauchy_rig.cli.studies.objects import objects_page
 from tests.sim.made_up_presses import object_presses
 
 
 def test_page_names_every_press_and_what_is_above_an_object() -> None:
     """One row a press; a pixel above its object is told in micrometres."""
     first, *others = object_presses("one")
-    text = markdown(
+    text = objects_page(
         [[replace(first, highest_over_m=2e-6), *others]], command="x", preset=Preset.FAST
     )
     assert "Made by `x`." in text
