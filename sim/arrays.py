@@ -7,3 +7,5 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
+Float32Array = NDArray[np.float32]
+RealArray = NDArray[np.floating]

@@ -16,11 +16,11 @@ from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.sensor_fit import calibrate_presses
 from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.colour.grey_depth import GreyDepthModel
+from sim.optics.colour.lamps import SHADOWS, ShadowCaster, read_shadows
+from sim.optics.colour.nominal import nominal_model, shadows_of
+from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.height.rest_slope import rest_slopes, touching_places
-from sim.optics.render.grey_depth import GreyDepthModel
-from sim.optics.render.photometric.model import PhotometricModel, load_photometric
-from sim.optics.render.sensor_lamps import nominal_model, shadows_of
-from sim.optics.render.shadows.shadow import SHADOWS, ShadowCaster, read_shadows
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError

@@ -15,8 +15,7 @@ from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.markers.tracking import track_markers
-from sim.optics.render.nominal_renderer import GREY_LEVEL
-from sim.optics.render.render import TactileRenderer
+from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics

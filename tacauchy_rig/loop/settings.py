@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance
-from sim.optics.render.sensor_lamps import nominal_model
+from sim.optics.colour.nominal import nominal_model
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Preset

@@ -23,10 +23,10 @@ from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_pre
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.calibrate.response_fit import fit_response
 from sim.optics.calibrate.ridge_fit import fit_ridge
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.photometric.shading_terms import ShadingTerms
-from sim.optics.render.response import LINEAR, Response
-from sim.optics.render.shadows.shadow import ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)

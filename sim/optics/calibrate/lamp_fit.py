@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.photometric_fit import PhotometricSamples
-from sim.optics.render.photometric.polynomial import polynomial_exponents
-from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
+from sim.optics.colour.polynomial import polynomial_exponents
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 
 _SAMPLES = 2500
 _AZIMUTHS = np.arange(12) * (np.pi / 6.0)

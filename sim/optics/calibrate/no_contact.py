@@ -10,7 +10,7 @@ from sim.arrays import FloatArray
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.exposure import exposed
 from sim.optics.calibrate.presses.samples import BEYOND_RIM, PressScene
-from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 
 
 def averaged_no_contact(

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.photometric.polynomial import monomials, polynomial_exponents
-from sim.optics.render.photometric.shading_terms import ShadingTerms
-from sim.optics.render.response import LINEAR, Response
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.polynomial import monomials, polynomial_exponents
+from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
 _STEEP = polynomial_exponents(

@@ -7,12 +7,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sim.arrays import FloatArray
+from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.samples import PressScene
-from sim.optics.height.tilt import Float32Array
-from sim.optics.render.shadows.shadow import ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
+from sim.optics.render.shadows import darkening
 
 
 def press_image(found: Calibration, circle: Circle) -> FloatArray:
@@ -32,7 +32,7 @@ def press_image(found: Calibration, circle: Circle) -> FloatArray:
         change = change * np.asarray(gain, dtype=np.float64)
     if found.shadows is not None:
         bulge, tilt = pressed_surface(scene, circle)
-        change = change + found.shadows.darkening(bulge, tilt, scene.geometry).transpose(1, 2, 0)
+        change = change + darkening(found.shadows, bulge, tilt, scene.geometry).transpose(1, 2, 0)
     if found.blur_px > 0.0:
         change = np.asarray(cv2.GaussianBlur(change, (0, 0), found.blur_px), dtype=np.float64)
     return np.asarray(model.response.levels(light + change), dtype=np.float64)
@@ -45,7 +45,7 @@ def without_shadows(
     if shadows is None:
         return press
     bulge, tilt = pressed_surface(scene, circle)
-    taken = shadows.darkening(bulge, tilt, scene.geometry)
+    taken = darkening(shadows, bulge, tilt, scene.geometry)
     image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
     return replace(press, image=image.astype(np.uint8))
 

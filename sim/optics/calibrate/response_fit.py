@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
-from sim.optics.render.photometric.shading_terms import ShadingTerms
-from sim.optics.render.response import BRIGHTEST, Response
+from sim.optics.colour.response import BRIGHTEST, Response
+from sim.optics.colour.shading_terms import ShadingTerms
 
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
 _SAMPLES = 6000

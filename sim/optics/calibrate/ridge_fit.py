@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.photometric_fit import RIDGE, PhotometricSamples, joined
-from sim.optics.render.photometric.shading_terms import ShadingTerms
+from sim.optics.colour.shading_terms import ShadingTerms
 
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 _GROUPS = 6

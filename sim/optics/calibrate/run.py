@@ -22,7 +22,7 @@ from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.calibrate.presses.scores import RenderedPress, held_out_errors
 from sim.optics.calibrate.presses.slope_coverage import SlopeCoverage, slope_coverage
 from sim.optics.calibrate.sensor_fit import calibrate_presses
-from sim.optics.render.shadows.shadow import SHADOWS
+from sim.optics.colour.lamps import SHADOWS
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError
 

@@ -13,8 +13,8 @@ from sim.optics.calibrate.press_image import without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.optics.render.grey_depth import GREY_EXPONENTS
-from sim.optics.render.sensor_lamps import shadows_of
+from sim.optics.colour.grey_depth import GREY_EXPONENTS
+from sim.optics.colour.nominal import shadows_of
 from sim.sensor.sensor import Sensor
 from sim.sensor.tables import OpticsKind
 

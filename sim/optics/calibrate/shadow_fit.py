@@ -15,16 +15,15 @@ from functools import partial
 import cv2
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import Float32Array, FloatArray, IntArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
 from sim.optics.calibrate.press_image import pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.height.tilt import Float32Array
-from sim.optics.render.nominal import Lamp
-from sim.optics.render.shadows.shadow import ShadowCaster, lost_share
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.render.shadows import lost_share
 
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest

@@ -1,13 +1,12 @@
-"""Warp kernel from changes of light to the bytes of one image, a block of pixels at a time."""
-
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
+"""Warp kernels from changes of light to the bytes of images: blur, no-contact frame, rounding."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
-from sim.optics.render.pixel_kernel import BLOCK_FLAGS, LANES, Block, ByteBlock
+from sim.optics.render.pixel_kernel import BLOCK_FLAGS, Layout
 
 wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
@@ -18,12 +17,54 @@ def _reflected(place: int, count: int) -> int:
     return wp.where(place < 0, -place, wp.where(place >= count, 2 * count - 2 - place, place))
 
 
+@wp.kernel(enable_backward=False)
+def blur_columns(
+    layout: Layout,
+    first: wp.int32,
+    weights: wp.array(dtype=wp.float32),
+    room: wp.int32,
+    # Data in:
+    change: wp.array2d(dtype=Any),
+    # Data out:
+    blurred_out: wp.array2d(dtype=Any),
+):
+    """Weigh neighbours along columns; rows that are written have ``room`` blocks at each end."""
+    image, i, k = wp.tid()
+    row = first + i
+    reach = weights.shape[0] / 2
+    to = (image * layout.rows + row) * (layout.blocks + 2 * room) + room + k
+    for channel in range(3):
+        total = type(change[channel, k])()
+        for d in range(weights.shape[0]):
+            beside = image * layout.rows + _reflected(row + d - reach, layout.rows)
+            total += weights[d] * change[channel, beside * layout.blocks + k]
+        blurred_out[channel, to] = total
+
+
+@wp.kernel(enable_backward=False)
+def mirror_ends(
+    layout: Layout,
+    first: wp.int32,
+    reach: wp.int32,
+    room: wp.int32,
+    # Data in and out:
+    blurred: wp.array3d(dtype=wp.float32),
+):
+    """Continue rows beyond the border's pixels, which are the mirrors; ``room`` is in pixels."""
+    image, i, channel = wp.tid()
+    row = image * layout.rows + first + i
+    end = room + layout.columns - 1
+    for d in range(1, reach + 1):
+        blurred[channel, row, room - d] = blurred[channel, row, room + d]
+        blurred[channel, row, end + d] = blurred[channel, row, end - d]
+
+
 @wp.func
-def _compressed(levels: Block, knee: wp.float32) -> Block:
+def _compressed(levels: Any, knee: wp.float32):
     """Return light as the camera shows it, see ``response``."""
-    shown = Block()
+    shown = type(levels)()
     room = wp.float32(255.0) - knee
-    for n in range(LANES):
+    for n in range(len(levels)):
         shown[n] = levels[n]
         if levels[n] > knee:
             shown[n] = knee + room * (wp.float32(1.0) - wp.exp((knee - levels[n]) / room))
@@ -31,44 +72,34 @@ def _compressed(levels: Block, knee: wp.float32) -> Block:
 
 
 @wp.kernel(enable_backward=False)
-def expose_rows(
-    blocks: wp.int32,
-    columns: wp.int32,
-    start: wp.int32,
-    knee: wp.float32,
+def expose_pixels(
+    layout: Layout,
+    first: wp.int32,
     weights: wp.array(dtype=wp.float32),
-    base: wp.array2d(dtype=Block),
+    room: wp.int32,
+    knee: wp.float32,
+    base: wp.array2d(dtype=Any),
     # Data in:
-    change: wp.array2d(dtype=Block),
-    # Scratch:
-    row_single: wp.array(dtype=wp.float32),
-    row_blocks: wp.array(dtype=Block),
-    row_shifted: wp.array2d(dtype=Block),
+    blurred: wp.array3d(dtype=Any),
     # Data out:
-    image_out: wp.array2d(dtype=ByteBlock),
+    image_out: wp.array4d(dtype=wp.uint8),
 ):
-    """Weigh neighbours along columns and rows, add what does not change, compress and round."""
-    i = wp.tid() + start
-    reach = weights.shape[0] / 2
-    rows = change.shape[1] / (blocks + 2)
+    """Weigh neighbours along rows, add what does not change, compress and round.
+
+    The first index of ``blurred`` says by how many pixels a block lies further right, less those
+    that the weights reach.
+    """
+    image, i, k = wp.tid()
+    row = first + i
+    at = (image * layout.rows + row) * (layout.blocks + 2 * room) + room + k
     for channel in range(3):
-        for k in range(blocks):
-            total = Block()
-            for d in range(weights.shape[0]):
-                row = _reflected(i + d - reach, rows)
-                total += weights[d] * change[channel, row * (blocks + 2) + 1 + k]
-            row_blocks[1 + k] = total
-        for d in range(1, reach + 1):
-            row_single[LANES - d] = row_single[LANES + d]
-            row_single[LANES + columns - 1 + d] = row_single[LANES + columns - 1 - d]
-        for k in range(blocks):
-            levels = base[channel, i * blocks + k]
-            for d in range(weights.shape[0]):
-                levels += weights[d] * row_shifted[d, 1 + k]
-            exposed = ByteBlock()
-            if wp.max(levels) > knee and knee < wp.float32(255.0):
-                levels = _compressed(levels, knee)
-            for n in range(LANES):
+        levels = base[channel, row * layout.blocks + k]
+        for d in range(weights.shape[0]):
+            levels += weights[d] * blurred[d, channel, at]
+        if wp.max(levels) > knee and knee < wp.float32(255.0):
+            levels = _compressed(levels, knee)
+        for n in range(len(levels)):
+            column = k * len(levels) + n
+            if column < layout.columns:
                 bounded = wp.clamp(levels[n] + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0))
-                exposed[n] = wp.uint8(bounded)
-            image_out[channel, i * blocks + k] = exposed
+                image_out[image, row, column, channel] = wp.uint8(bounded)

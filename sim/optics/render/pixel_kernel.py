@@ -1,15 +1,17 @@
-"""Warp kernels on one image's samples, a block of pixels of a row at a time.
+"""Warp kernels on images' samples, a block of pixels of a row in each thread.
 
-Whole blocks are added and multiplied, so that an instruction of the processor works on many pixels.
-A plane has ``pitch`` blocks for each row of pixels: those of the image and one of room at each end.
-A sample (a, b) of a pixel lies in a plane of its own, the ``a * samples + b``-th. Where an array
-has two indices, the first says by how many pixels the block lies further right, less those of room.
+On a processor a block is as wide as its registers: whole blocks are added and multiplied, so that
+an instruction works on many pixels. On a GPU a block is one pixel. Kernels are generic in it.
+
+A plane has ``pitch`` blocks for each row of pixels, those of the image and one of room at each end,
+and a row of room above and below. A sample (a, c) of a pixel lies in a plane of its own, the
+``a * samples + c``-th of its image. Where an array has two indices, the first says by how many
+pixels the block lies further right, less those of room.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
+
+from typing import Any
 
 import warp as wp
 
@@ -17,10 +19,6 @@ from sim.warp_start import start_warp
 
 start_warp()
 
-LANES = 16
-ROOM_ROWS = 2
-Block = wp.types.vector(length=LANES, dtype=wp.float32)
-ByteBlock = wp.types.vector(length=LANES, dtype=wp.uint8)
 # Warp's own flags keep the compiler from putting a whole block into an instruction.
 BLOCK_FLAGS = (
     "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
@@ -30,129 +28,138 @@ wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
 
 @wp.struct
-class Band:
-    """A band of rows of pixels, and where its samples lie."""
+class Layout:
+    """Where the samples of images lie."""
 
-    rows: wp.int32  # of the image
+    rows: wp.int32  # of pixels
+    columns: wp.int32
     blocks: wp.int32  # of pixels in a row
-    plane: wp.int32  # blocks of it
-    samples: wp.int32
-    first: wp.int32  # row of the image
+    pitch: wp.int32  # blocks of a row with its room
+    plane: wp.int32  # blocks
+    samples: wp.int32  # of a pixel, both ways
     half_per_x: wp.float32  # over twice the spacing of samples [1/m]
-    per_y: wp.float32  # over the spacing [1/m]
+    half_per_y: wp.float32
 
 
 @wp.func
-def place_of(band: Band, row: int, block: int) -> int:
-    """Return where a block of the first samples of a row of pixels lies."""
-    return (row - band.first + ROOM_ROWS) * (band.blocks + 2) + 1 + block
+def place_of(layout: Layout, image: int, row: int, block: int) -> int:
+    """Return where a block of an image's first samples lies."""
+    first = image * layout.samples * layout.samples * layout.plane
+    return first + (row + 1) * layout.pitch + 1 + block
 
 
 @wp.func
-def _above(band: Band, row: int, a: int, at: int) -> int:
-    """Return where the samples above those at a place lie; the border's are themselves."""
-    if a > 0:
-        return at - band.samples * band.plane
-    if row > 0:
-        return at + (band.samples - 1) * band.samples * band.plane - (band.blocks + 2)
-    return at
+def _sample_place(layout: Layout, lanes: int, image: int, row: int, column: int) -> int:
+    """Return which value is the sample in a row and column of samples, those of room included."""
+    samples = layout.samples
+    i, j = (row + samples) / samples - 1, (column + samples) / samples - 1
+    plane = (row - i * samples) * samples + column - j * samples
+    return lanes * (place_of(layout, image, i, 0) + plane * layout.plane) + j
 
 
 @wp.func
-def _below(band: Band, row: int, a: int, at: int) -> int:
-    """Return where the samples below lie."""
-    if a < band.samples - 1:
-        return at + band.samples * band.plane
-    if row < band.rows - 1:
-        return at - (band.samples - 1) * band.samples * band.plane + (band.blocks + 2)
-    return at
-
-
-@wp.func
-def _per_distance(band: Band, row: int, a: int) -> wp.float32:
-    """Return one over the distance between the samples above and below [1/m]."""
-    if row == 0 and a == 0:
-        return band.per_y
-    if row == band.rows - 1 and a == band.samples - 1:
-        return band.per_y
-    return wp.float32(0.5) * band.per_y
-
-
-@wp.func
-def _across_row(band: Band, planes: wp.array2d(dtype=Block), at: int, b: int) -> Block:
-    """Return the samples right of a block of the ``b``-th samples less those left of it."""
-    wrap = (band.samples - 1) * band.plane
-    first, last = b == 0, b == band.samples - 1
-    left = planes[wp.where(first, 0, 1), wp.where(first, at + wrap, at - band.plane)]
-    right = planes[wp.where(last, 2, 1), wp.where(last, at - wrap, at + band.plane)]
+def _along_row(layout: Layout, planes: wp.array2d(dtype=Any), at: int, c: int):
+    """Return the samples right of a block of samples in column ``c`` less those left of it."""
+    wrap = (layout.samples - 1) * layout.plane
+    first, last = c == 0, c == layout.samples - 1
+    left = planes[wp.where(first, 0, 1), wp.where(first, at + wrap, at - layout.plane)]
+    right = planes[wp.where(last, 2, 1), wp.where(last, at - wrap, at + layout.plane)]
     return right - left
 
 
+@wp.func
+def _down_column(layout: Layout, planes: wp.array(dtype=Any), at: int, a: int):
+    """Return the samples below a block of samples in row ``a`` less those above."""
+    step = layout.samples * layout.plane
+    wrap = (layout.samples - 1) * step - layout.pitch
+    above = wp.where(a == 0, at + wrap, at - step)
+    below = wp.where(a == layout.samples - 1, at - wrap, at + step)
+    return planes[below] - planes[above]
+
+
 @wp.kernel(enable_backward=False)
-def continue_rows(
-    band: Band,
-    columns: wp.int32,
-    start: wp.int32,
-    # Data in and out:
-    planes: wp.array(dtype=wp.float32),
+def lay_out_samples(
+    layout: Layout,
+    first: wp.int32,
+    rest: wp.array(dtype=Any),
+    # Data in:
+    dent: wp.array3d(dtype=wp.float32),
+    # Data out:
+    dent_out: wp.array(dtype=Any),
+    height_out: wp.array(dtype=Any),
 ):
-    """Go on linearly by a sample at both ends of rows: differences are one-sided there."""
-    row = start + wp.tid()
-    plane = LANES * band.plane
-    for a in range(band.samples):
-        first = LANES * place_of(band, row, 0) + a * band.samples * plane
-        end = first + (band.samples - 1) * plane + columns - 1
-        after, before = first + 1, end - 1
-        if band.samples > 1:
-            after, before = first + plane, end - plane
-        planes[first - 1 + (band.samples - 1) * plane] = (
-            wp.float32(2.0) * planes[first] - planes[after]
-        )
-        planes[first + columns] = wp.float32(2.0) * planes[end] - planes[before]
+    """Put the indentations of samples into planes, and the heights that they leave [m]."""
+    image, i, k = wp.tid()
+    row = first + i
+    for a in range(layout.samples):
+        for c in range(layout.samples):
+            plane = (a * layout.samples + c) * layout.plane
+            height = rest[place_of(layout, 0, row, k) + plane]
+            values = type(height)()
+            for n in range(len(height)):
+                column = wp.min(k * len(height) + n, layout.columns - 1)
+                values[n] = dent[image, row * layout.samples + a, column * layout.samples + c]
+            at = place_of(layout, image, row, k) + plane
+            dent_out[at] = values
+            height_out[at] = height - values
+
+
+@wp.kernel(enable_backward=False)
+def continue_samples(
+    layout: Layout,
+    lanes: wp.int32,
+    # Data in and out:
+    values: wp.array(dtype=wp.float32),
+):
+    """Go on linearly by a sample beyond all borders: differences are one-sided there."""
+    image, n = wp.tid()
+    rows, columns = layout.rows * layout.samples, layout.columns * layout.samples
+    for end in range(2):
+        row, column = n, wp.where(end == 0, 0, columns - 1)
+        row_step, column_step = 0, 2 * end - 1
+        if n >= rows:
+            row, column = wp.where(end == 0, 0, rows - 1), n - rows
+            row_step, column_step = 2 * end - 1, 0
+        last = _sample_place(layout, lanes, image, row, column)
+        before = _sample_place(layout, lanes, image, row - row_step, column - column_step)
+        beyond = _sample_place(layout, lanes, image, row + row_step, column + column_step)
+        values[beyond] = wp.float32(2.0) * values[last] - values[before]
 
 
 @wp.kernel(enable_backward=False)
 def tilt_samples(
-    band: Band,
-    start: wp.int32,
-    rest: wp.array(dtype=Block),
+    layout: Layout,
+    first: wp.int32,
     # Data in:
-    height: wp.array2d(dtype=Block),
+    height: wp.array2d(dtype=Any),
     # Data out:
-    along_out: wp.array(dtype=Block),
-    across_out: wp.array(dtype=Block),
-    dent_out: wp.array(dtype=Block),
+    along_out: wp.array(dtype=Any),
+    across_out: wp.array(dtype=Any),
 ):
-    """Tilt by central differences, one-sided at the border, and indentation, from a row on."""
-    t = wp.tid()
-    i = t / band.blocks
-    k = t - i * band.blocks
-    row = start + i
-    for a in range(band.samples):
-        per_y = _per_distance(band, row, a)
-        for b in range(band.samples):
-            at = place_of(band, row, k) + (a * band.samples + b) * band.plane
-            p = _across_row(band, height, at, b) * band.half_per_x
-            q = (height[1, _below(band, row, a, at)] - height[1, _above(band, row, a, at)]) * per_y
+    """Tilt along rows and along columns by central differences."""
+    image, i, k = wp.tid()
+    at = place_of(layout, image, first + i, k)
+    for a in range(layout.samples):
+        for c in range(layout.samples):
+            p = _along_row(layout, height, at, c) * layout.half_per_x
+            q = _down_column(layout, height[1], at, a) * layout.half_per_y
             scale = wp.cw_mul(p, p) + wp.cw_mul(q, q)
-            for n in range(LANES):
+            for n in range(len(scale)):
                 scale[n] = wp.float32(1.0) / wp.sqrt(wp.float32(1.0) + scale[n])
             along_out[at] = wp.cw_mul(p, scale)
             across_out[at] = wp.cw_mul(q, scale)
-            dent_out[at] = rest[at] - height[1, at]
+            at += layout.plane
 
 
 @wp.func
 def bend_of(
-    band: Band,
-    along: wp.array2d(dtype=Block),
-    across: wp.array(dtype=Block),
-    row: int,
-    a: int,
-    b: int,
+    layout: Layout,
+    along: wp.array2d(dtype=Any),
+    across: wp.array(dtype=Any),
     at: int,
-) -> Block:
-    """Divergence of the tilt by central differences, one-sided at the border."""
-    p = _across_row(band, along, at, b) * band.half_per_x
-    q = across[_below(band, row, a, at)] - across[_above(band, row, a, at)]
-    return p + q * _per_distance(band, row, a)
+    a: int,
+    c: int,
+):
+    """Return the divergence of the tilt by central differences [1/m]."""
+    p = _along_row(layout, along, at, c) * layout.half_per_x
+    return p + _down_column(layout, across, at, a) * layout.half_per_y

@@ -15,12 +15,11 @@ from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.colour.nominal import lamps_of, nominal_model, shadows_of
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
-from sim.optics.render.render import TactileRenderer
-from sim.optics.render.render_batch import BatchRenderer
-from sim.optics.render.sensor_lamps import lamps_of, nominal_model, shadows_of
+from sim.optics.render.renderer import TactileRenderer
 from sim.optics.sensor_camera import camera_geometry
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
@@ -44,7 +43,7 @@ class RenderingRow:
 
     Attributes:
         sensor: Its title.
-        renderer: ``one by one`` is what a replay uses, ``batch`` the Warp kernels.
+        renderer: ``one by one`` is what a replay uses, ``batch`` many images in each launch.
         device: Where it ran.
         image_count: Rendered at once.
         shadow_count: Lamps that cast shadows.
@@ -113,11 +112,11 @@ def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRo
     yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain), budget_s), apart=(0, 0.0))
     look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
     yield _row(look, "one by one", "cpu", 1, _timed(_alone(look), budget_s), apart=(0, 0.0))
-    batch = BatchRenderer(*look.arguments, **look.options, device=device)
+    batch = TactileRenderer(*look.arguments, **look.options, device=device)
     dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
     def together() -> Any:
-        images = batch.render(dents)
+        images = batch.render_batch(dents)
         wp.synchronize_device(device)
         return images
 

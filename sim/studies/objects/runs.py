@@ -10,9 +10,10 @@ import numpy as np
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.render.render import ColourModel, TactileRenderer
-from sim.optics.render.shadows.shadow import ShadowCaster
+from sim.optics.render.pixel_colours import ColourModel
+from sim.optics.render.renderer import TactileRenderer
 from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Scene, Target

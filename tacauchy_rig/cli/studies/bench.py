@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.render.nominal_renderer import NominalRenderer
+from sim.optics.render.renderer import NominalRenderer
 from sim.optics.sensor_camera import camera_geometry
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.render.sensor_lamps import nominal_model, shadows_of
+from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.sensor_camera import camera_geometry
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor

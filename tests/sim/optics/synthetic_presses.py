@@ -7,8 +7,8 @@ import numpy as np
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.photometric.polynomial import polynomial_exponents
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.polynomial import polynomial_exponents
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 HEIGHT, WIDTH = 150, 180

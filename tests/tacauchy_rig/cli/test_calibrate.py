@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.optics.calibrate.presses import pressed_scene
-from sim.optics.render.photometric.model import load_photometric
+from sim.optics.colour.photometric import load_photometric
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.app import app

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.render.photometric.model import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.errors import ConfigError

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from sim.error.tolerance import Tolerance
-from sim.optics.render.nominal import Lamp, nominal_photometric
+from sim.optics.colour.lamps import Lamp
+from sim.optics.colour.nominal import nominal_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig

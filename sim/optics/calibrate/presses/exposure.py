@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.optics.render.response import Response
+from sim.optics.colour.response import Response
 
 _DARKEST, _BRIGHTEST = 1, 254
 _TELLING = 251  # of a compressed range the last levels tell less than their noise

@@ -7,9 +7,9 @@ import numpy as np
 from sim.optics.calibrate.presses.ball_profile import ball_profiles
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.colour.nominal import lamp_count_of
 from sim.optics.height.rest_slope import rest_slopes
 from sim.optics.markers.printed_markers import marker_mask
-from sim.optics.render.sensor_lamps import lamp_count_of
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
 

@@ -20,8 +20,8 @@ from sim.optics.calibrate.presses.exposure import SeenChange, light_weights, see
 from sim.optics.calibrate.presses.gel_profile import GelProfile
 from sim.optics.calibrate.presses.light import fit_light, light_at, no_light
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.response import LINEAR, Response
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.response import LINEAR, Response
 
 BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7

@@ -11,8 +11,8 @@ import pytest
 from sim.optics.calibrate.blur import fit_blur
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.sensor_fit import calibrate_presses, exponents_for
-from sim.optics.render.photometric.model import normalised_positions
-from sim.optics.render.render import TactileRenderer
+from sim.optics.colour.photometric import normalised_positions
+from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import load_sensor
 from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.surface_tilt import surface_tilt

@@ -16,7 +16,7 @@ from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamp
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.samples import PressScene
 from sim.optics.calibrate.ridge_fit import fit_ridge
-from sim.optics.render.photometric.model import load_photometric
+from sim.optics.colour.photometric import load_photometric
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model

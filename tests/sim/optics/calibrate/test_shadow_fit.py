@@ -10,8 +10,8 @@ import pytest
 
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.optics.render.nominal import Lamp
-from sim.optics.render.shadows.shadow import SHADOWS, ShadowCaster, read_shadows
+from sim.optics.colour.lamps import SHADOWS, Lamp, ShadowCaster, read_shadows
+from sim.optics.render.shadows import darkening
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses
 
 
@@ -37,8 +37,11 @@ def test_lamps_are_found_from_their_shadows() -> None:
     seen = []
     for press in presses(10, noise=0.5)[0]:
         tilt, bulge, _ = scene.surface(press.circle, columns, rows)
-        taken = true.darkening(
-            bulge.reshape(150, 180), tilt.reshape(2, 150, 180).astype(np.float32), scene.geometry
+        taken = darkening(
+            true,
+            bulge.reshape(150, 180),
+            tilt.reshape(2, 150, 180).astype(np.float32),
+            scene.geometry,
         )
         image = np.clip(np.rint(press.image + taken.transpose(1, 2, 0)), 0, 255)
         seen.append(replace(press, image=image.astype(np.uint8)))

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
-from sim.optics.render.nominal import Lamp
-from sim.optics.render.photometric.model import PhotometricModel
-from sim.optics.render.photometric.polynomial import polynomial_exponents
-from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
-from sim.optics.render.render import TactileRenderer
-from sim.optics.render.render_batch import BatchRenderer
-from sim.optics.render.response import LINEAR, Response
-from sim.optics.render.shadows.shadow import ShadowCaster
-from tacauchy_rig.errors import ConfigError
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
+from sim.optics.render import renderer
+from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
 _LAMPS = [
@@ -40,9 +37,13 @@ _TERMS = ShadingTerms(
 @pytest.mark.parametrize("terms", [None, _TERMS])
 @pytest.mark.parametrize("shadows", [None, ShadowCaster(lamps=_LAMPS, softness_m=8e-5)])
 def test_batch_gives_the_single_images(
-    samples: int, blur_px: float, shadows: ShadowCaster | None, terms: ShadingTerms | None
+    monkeypatch: pytest.MonkeyPatch,
+    samples: int,
+    blur_px: float,
+    shadows: ShadowCaster | None,
+    terms: ShadingTerms | None,
 ) -> None:
-    """Level, tilted, deep and steep surfaces agree with the one-by-one renderer to one level."""
+    """Blocks of one pixel, as a GPU has them, give a batch the images of wide ones to one level."""
     rng = np.random.default_rng(2)
     model = PhotometricModel(
         exponents=BALL_EXPONENTS,
@@ -69,19 +70,12 @@ def test_batch_gives_the_single_images(
         ]
     )  # fmt: skip
     look: Any = {"samples": samples, "blur_px": blur_px, "shadows": shadows}
-    batch = BatchRenderer(background, rest, model, camera(), device="cpu", **look).render(dents)
     single = TactileRenderer(background, rest, model, camera(), **look)
+    with monkeypatch.context() as context:
+        context.setattr(renderer, "CPU_LANES", renderer.GPU_LANES)
+        batch = TactileRenderer(background, rest, model, camera(), **look).render_batch(dents)
     for image, dent in zip(batch.numpy(), dents, strict=True):
         apart = np.abs(image.astype(int) - single.render(rest - dent).astype(int))
         assert apart.max() <= 1
         assert np.mean(apart > 0) < 0.02
     np.testing.assert_array_equal(batch.numpy()[0], background)
-
-
-def test_high_degrees_are_refused() -> None:
-    """A degree that the kernel has no room for is named."""
-    exponents = polynomial_exponents(tilt_degree=9, position_degree=0)
-    model = PhotometricModel(exponents=exponents, coefficients=np.zeros((len(exponents), 3)))
-    flat = np.full((96, 128), APEX_M)
-    with pytest.raises(ConfigError, match="degree 9 is too high"):
-        BatchRenderer(np.zeros((96, 128, 3), np.uint8), flat, model, camera(), device="cpu")

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.presses.exposure import seen_light
-from sim.optics.render.photometric.model import load_photometric
-from sim.optics.render.render import TactileRenderer
-from sim.optics.render.response import LINEAR, Response
+from sim.optics.colour.photometric import load_photometric
+from sim.optics.colour.response import LINEAR, Response
+from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 

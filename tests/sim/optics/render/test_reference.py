@@ -8,14 +8,14 @@ import pytest
 
 from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.render.nominal import Lamp
-from sim.optics.render.photometric.model import PhotometricModel, normalised_positions
-from sim.optics.render.photometric.polynomial import polynomial_exponents
-from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
-from sim.optics.render.render import TactileRenderer
-from sim.optics.render.response import LINEAR, Response
-from sim.optics.render.shadows.shadow import ShadowCaster
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.photometric import PhotometricModel, normalised_positions
+from sim.optics.colour.polynomial import polynomial_exponents
+from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
+from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
+from tests.sim.optics.plain_shadows import plain_darkening
 from tests.sim.optics.surface_tilt import surface_tilt
 
 _TERMS = ShadingTerms(
@@ -90,7 +90,7 @@ def _plain_change(
     if gain is not None:
         light = light * gain
     if shadows is not None:
-        dark = shadows.darkening(rest - height, surface_tilt(height, fine), fine)
+        dark = plain_darkening(shadows, rest - height, surface_tilt(height, fine), fine)
         light = light + dark.reshape(shape).mean(axis=(2, 4)).transpose(1, 2, 0)
     return light
 

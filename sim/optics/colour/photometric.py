@@ -17,13 +17,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
-from sim.optics.height.tilt import Float32Array, bounded_tilt
-from sim.optics.render.photometric.pixels import PhotometricPixels
-from sim.optics.render.photometric.polynomial import RealArray, evaluate_polynomial
-from sim.optics.render.photometric.shading_terms import ShadingTerms, read_terms
-from sim.optics.render.pixel_planes import PixelLayout
-from sim.optics.render.response import BRIGHTEST, LINEAR, Response
+from sim.arrays import Float32Array, FloatArray, IntArray, RealArray
+from sim.optics.colour.polynomial import evaluate_polynomial
+from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
+from sim.optics.colour.shading_terms import ShadingTerms, read_terms
 from tacauchy_rig.errors import ConfigError
 
 FORMAT = "tacauchy photometric model 1"
@@ -114,10 +111,6 @@ class PhotometricModel:
         gain = self.gain(light)
         return self.response.levels(light + (change if gain is None else gain * change))
 
-    def of_pixels(self, position: RealArray, layout: PixelLayout) -> PhotometricPixels:
-        """Return it made ready for the pixels of an image; arguments as there."""
-        return PhotometricPixels(self, position, layout)
-
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
         np.savez(
@@ -169,6 +162,15 @@ def load_photometric(path: Path) -> PhotometricModel:
 def _number(stored: FloatArray) -> float | None:
     value = float(stored)
     return None if math.isnan(value) else value
+
+
+def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
+    """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
+    squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
+    if squared.size == 0 or squared.max() <= limit * limit:
+        return tilt
+    bound = tilt.dtype.type(limit)
+    return np.asarray(tilt * (bound / np.maximum(np.sqrt(squared), bound)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:

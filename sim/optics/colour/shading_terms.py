@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.optics.render.photometric.polynomial import RealArray
+from sim.arrays import RealArray
 
 CREASE_UNIT_M = 1e-4
 MOST_LAMPS = 6

@@ -10,9 +10,9 @@ import pytest
 
 from sim.optics.calibrate.lamp_fit import fit_terms
 from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
-from sim.optics.render.photometric.model import PhotometricModel, load_photometric
-from sim.optics.render.photometric.shading_terms import NearLamp, ShadingTerms
-from sim.optics.render.render import TactileRenderer
+from sim.optics.colour.photometric import PhotometricModel, load_photometric
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
+from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
 TERMS = ShadingTerms(

@@ -9,9 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray, IntArray, RealArray
 
-RealArray = NDArray[np.floating]
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
 _ROWS = 8  # taller products of this kind take twice as long a row

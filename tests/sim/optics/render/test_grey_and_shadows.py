@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
-from sim.optics.render.grey_depth import GREY_EXPONENTS, nominal_grey
-from sim.optics.render.nominal import Lamp, nominal_photometric
-from sim.optics.render.render import TactileRenderer
-from sim.optics.render.shadows.shadow import ShadowCaster
+from sim.optics.colour.grey_depth import GREY_EXPONENTS, nominal_grey
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.nominal import nominal_photometric
+from sim.optics.render.renderer import TactileRenderer
+from sim.optics.render.shadows import darkening
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt
 
@@ -77,7 +78,7 @@ def test_shadow_falls_away_from_the_lamp(azimuth_deg: float) -> None:
     )
     caster = ShadowCaster(lamps=[lamp], softness_m=5e-5)
     dent = _dent()
-    taken = caster.darkening(APEX_M - dent, surface_tilt(dent, camera()), camera())
+    taken = darkening(caster, APEX_M - dent, surface_tilt(dent, camera()), camera())
     direction = np.array([math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)])
     behind = np.rint((63.5, 47.5) - 25 * direction).astype(int)
     before = np.rint((63.5, 47.5) + 25 * direction).astype(int)
@@ -93,7 +94,7 @@ def test_shadow_ends_where_the_ray_clears_the_dent() -> None:
     wall[:, 100] = 3e-4
     flat = np.zeros((2, 96, 128), np.float32)
     caster = ShadowCaster(lamps=[LAMP], softness_m=1e-9)
-    row = caster.darkening(wall, flat, camera())[0, 48]
+    row = darkening(caster, wall, flat, camera())[0, 48]
     shaded = np.flatnonzero(row < -1.0)
     assert shaded.max() == 99
     assert (100 - shaded.min()) * 1e-4 == pytest.approx(3e-4 / math.tan(math.radians(10)), abs=2e-4)

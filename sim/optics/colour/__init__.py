@@ -1,0 +1,1 @@
+"""What colour a surface has in a tactile image: models and tables, whatever draws them."""

@@ -1,1 +1,0 @@
-"""Photometric model: tilt and place of the surface to a change of colour."""

@@ -1,0 +1,309 @@
+"""From height maps to tactile images: one at a time on a processor, many at once on a GPU."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+import numpy as np
+import warp as wp
+
+from sim.arrays import Float32Array, RealArray
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.nominal import nominal_model, shadows_of
+from sim.optics.height.height_map import HeightMaps
+from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
+from sim.optics.render.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
+from sim.optics.render.pixel_colours import ColourModel, PixelColours, pixel_colours
+from sim.optics.render.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
+from sim.optics.render.shadow_kernel import darken_pixels
+from sim.optics.render.shadows import HiddenLamp
+from sim.optics.sensor_camera import camera_geometry
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.errors import ConfigError
+
+# Evenly grey no-contact frame of a sensor that nobody has calibrated.
+GREY_LEVEL = 110
+# The blur's weights reach this many standard deviations, as they do in OpenCV for real images.
+_REACH = 4.0
+_CPU_THREADS = 2
+
+Task = Callable[[], None]
+
+
+class TactileRenderer:
+    """Renders height maps over one no-contact frame.
+
+    image = no-contact frame + model(loaded gel) - model(unloaded gel), less the shadows that the
+    dent casts: the unloaded gel gives back the no-contact frame exactly. A pixel is sampled only
+    where its surface bends. On a processor two threads share each image.
+
+    Args:
+        background: No-contact frame, RGB, shape [height, width, 3].
+        rest_height: Height map of the unloaded gel [m], shape [height, width].
+        model: Colour of a surface.
+        geometry: Pixels.
+        shadows: Lamps that the dent hides; None where the sensor shows no shadows.
+        samples: Into how many samples each pixel is divided both ways: a pixel gathers the light
+            of its whole area, which at a sharp rim no single point stands for. Height maps are
+            then of ``geometry.refined(samples)``.
+        blur_px: Standard deviation of the camera's blur [px].
+        device: Warp's name of the device, such as ``cuda:0``.
+
+    Raises:
+        ConfigError: An image or map has not the geometry's size.
+    """
+
+    def __init__(
+        self,
+        background: ImageArray,
+        rest_height: RealArray,
+        model: ColourModel,
+        geometry: CameraGeometry,
+        *,
+        shadows: ShadowCaster | None = None,
+        samples: int = 1,
+        blur_px: float = 0.0,
+        device: str = "cpu",
+    ) -> None:
+        fine = geometry.refined(samples)
+        _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
+        _check_shape("unloaded height map", rest_height.shape, (fine.height, fine.width))
+        on_cpu = wp.get_device(device).is_cpu
+        self._rest_height = rest_height
+        self._blocks = PixelBlocks(
+            geometry=geometry,
+            samples=samples,
+            device=device,
+            lanes=CPU_LANES if on_cpu else GPU_LANES,
+        )
+        self._rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
+        frame = background.astype(np.float32).transpose(2, 0, 1)
+        self._colours = pixel_colours(model, frame, self._blocks)
+        self._shadows = shadows
+        self._weights = gaussian_weights(blur_px)
+        self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
+        self._images: dict[int, _Images] = {}
+        self._base = self._colours.light - self._blurred_change_at_rest()
+        self._images.clear()
+
+    def render(self, height: RealArray) -> ImageArray:
+        """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
+        _check_shape("height map", height.shape, self._rest_height.shape)
+        images = self._rendered((self._rest_height - height)[None])
+        return np.array(images.numpy()[0])
+
+    def render_batch(self, indentation_m: Any) -> Any:
+        """Return the images as a Warp array of uint8, shape [batch, height, width, 3].
+
+        Args:
+            indentation_m: Unloaded minus loaded height [m], a Warp float32 array on the renderer's
+                device or a NumPy array, shape [batch, height, width], of the samples.
+        """
+        return wp.clone(self._rendered(indentation_m))
+
+    def _rendered(self, indentation_m: Any) -> Any:
+        images = self._images_of(len(indentation_m), self._base)
+        images.take(indentation_m)
+        self._run(images.to_change)
+        self._run(images.to_bytes)
+        return images.bytes
+
+    def _blurred_change_at_rest(self) -> Float32Array:
+        """Return what the model says of the unloaded gel [grey levels], [3, height, width]."""
+        images = self._images_of(1, self._colours.light)
+        images.take(np.zeros((1, *self._rest_height.shape)))
+        self._run(images.to_change)
+        change = images.change.pixels(self._blocks).transpose(1, 2, 0)
+        weights = self._weights
+        blurred = cv2.sepFilter2D(
+            change, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REFLECT_101
+        )
+        return np.asarray(blurred.transpose(2, 0, 1), dtype=np.float32)
+
+    def _images_of(self, count: int, base: Float32Array) -> _Images:
+        if count not in self._images:
+            self._images[count] = _Images(
+                self._blocks, count, self._rest, self._colours, self._shadows, self._weights, base
+            )
+        return self._images[count]
+
+    def _run(self, stages: Sequence[Sequence[Task]]) -> None:
+        """Do stages one after the other, the parts of each side by side."""
+        for first, *others in stages:
+            waiting = [self._threads.submit(other) for other in others] if self._threads else []
+            try:
+                first()
+            finally:
+                for other in waiting:
+                    other.result()
+
+
+class _Images:
+    """Memory for some images at a time, and the recorded launches that fill it.
+
+    Attributes:
+        change: Change of light of pixels, channel by channel.
+        bytes: Of the images, shape [count, height, width, 3].
+        to_change: Stages from dents to changes of light, each of parts.
+        to_bytes: Stages from there to bytes.
+    """
+
+    def __init__(
+        self,
+        layout: PixelBlocks,
+        count: int,
+        rest: Any,
+        colours: PixelColours,
+        shadows: ShadowCaster | None,
+        weights: Float32Array,
+        base: Float32Array,
+    ) -> None:
+        self._layout, self._count, self._device = layout, count, layout.device
+        geometry = layout.geometry
+        fine = geometry.refined(layout.samples)
+        self._dent: Any = wp.empty(
+            (count, fine.height, fine.width), dtype=wp.float32, device=self._device
+        )
+        self.bytes: Any = wp.empty(
+            (count, geometry.height, geometry.width, 3), dtype=wp.uint8, device=self._device
+        )
+        self.change = BlockMemory(3, count * layout.image_blocks, layout.lanes, self._device)
+        self.to_change = self._coloured(rest, colours)
+        self._highest: BlockMemory | None = None
+        if shadows is not None:
+            for lamp in shadows.lamps:
+                self.to_change += self._darkened(lamp, shadows.softness_m)
+        self.to_bytes = self._exposed(weights, base, colours.response.knee)
+
+    def take(self, indentation_m: Any) -> None:
+        """Take the indentations of the samples [m], shape [count, height, width]."""
+        if isinstance(indentation_m, np.ndarray):
+            self._dent.assign(indentation_m.astype(np.float32))
+        else:
+            wp.copy(self._dent, indentation_m)
+
+    def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
+        layout, count = self._layout, self._count
+        self._dents, self._height, self._along, self._across = (
+            layout.planes(count) for _ in range(4)
+        )
+        self._kept = [rest, *colours.inputs]
+        fine = layout.geometry.refined(layout.samples)
+
+        def go_on(planes: BlockMemory) -> list[Task]:
+            inputs = [layout.layout(), layout.lanes, planes.single[0]]
+            return [self._recorded(continue_samples, (count, fine.height + fine.width), inputs)]
+
+        dents, height = self._dents.blocks[0], self._height.blocks[0]
+        tilts = [self._along.blocks[0], self._across.blocks[0]]
+        samples = colours.samples(self._along, self._across, self._dents)
+        return [
+            self._by_blocks(lay_out_samples, [rest, self._dent, dents, height]),
+            go_on(self._height),
+            self._by_blocks(tilt_samples, [self._height.shifted[:, 0], *tilts]),
+            go_on(self._along),
+            go_on(self._across),
+            self._by_blocks(colours.kernel, [*colours.inputs, *samples, self.change.blocks]),
+        ]
+
+    def _darkened(self, lamp: Lamp, softness_m: float) -> list[list[Task]]:
+        layout = self._layout
+        fine = layout.geometry.refined(layout.samples)
+        hidden = HiddenLamp(lamp, softness_m, fine, self._dent, layout.lanes, self._highest)
+        self._highest = hidden.highest
+        self._kept.append(hidden)
+        light = [hidden.rays, wp.vec3f(*lamp.towards), wp.vec3f(*lamp.colour)]
+        samples = [hidden.hidden.single[0], self._along.blocks[0], self._across.blocks[0]]
+        return [
+            *(
+                self._in_parts(kernel, hidden.rays, count, inner, inputs)
+                for kernel, count, inner, inputs in hidden.stages
+            ),
+            self._by_blocks(darken_pixels, [*light, *samples, self.change.blocks]),
+        ]
+
+    def _exposed(self, weights: Float32Array, base: Float32Array, knee: float) -> list[list[Task]]:
+        layout, rows = self._layout, self._layout.geometry.height
+        reach = len(weights) // 2
+        room = -(-reach // layout.lanes)
+        count = self._count * rows * (layout.row_blocks + 2 * room)
+        blurred = BlockMemory(3, count, layout.lanes, self._device, reach=reach)
+        taps, base_blocks = layout.array(weights), layout.pixel_rows(base)
+        self._kept += [blurred, taps, base_blocks]
+        flat = blurred.single.reshape((3, self._count * rows, -1))
+        mirror = [reach, room * layout.lanes, flat]
+        expose = [taps, room, knee, base_blocks, blurred.shifted, self.bytes]
+        return [
+            self._by_blocks(blur_columns, [taps, room, self.change.blocks, blurred.blocks]),
+            self._in_parts(mirror_ends, layout.layout(), rows, (3,), mirror),
+            self._by_blocks(expose_pixels, expose),
+        ]
+
+    def _by_blocks(self, kernel: Any, inputs: list[Any]) -> list[Task]:
+        layout = self._layout
+        rows, blocks = layout.geometry.height, layout.row_blocks
+        return self._in_parts(kernel, layout.layout(), rows, (blocks,), inputs)
+
+    def _in_parts(
+        self, kernel: Any, layout: Any, count: int, inner: tuple[int, ...], inputs: list[Any]
+    ) -> list[Task]:
+        """Record a launch over images, rows (or rays) and what is in them, a part a thread."""
+        parts = _CPU_THREADS if wp.get_device(self._device).is_cpu else 1
+        ends = [count * part // parts for part in range(parts + 1)]
+        return [
+            self._recorded(kernel, (self._count, stop - start, *inner), [layout, start, *inputs])
+            for start, stop in itertools.pairwise(ends)
+        ]
+
+    def _recorded(self, kernel: Any, dim: tuple[int, ...], inputs: list[Any]) -> Task:
+        recorded: Any = wp.launch(
+            kernel, dim=dim, inputs=inputs, device=self._device, record_cmd=True
+        )
+        launch: Task = recorded.launch
+        return launch
+
+
+class NominalRenderer:
+    """Renders height maps as nobody has calibrated them, shadows included where there are any."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._model = nominal_model(sensor)
+        self._shadows = shadows_of(sensor)
+        self._geometry = camera_geometry(sensor)
+
+    def __call__(self, maps: HeightMaps) -> ImageArray:
+        """Return the image of the loaded gel over an evenly grey no-contact frame."""
+        shape = (self._geometry.height, self._geometry.width, 3)
+        background = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+        renderer = TactileRenderer(
+            background, maps.rest, self._model, self._geometry, shadows=self._shadows
+        )
+        return renderer.render(maps.loaded)
+
+
+def gaussian_weights(sigma_px: float) -> Float32Array:
+    """Return the weights of a pixel's neighbours along a row or a column, their sum 1.
+
+    Args:
+        sigma_px: Standard deviation [px]; 0 leaves the pixel alone.
+
+    Returns:
+        Shape [2 reach + 1], the pixel itself in the middle.
+    """
+    if not sigma_px > 0.0:
+        return np.ones(1, dtype=np.float32)
+    size = round(2.0 * _REACH * sigma_px + 1.0) | 1
+    return np.asarray(cv2.getGaussianKernel(size, sigma_px, cv2.CV_32F)[:, 0], dtype=np.float32)
+
+
+def _check_shape(name: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    if shape != expected:
+        raise ConfigError(
+            f"{name} has the shape {shape}, the sensor's camera {expected}",
+            remedy="bring frames to the sensor's size, and use one geometry throughout",
+        )

@@ -1,0 +1,191 @@
+"""Shadows: the highest thing over each pixel's ray to a lamp, found in one sweep from every lamp.
+
+Heights are sheared so that the lamp stands at the end of the columns. From there the sweep carries
+the highest ray so far, lowered by what a ray sinks in a step: each pixel is visited once, however
+long the shadows are. Heights between pixels are interpolated linearly across the rays.
+
+Seen from the camera a pressed gel bulges towards it; a lamp that grazes the gel leaves the gel
+behind it dark.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import Float32Array, RealArray
+from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.render.pixel_blocks import CPU_LANES, BlockMemory
+from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
+
+_CPU = "cpu"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """How rays towards a lamp go over an image.
+
+    Attributes:
+        along_columns: A step goes one column on; else one row.
+        forward: It goes towards higher columns or rows.
+        shift: By how much a ray moves across in a step [px], at most 1 either way.
+        step_count: Steps over the whole image.
+        across: Pixels across.
+        rise_m: By how much a ray rises in a step [m].
+    """
+
+    along_columns: bool
+    forward: bool
+    shift: float
+    step_count: int
+    across: int
+    rise_m: float
+
+    @property
+    def margin(self) -> int:
+        """By how much rays move across in all [px]."""
+        return math.ceil((self.step_count - 1) * abs(self.shift))
+
+    @property
+    def ray_count(self) -> int:
+        """Rays that are followed."""
+        return self.across + self.margin + 1
+
+
+class HiddenLamp:
+    """What a dent hides of a lamp, for some images at once.
+
+    Args:
+        lamp: The lamp; its colour does not count.
+        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
+        geometry: Of the samples.
+        dent: Unloaded minus loaded height [m], on a device, shape [count, height, width].
+        lanes: Values of a block.
+        highest: Room for a value a step and ray, such as another lamp has; None takes new one.
+
+    Attributes:
+        highest: Room for a value a step and ray.
+        rays: For kernels.
+        hidden: How much of the lamp samples do not see, 0 to 1, in the order of the rays.
+        stages: Kernels, each with the counts over which it may be parted and others, and inputs.
+    """
+
+    def __init__(
+        self,
+        lamp: Lamp,
+        softness_m: float,
+        geometry: CameraGeometry,
+        dent: Any,
+        lanes: int,
+        highest: BlockMemory | None = None,
+    ) -> None:
+        self._sweep = sweep = sweep_towards(lamp, geometry)
+        self._geometry, self._lanes, self._device = geometry, lanes, str(dent.device)
+        self.rays = self._rays(softness_m)
+        count, blocks = dent.shape[0], -(-sweep.across // lanes)
+        steps = count * sweep.step_count
+        self.hidden = BlockMemory(1, steps * self.rays.pitch, lanes, self._device, reach=lanes + 1)
+        needed = steps * self.rays.ray_pitch
+        if highest is None or highest.blocks.size < needed:
+            highest = BlockMemory(1, needed, lanes, self._device, reach=lanes + 1)
+        self.highest = highest
+        dents, passed = self.hidden.blocks[0], highest.shifted[1:, 0]
+        ray_blocks = -(-sweep.ray_count // lanes)
+        self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
+            (turn_dents, sweep.step_count, (blocks,), [dent, dents]),
+            (follow_rays, ray_blocks, (), [self.hidden.shifted[1:, 0], highest.blocks[0]]),
+            (hide_samples, sweep.step_count, (blocks,), [passed, dents]),
+        ]
+
+    def share(self) -> Float32Array:
+        """Return how much of the lamp is hidden in the first image, shape [height, width]."""
+        room, sweep = self.rays.room * self._lanes, self._sweep
+        turned = self.hidden.single.numpy().reshape(-1, self.rays.pitch * self._lanes)
+        turned = turned[: sweep.step_count, room : room + sweep.across]
+        shown = turned if sweep.forward else turned[::-1]
+        return np.asarray(shown.T if sweep.along_columns else shown)
+
+    def _rays(self, softness_m: float) -> Any:
+        sweep, lanes, device = self._sweep, self._lanes, self._device
+        steps = np.arange(sweep.step_count)
+        first = sweep.margin + 1 if sweep.shift > 0.0 else 1  # ray through the first pixel
+        places = steps * sweep.shift - first
+        whole = np.floor(places)
+        rays: Any = Rays()
+        rays.along_columns, rays.forward = int(sweep.along_columns), int(sweep.forward)
+        rays.across = sweep.across
+        rays.room = -(-(sweep.margin + 2) // lanes)
+        rays.pitch = -(-sweep.across // lanes) + 2 * rays.room + 1
+        rays.ray_pitch = -(-sweep.ray_count // lanes) + 2
+        rays.whole = wp.array(whole.astype(np.int32), dtype=wp.int32, device=device)
+        rays.part = wp.array((places - whole).astype(np.float32), dtype=wp.float32, device=device)
+        sunk = (steps * sweep.rise_m).astype(np.float32)
+        rays.sunk = wp.array(sunk, dtype=wp.float32, device=device)
+        rays.per_softness = 1.0 / softness_m
+        return rays
+
+
+def sweep_towards(lamp: Lamp, geometry: CameraGeometry) -> Sweep:
+    """Return the sweep over an image towards a lamp."""
+    right, down = math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)
+    along_columns = abs(right) >= abs(down)
+    ahead, aside = (right, down) if along_columns else (down, right)
+    shift = aside / abs(ahead)
+    step_m = math.hypot(1.0, shift) * geometry.mean_scale_m
+    return Sweep(
+        along_columns=along_columns,
+        forward=ahead > 0.0,
+        shift=shift,
+        step_count=geometry.width if along_columns else geometry.height,
+        across=geometry.height if along_columns else geometry.width,
+        rise_m=math.tan(lamp.elevation_rad) * step_m,
+    )
+
+
+def darkening(
+    shadows: ShadowCaster, indentation_m: RealArray, tilt: Float32Array, geometry: CameraGeometry
+) -> Float32Array:
+    """Return the light taken away [grey levels, not positive], shape [3, height, width].
+
+    Args:
+        shadows: The lamps.
+        indentation_m: Unloaded minus loaded height [m], of the geometry's size.
+        tilt: Of the loaded gel, shape [2, ...] of the same.
+        geometry: Pixels.
+    """
+    taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
+    for lamp in shadows.lamps:
+        share = lost_share(indentation_m, tilt, lamp, geometry, softness_m=shadows.softness_m)
+        taken -= np.array(lamp.colour, dtype=np.float32)[:, None, None] * share
+    return taken
+
+
+def lost_share(
+    bulge: RealArray,
+    tilt: Float32Array,
+    lamp: Lamp,
+    geometry: CameraGeometry,
+    *,
+    softness_m: float,
+) -> Float32Array:
+    """Return the share of a lamp's colour that a dent takes away, shape [height, width].
+
+    Args:
+        bulge: Unloaded minus loaded height [m], shape [height, width].
+        tilt: Of the loaded gel, shape [2, height, width].
+        lamp: Its colour does not count.
+        geometry: Pixels.
+        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
+    """
+    dent: Any = wp.array(bulge[None].astype(np.float32), dtype=wp.float32, device=_CPU)
+    hidden = HiddenLamp(lamp, softness_m, geometry, dent, CPU_LANES)
+    for kernel, count, inner, inputs in hidden.stages:
+        wp.launch(kernel, dim=(1, count, *inner), inputs=[hidden.rays, 0, *inputs], device=_CPU)
+    along, across, up = lamp.towards
+    facing = along * tilt[0] + across * tilt[1] + up * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)
+    return np.asarray(hidden.share() * np.maximum(facing, 0.0), dtype=np.float32)

@@ -1,1 +1,0 @@
-"""Shadows that the pressed gel casts on itself."""
