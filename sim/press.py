@@ -12,7 +12,7 @@ from sim.arrays import FloatArray
 from sim.effects.plan import EffectPlan, plan_effects
 from sim.effects.presets import build_model
 from sim.error.measured_errors import setting_of
-from sim.error.tolerance import Alternative, alternatives, expected_error
+from sim.error.tolerance import alternatives, expected_error
 from sim.fields.stress import surface_stress
 from sim.material.per_element import densities_of
 from sim.scene.scene import Drive, Effect, Preset, Scene
@@ -25,6 +25,7 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
 from sim.solve.preconditioned_lbfgs import LbfgsOptions
+from tacauchy_rig.run import Alternative
 
 _LIGHT = NewtonOptions(residual_relative=1e-6)
 

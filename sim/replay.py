@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from typing import Any
 
 from sim.effects.plan import EffectPlan, plan_effects
 from sim.error.measured_errors import setting_of
@@ -20,7 +16,8 @@ from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.run import Replay, ReplayTrial
+from tacauchy_rig.run import Replay, ReplayLayer, ReplayModel, ReplayTrial
+from tacauchy_rig.versions import installed
 
 Progress = Callable[[int, str], None]
 
@@ -93,15 +90,12 @@ def _replay(
         done = trials[position][0]
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
+    replayed = tuple(trial for trial, _ in ordered)
     replay = Replay(
         name=name,
-        trials=tuple(trial for trial, _ in ordered),
-        model={
-            **_model_facts(scene, path),
-            **_cost_facts(scene, ordered, tolerance, time.perf_counter() - started),
-            "effects": plan.as_json(),
-        },
-        versions=_versions(),
+        trials=replayed,
+        model=_replay_model(scene, plan, path, replayed, tolerance, time.perf_counter() - started),
+        versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
     )
     return replay, [fields for _, fields in ordered]
 
@@ -169,65 +163,51 @@ def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) 
     )
 
 
-def _model_facts(scene: Scene, path: LoadingPath) -> dict[str, Any]:
-    model = path.model
-    return {
-        "sensor": scene.sensor,
-        "indenter": describe(scene.indenter),
-        "centre_x_m": scene.centre_m[0],
-        "centre_y_m": scene.centre_m[1],
-        "contact": scene.contact.value,
-        "drive": scene.drive.value,
-        "law": str(scene.material.law),
-        "young_pa": scene.material.young_pa,
-        "poisson": scene.material.poisson,
-        "layers": [
-            {
-                "share": layer.share,
-                "young_pa": layer.material.young_pa,
-                "poisson": layer.material.poisson,
-            }
-            for layer in scene.layers
-        ],
-        "preset": str(setting_of(scene)),
-        "element": model.reference.order.value,
-        "element_is_linear": model.reference.order is ElementOrder.P1,
-        "tet_count": len(model.elements),
-        "node_count": len(model.nodes),
-        "mesh": model.mesh.name,
-        "mesh_hash": model.mesh.content_hash,
-        "barrier_m": scene.contact_distance_m,
-        "linear_solver": path.solver_name,
-        "device": model.device,
-        "setup_s": path.setup_s,
-    }
-
-
-def _cost_facts(
+def _replay_model(
     scene: Scene,
-    trials: Sequence[tuple[ReplayTrial, TrialFields]],
+    plan: EffectPlan,
+    path: LoadingPath,
+    trials: Sequence[ReplayTrial],
     tolerance: Tolerance | None,
     wall_s: float,
-) -> dict[str, Any]:
-    """Return what was asked of the force, what is believed of it, what it took and would take."""
-    errors = [trial.force_error_estimate for trial, _ in trials]
+) -> ReplayModel:
+    """Return what was simulated, what was asked of the force, and what is believed of it."""
+    model = path.model
+    errors = [trial.force_error_estimate for trial in trials]
     known = [error for error in errors if error is not None]
-    deepest = max((trial.depth_simulated_m for trial, _ in trials), default=0.0)
-    others = alternatives(scene, depth_m=deepest, wall_s=wall_s)
-    return {
-        "tolerance": None if tolerance is None else str(tolerance),
-        "force_error_largest_relative": max(known) if len(known) == len(errors) else None,
-        "wall_s": wall_s,
-        "alternatives": [asdict(other) for other in others],
-    }
-
-
-def _versions() -> dict[str, str]:
-    names = ("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild")
-    found = {"python": platform.python_version()}
-    for name in names:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
+    deepest = max((trial.depth_simulated_m for trial in trials), default=0.0)
+    return ReplayModel(
+        sensor=scene.sensor,
+        indenter=describe(scene.indenter),
+        centre_x_m=scene.centre_m[0],
+        centre_y_m=scene.centre_m[1],
+        contact=scene.contact.value,
+        drive=scene.drive.value,
+        law=str(scene.material.law),
+        young_pa=scene.material.young_pa,
+        poisson=scene.material.poisson,
+        layers=tuple(
+            ReplayLayer(
+                share=layer.share,
+                young_pa=layer.material.young_pa,
+                poisson=layer.material.poisson,
+            )
+            for layer in scene.layers
+        ),
+        preset=str(setting_of(scene)),
+        element=model.reference.order.value,
+        element_is_linear=model.reference.order is ElementOrder.P1,
+        tet_count=len(model.elements),
+        node_count=len(model.nodes),
+        mesh=model.mesh.name,
+        mesh_hash=model.mesh.content_hash,
+        barrier_m=scene.contact_distance_m,
+        linear_solver=path.solver_name,
+        device=model.device,
+        setup_s=path.setup_s,
+        tolerance=None if tolerance is None else str(tolerance),
+        force_error_largest_relative=max(known) if len(known) == len(errors) else None,
+        wall_s=wall_s,
+        alternatives=alternatives(scene, depth_m=deepest, wall_s=wall_s),
+        effects=tuple(plan.as_json()),
+    )

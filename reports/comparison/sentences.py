@@ -5,13 +5,13 @@ Every sentence is made from the numbers of this run; none is praise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
+from tacauchy_rig.run import ReplayModel
 
 CLAIM_REPEATS = 5
 MINUS = "\u2212"
@@ -210,7 +210,7 @@ def _limits(
             "Parts of the uncertainty of the force are unknown (see the budget): the combined"
             " value is a lower bound, and nothing finer than it is claimed."
         )
-    if "modulus_factor" in evidence.model:
+    if evidence.model is not None and evidence.model.modulus_factor is not None:
         yield _modulus(evidence.model)
     yield (
         "One flat punch cannot identify modulus and Poisson's ratio separately; only their"
@@ -218,13 +218,13 @@ def _limits(
     )
 
 
-def _modulus(model: Mapping[str, Any]) -> str:
-    factor, spread = model["modulus_factor"], model["modulus_factor_deviation"]
-    modulus = "" if model.get("layers") else f", at {model['young_pa'] * 1e-6:.4f} MPa"
+def _modulus(model: ReplayModel) -> str:
+    factor, spread = model.modulus_factor, model.modulus_factor_deviation
+    modulus = "" if model.layers else f", at {model.young_pa * 1e-6:.4f} MPa"
     return (
         f"The gel was replayed {factor:.3f} times as stiff as stated (between trials +-"
         f"{spread:.3f}){modulus}: that is what the measured depths and forces of"
-        f" {model['modulus_trials']} trials say; no image had a part in it. Depths and images are"
+        f" {model.modulus_trials} trials say; no image had a part in it. Depths and images are"
         " of that gel; forces predicted at measured depths are of the stated one."
     )
 

@@ -70,7 +70,7 @@ def _contact_place(
     world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
 ) -> Iterator[TruthComparison]:
     """Add what the camera's calibration knows of the place to what the images are still off."""
-    calibrated = evidence.model.get("image_centre_m", (0.0, 0.0))
+    calibrated = (0.0, 0.0) if evidence.model is None else evidence.model.image_centre_m
     poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
     for axis, name in enumerate("xy"):
         found = [p.x_mm if name == "x" else p.y_mm for p in poses]
@@ -95,18 +95,18 @@ def _modulus(
     world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
 ) -> Iterator[TruthComparison]:
     """Scale the stated modulus by measured over predicted force; linear in the modulus."""
-    model, true = evidence.model.get("young_pa"), world.values.get("young_pa")
-    stiffer = evidence.model.get("modulus_factor", 1.0)
+    model, true = evidence.model, world.values.get("young_pa")
     ratios = [
         t.force_measured_n / t.force.force_predicted_n
         for t in trials
         if t.force_measured_n is not None and t.force.force_predicted_n
     ]
-    if isinstance(model, float) and isinstance(true, float) and ratios:
+    if model is not None and isinstance(true, float) and ratios:
+        stated_pa = model.young_pa / (model.modulus_factor or 1.0)
         yield TruthComparison(
             name="modulus, from force at the measured depth",
             true=true * 1e-3,
-            recovered=model / stiffer * float(np.mean(ratios)) * 1e-3,
+            recovered=stated_pa * float(np.mean(ratios)) * 1e-3,
             unit="kPa",
         )
 

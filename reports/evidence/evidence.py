@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
-from tacauchy_rig.run import ReplayTrial, TrialRecord
+from tacauchy_rig.run import ReplayModel, ReplayTrial, TrialRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +170,7 @@ class RunEvidence:
         provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
             and whatever else says where the numbers come from; plain JSON values.
         contact_force_n: Force at which a press calls the gel touched: depth counts from there.
-        model: The replay's model, units in the keys.
+        model: What was replayed; None where nothing was.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
@@ -183,7 +183,7 @@ class RunEvidence:
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
     contact_force_n: float = 0.0
-    model: dict[str, Any] = field(default_factory=dict)
+    model: ReplayModel | None = None
     sync_mode: str = "host_clock"
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()

@@ -66,7 +66,7 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
         provenance=_provenance(store, replay),
         journal=summarize_journal(read_journal(store.paths.journal)),
         contact_force_n=config.protocol.contact_force,
-        model={} if replay is None else replay.model,
+        model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
         world=_world(store, run.records),
     )
@@ -88,9 +88,9 @@ def _stated_curve(replay: Replay | None) -> FloatArray | None:
     """Return what the replay's model gives with the modulus that is stated: (depth, force)."""
     if replay is None:
         return None
-    stiffer = replay.model.get("modulus_factor", 1.0)
+    stiffer = replay.model.modulus_factor or 1.0
     fitted = [[(d, f / stiffer) for d, f in trial.force_history] for trial in replay.trials]
-    stated = [(d, f) for d, f in replay.model.get("stated_force_history", ())]
+    stated = replay.model.stated_force_history or ()
     return merge_histories([stated, *fitted])
 
 

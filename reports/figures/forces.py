@@ -103,7 +103,8 @@ def draw_force_depth(report: ValidationReport) -> Figure:
 def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
     """Draw the simulator's curve with the stated modulus and, where it was fitted, with that."""
     curves = [t.force_depth_simulated for t in report.evidence.trials]
-    factor = report.evidence.model.get("modulus_factor")
+    model = report.evidence.model
+    factor = None if model is None else model.modulus_factor
     name = "Simulated" if factor is None else "Simulated, stated modulus"
     drawn: list[FloatArray] = []
     for curve in curves:

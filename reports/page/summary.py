@@ -55,7 +55,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "truth": to_plain(report.truth),
         "sync_mode": evidence.sync_mode,
         "journal": to_plain(evidence.journal),
-        "model": to_plain(evidence.model),
+        "model": {} if evidence.model is None else to_plain(evidence.model),
         "provenance": {
             "versions": {},
             "config_hash": None,

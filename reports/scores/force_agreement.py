@@ -8,15 +8,14 @@ off the simulator, so the force is the outcome. Only the second tests the simula
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 
 from reports.evidence.evidence import TrialEvidence
 from reports.evidence.force_depth import depth_at_force, force_at_depth
+from tacauchy_rig.run import ReplayModel
 
 
 class TermGroup(StrEnum):
@@ -73,7 +72,7 @@ def compare_force(
     trial: TrialEvidence,
     *,
     tolerance_n: float,
-    model: Mapping[str, Any],
+    model: ReplayModel | None,
     contact_force_n: float = 0.0,
 ) -> ForceAgreement:
     """Compare the forces of one trial under both claims.
@@ -81,7 +80,7 @@ def compare_force(
     Args:
         trial: Record and replay of the trial; what is missing gives None.
         tolerance_n: Largest mismatch that counts as matched [N].
-        model: The replay's model; ``young_uncertainty_relative`` enters the budget when present.
+        model: The replay's model; the uncertainty of its modulus enters the budget if known.
         contact_force_n: Force at which the press called the gel touched [N]. The simulator is a
             little deep at that force, and measured depth counts from there.
     """
@@ -113,7 +112,7 @@ def compare_force(
 
 
 def uncertainty_budget(
-    trial: TrialEvidence, model: Mapping[str, Any], *, touched_m: float | None = None
+    trial: TrialEvidence, model: ReplayModel | None, *, touched_m: float | None = None
 ) -> tuple[UncertaintyTerm, ...]:
     """List what is known and what is not of the uncertainty of simulated minus measured force.
 
@@ -161,8 +160,8 @@ def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
     )
 
 
-def _inputs(trial: TrialEvidence, model: Mapping[str, Any]) -> tuple[UncertaintyTerm, ...]:
-    relative = model.get("young_uncertainty_relative")
+def _inputs(trial: TrialEvidence, model: ReplayModel | None) -> tuple[UncertaintyTerm, ...]:
+    relative = None if model is None else model.young_uncertainty_relative
     replay = trial.replay
     stated = isinstance(relative, int | float) and replay is not None
     return (

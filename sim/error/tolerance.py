@@ -19,14 +19,10 @@ from sim.error.prior_error import (
 from sim.error.section_error import section_depth, section_force
 from sim.scene.scene import Effect, Preset, Scene
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.run import Alternative
 
 # Preset paper's error was measured with its linear element.
 _MEASURED_WITH = {Effect.LOCKING_FREE_ELEMENT}
-
-
-def _short(value: float) -> str:
-    """Return two significant digits, or whole numbers from 100 on."""
-    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,31 +55,6 @@ class Tolerance:
             if self.force_n is None
             else f"{self.force_n:g} N"
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Alternative:
-    """Settings beside those that were used.
-
-    Attributes:
-        role: ``cheaper`` or ``better``.
-        setting: A preset, or a mesh between two.
-        error_relative: Believed relative error of F_z; None where nothing is known.
-        time_ratio: Its time over that of the settings used.
-        wall_s: The time it would have taken here [s]; None where nothing was pressed.
-    """
-
-    role: str
-    setting: str
-    error_relative: float | None
-    time_ratio: float
-    wall_s: float | None
-
-    def __str__(self) -> str:
-        error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
-        seconds = "" if self.wall_s is None else f" ({_short(self.wall_s)} s)"
-        time = f"about {_short(self.time_ratio)} times the time{seconds}"
-        return f"preset {self.setting}: {time}, force error {error}"
 
 
 def settings_by_cost(kind: str | None = None) -> tuple[Setting, ...]:

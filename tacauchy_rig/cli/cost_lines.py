@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sim.error.tolerance import Alternative
+from tacauchy_rig.run import Alternative
 
 
 def cost_lines(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from reports.evidence.attempt import RunReading
-from sim.error.tolerance import Alternative, Tolerance
+from sim.error.tolerance import Tolerance
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
@@ -19,7 +19,7 @@ from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.loop.settings import parse_tolerance
-from tacauchy_rig.run import Replay
+from tacauchy_rig.run import MarkerMotion, Replay
 from tacauchy_rig.store.export import ExportKind, export_run
 from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore
@@ -91,7 +91,7 @@ def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> N
     replay = replay_run(
         run, tolerance=tolerance, calibrate=emulated_calibration(run.store), on_progress=say
     )
-    _say_markers(replay.model["markers"])
+    _say_markers(replay.model.markers)
     _say_cost(replay)
 
 
@@ -106,20 +106,22 @@ def report_and_exit(run: RunReading, json_file: Path | None) -> None:
 
 def _say_cost(replay: Replay) -> None:
     """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
-    facts = replay.model
+    model = replay.model
     worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
-    others = [Alternative(**other) for other in facts["alternatives"]]
-    error, cost = facts["force_error_largest_relative"], f"{facts['wall_s']:.1f} s"
-    for line in cost_lines(error, worst.force_error_basis, cost, others):
+    error, cost = model.force_error_largest_relative, f"{model.wall_s:.1f} s"
+    for line in cost_lines(error, worst.force_error_basis, cost, model.alternatives):
         say(f"  {line}")
 
 
-def _say_markers(markers: Sequence[Mapping[str, Any]]) -> None:
+def _say_markers(markers: Sequence[MarkerMotion]) -> None:
     for found in markers:
-        if found.get("tracked"):
+        if found.tracked:
             say(
-                f"  markers of trial {found['trial']}: {found['tracked']} tracked, moved "
-                f"{found['recorded_largest_m'] * 1e3:.3f} mm at most, the simulated ones "
-                f"{found['simulated_largest_m'] * 1e3:.3f} mm; "
-                f"{found['apart_rms_m'] * 1e3:.3f} mm apart rms"
+                f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
+                f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
+                f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms"
             )
+
+
+def _mm(length_m: float | None) -> str:
+    return f"{(length_m or 0.0) * 1e3:.3f}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
+from tacauchy_rig.run import MarkerMotion
 from tacauchy_rig.store.replay_files import ReplayFields
 
 _SAMPLES = 2  # of a pixel, along rows and along columns
@@ -29,7 +29,7 @@ class RenderedTrial:
     """Arrays and image of a trial; how its markers moved, None where the unit shows none."""
 
     kept: ReplayFields
-    markers: dict[str, Any] | None
+    markers: MarkerMotion | None
 
 
 def render_trial(
@@ -58,8 +58,7 @@ def render_trial(
     if printed is not None and sensor.markers is not None:
         found = surface_displacement(fields.surface, printed.places_m)[:, :2]
         image = printed.over(image, found, geometry)
-        pressed = None if attempt.images is None else attempt.images.real
-        moved = _compared(printed, fields, optics, (unloaded, pressed), sensor.markers.radius_m)
+        moved = _marker_motion(attempt, printed, fields, optics, sensor.markers.radius_m)
     return RenderedTrial(
         kept=ReplayFields(
             fields=fields.arrays,
@@ -67,7 +66,7 @@ def render_trial(
             image=image,
             surface_vtu=fields.surface_vtu,
         ),
-        markers=None if moved is None else {"trial": attempt.record.index, **moved},
+        markers=moved,
     )
 
 
@@ -108,31 +107,33 @@ class ReplayImages:
         return image_of(surface, self._sensor, self._optics, unloaded=self._unloaded)[1]
 
 
-def _compared(
+def _marker_motion(
+    attempt: AttemptReading,
     printed: PrintedMarkers,
     fields: TrialFields,
     optics: OpticalCalibration,
-    frames: tuple[ImageArray, ImageArray | None],
     radius_m: float,
-) -> dict[str, Any]:
-    """Compare the markers' way in the recorded frames with that of the simulated surface [m]."""
-    unloaded, pressed = frames
-    facts: dict[str, Any] = {"drawn": len(printed.places_m)}
-    if pressed is None:
-        return facts
-    tracks = track_markers(unloaded, pressed, optics.geometry, radius_m=radius_m)
+) -> MarkerMotion:
+    """Compare the markers' way in the recorded frames with that of the simulated surface."""
+    trial, drawn = attempt.record.index, len(printed.places_m)
+    if attempt.images is None:
+        return MarkerMotion(trial=trial, drawn=drawn)
+    tracks = track_markers(
+        attempt.images.reference, attempt.images.real, optics.geometry, radius_m=radius_m
+    )
     simulated = surface_displacement(fields.surface, tracks.places_m)[:, :2]
-    return {
-        **facts,
-        "tracked": len(tracks.places_m),
-        "lost": tracks.lost,
-        "recorded_rms_m": _rms(tracks.displacement_m),
-        "recorded_largest_m": _largest(tracks.displacement_m),
-        "simulated_rms_m": _rms(simulated),
-        "simulated_largest_m": _largest(simulated),
-        "apart_rms_m": _rms(tracks.displacement_m - simulated),
-        "apart_largest_m": _largest(tracks.displacement_m - simulated),
-    }
+    return MarkerMotion(
+        trial=trial,
+        drawn=drawn,
+        tracked=len(tracks.places_m),
+        lost=tracks.lost,
+        recorded_rms_m=_rms(tracks.displacement_m),
+        recorded_largest_m=_largest(tracks.displacement_m),
+        simulated_rms_m=_rms(simulated),
+        simulated_largest_m=_largest(simulated),
+        apart_rms_m=_rms(tracks.displacement_m - simulated),
+        apart_largest_m=_largest(tracks.displacement_m - simulated),
+    )
 
 
 def _rms(vectors: np.ndarray) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
@@ -25,7 +24,7 @@ from tacauchy_rig.loop.settings import (
     sensor_of,
     tolerance_of,
 )
-from tacauchy_rig.run import Replay, TrialRecord
+from tacauchy_rig.run import Replay, ReplayModel, TrialRecord
 
 REPLAY_NAME = "force-matched"
 
@@ -78,13 +77,8 @@ def replay_run(
         for attempt, trial_fields in zip(attempts, fields, strict=True)
     }
     markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
-    facts = {
-        **replay.model,
-        **_stated_facts(sensor, optics),
-        **_modulus_facts(fit, stated),
-        "markers": markers,
-    }
-    replay = replace(replay, trials=trials, model=facts)
+    model = _seen_by_the_camera(_with_modulus(replay.model, fit, stated), sensor, optics)
+    replay = replace(replay, trials=trials, model=replace(model, markers=tuple(markers)))
     store.save_replay(replay, {index: trial.kept for index, trial in rendered.items()})
     return replay
 
@@ -133,27 +127,33 @@ def _stiffened(sensor: Sensor, factor: float) -> Sensor:
     return replace(sensor, material=times(sensor.material), layers=layers)
 
 
-def _modulus_facts(fit: ModulusFit | None, stated: Replay) -> dict[str, Any]:
+def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: Replay) -> ReplayModel:
+    """Add what the run's depths say of the modulus, if they decided it."""
     if fit is None:
-        return {}
-    return {
-        "modulus_factor": fit.factor,
-        "modulus_factor_deviation": fit.factor_deviation,
-        "modulus_trials": fit.trial_count,
-        "stated_force_history": [pair for trial in stated.trials for pair in trial.force_history],
-    }
+        return model
+    return replace(
+        model,
+        modulus_factor=fit.factor,
+        modulus_factor_deviation=fit.factor_deviation,
+        modulus_trials=fit.trial_count,
+        stated_force_history=tuple(pair for trial in stated.trials for pair in trial.force_history),
+    )
 
 
-def _stated_facts(sensor: Sensor, optics: OpticalCalibration) -> dict[str, Any]:
+def _seen_by_the_camera(
+    model: ReplayModel, sensor: Sensor, optics: OpticalCalibration
+) -> ReplayModel:
+    """Add what sensor and calibration state: the modulus' uncertainty, optics and scale."""
     uncertainty, source = sensor.young_uncertainty()
-    return {
-        "young_uncertainty_relative": uncertainty,
-        "young_source": source,
-        "optics": dict(optics.model.provenance),
-        "scale_x_m_px": optics.geometry.scale_x_m,
-        "image_centre_m": optics.geometry.centre_from_middle_m,
-        "scale_y_m_px": optics.geometry.scale_y_m,
-    }
+    return replace(
+        model,
+        young_uncertainty_relative=uncertainty,
+        young_source=source,
+        optics=dict(optics.model.provenance),
+        scale_x_m_px=optics.geometry.scale_x_m,
+        image_centre_m=optics.geometry.centre_from_middle_m,
+        scale_y_m_px=optics.geometry.scale_y_m,
+    )
 
 
 def _measured_attempts(run: RunReading) -> list[AttemptReading]:

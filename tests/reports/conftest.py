@@ -25,6 +25,7 @@ from reports.evidence.evidence import (
 )
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.run import Outcome, ReplayTrial, TrialRecord
+from tests.made_model import made_model
 
 HEIGHT, WIDTH = 240, 320
 PUNCH_RADIUS_PX = 39.4
@@ -200,31 +201,7 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
             },
         },
         journal=JournalSummary(attempt_count=7, fault_count=1, faults=("camera: unplugged",)),
-        model={
-            "element": "P2",
-            "young_pa": 435e3,
-            "poisson": 0.48,
-            "preset": "balanced",
-            "tolerance": "2% of F_z",
-            "force_error_largest_relative": 0.0123,
-            "wall_s": 20.0,
-            "alternatives": [
-                {
-                    "role": "cheaper",
-                    "setting": "fast",
-                    "error_relative": 0.0321,
-                    "time_ratio": 0.25,
-                    "wall_s": 5.0,
-                },
-                {
-                    "role": "better",
-                    "setting": "accurate",
-                    "error_relative": None,
-                    "time_ratio": 2.5,
-                    "wall_s": 50.0,
-                },
-            ],
-        },
+        model=made_model(),
         truth=(
             *truth,
             TruthComparison(name="light gain", true=1.03, recovered=1.027, unit=""),

@@ -51,7 +51,7 @@ def test_every_force_is_met_in_its_own_place(
     assert [trial.index for trial in replay.trials] == [1, 2]
     assert replay.trials[0].depth_simulated_m > replay.trials[1].depth_simulated_m
     assert [line[0] for line in lines] == ["0", "2", "1"]
-    assert replay.model["young_pa"] == pytest.approx(0.435e6)
+    assert replay.model.young_pa == pytest.approx(0.435e6)
     assert replay.versions["warp-lang"] != "absent"
 
 
@@ -61,13 +61,14 @@ def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(
     """The time is all trials' and the mesh's; preset fast has a better neighbour."""
     replay, _, _ = replayed
     facts = replay.model
-    assert facts["wall_s"] >= sum(trial.wall_s["solve_s"] for trial in replay.trials)
-    assert facts["force_error_largest_relative"] == max(
+    assert facts.wall_s >= sum(trial.wall_s["solve_s"] for trial in replay.trials)
+    assert facts.force_error_largest_relative == max(
         trial.force_error_estimate or 0.0 for trial in replay.trials
     )
-    better = facts["alternatives"][-1]
-    assert better["role"] == "better"
-    assert better["error_relative"] < facts["force_error_largest_relative"]
+    better = facts.alternatives[-1]
+    assert better.role == "better"
+    assert better.error_relative is not None
+    assert better.error_relative < facts.force_error_largest_relative
 
 
 def test_a_tolerance_chooses_the_replays_preset() -> None:
@@ -114,7 +115,7 @@ def test_surface_covers_the_pad_and_stays_below_the_indenter(
     offset = surface.positions - surface.indenter_position
     roof = surface.indenter.lower_surface(offset[:, 0], offset[:, 1])
     # The indenter comes with all that lies within the barrier's distance.
-    allowed = roof + replay.model["barrier_m"]
+    allowed = roof + replay.model.barrier_m
     assert np.all(offset[:, 2] < np.where(np.isfinite(roof), allowed, 1.0))
 
 

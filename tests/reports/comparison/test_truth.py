@@ -11,6 +11,7 @@ from reports.comparison.results import ValidationReport
 from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
 from tacauchy_rig.run import Tare
+from tests.made_model import made_model
 
 WORLD = EmulatedWorld(
     values={
@@ -60,7 +61,7 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
     place = found["contact seen off its place along x"]
     assert place.true == pytest.approx(0.14)
     assert place.recovered == pytest.approx(0.142, abs=0.01)
-    calibrated = replace(run, model={**run.model, "image_centre_m": (5e-5, -2e-5)})
+    calibrated = replace(run, model=made_model(image_centre_m=(5e-5, -2e-5)))
     found_there = {c.name: c for c in recover_truth(calibrated, report.trials)}
     for axis, added in (("x", 0.05), ("y", -0.02)):
         name = f"contact seen off its place along {axis}"

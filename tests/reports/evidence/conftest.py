@@ -28,6 +28,7 @@ from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
+from tests.made_model import made_model
 
 START_NS = 7_000_000_000
 CONTACT_Z_M, TARE_N, FORCE_N, DEPTH_M = 0.1997, 0.8, 1.2556, 2.0e-4
@@ -128,7 +129,7 @@ def replay_of(records: list[TrialRecord]) -> Replay:
         )
         for r in records
     )
-    return Replay(name="main", trials=trials, model={"young_pa": 435e3}, versions={"x": "1"})
+    return Replay(name="main", trials=trials, model=made_model(), versions={"x": "1"})
 
 
 @pytest.fixture

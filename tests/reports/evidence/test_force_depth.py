@@ -18,6 +18,7 @@ from reports.evidence.force_depth import (
     merge_histories,
 )
 from tacauchy_rig.run import Outcome, TrialRecord
+from tests.made_model import made_model
 
 _STIFFNESS_N_M = 6e3
 _CONTACT_N = 0.05
@@ -86,12 +87,7 @@ def test_the_report_says_that_the_gel_was_fitted(
     evidence: RunEvidence, report: ValidationReport
 ) -> None:
     """How much stiffer, from how many trials; nothing of it where the modulus is the stated one."""
-    fitted = {
-        **evidence.model,
-        "modulus_factor": 1.079,
-        "modulus_factor_deviation": 0.005,
-        "modulus_trials": 6,
-    }
+    fitted = made_model(modulus_factor=1.079, modulus_factor_deviation=0.005, modulus_trials=6)
     sentences = " ".join(
         limits_of(report.trials, report.statistics, replace(evidence, model=fitted))
     )

@@ -20,6 +20,7 @@ from tacauchy_rig.run import (
     Replay,
 )
 from tacauchy_rig.store.run_store import RunStore
+from tests.made_model import made_model
 
 
 def evidence_of(
@@ -93,13 +94,13 @@ def test_forces_are_predicted_with_the_stated_modulus(
     """A gel that was replayed twice as stiff as stated predicts half of those forces."""
     replay = press.replay_of([press.record(1)])
     stated = evidence_of(store, replay).trials[0].force_depth_simulated
-    stiffer = replace(replay, model={**replay.model, "modulus_factor": 2.0})
+    stiffer = replace(replay, model=made_model(modulus_factor=2.0))
     found = evidence_of(store, stiffer).trials[0].force_depth_simulated
     assert stated is not None
     assert found is not None
     assert found[:, 0] == pytest.approx(stated[:, 0])
     assert found[:, 1] == pytest.approx(0.5 * stated[:, 1])
-    deeper = {**stiffer.model, "stated_force_history": [[3e-4, 1.1]]}
+    deeper = replace(stiffer.model, stated_force_history=((3e-4, 1.1),))
     whole = evidence_of(store, replace(stiffer, model=deeper)).trials[0].force_depth_simulated
     assert whole is not None
     assert whole[-1] == pytest.approx([3e-4, 1.1])

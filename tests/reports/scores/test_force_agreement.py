@@ -12,6 +12,7 @@ from reports.scores.force_agreement import (
     TermGroup,
     compare_force,
 )
+from tests.made_model import made_model
 
 
 def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
@@ -19,7 +20,7 @@ def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
     trial = evidence.trials[2]
     assert trial.record is not None
     assert trial.record.depth_measured_m is not None
-    force = compare_force(trial, tolerance_n=0.08, model={}, contact_force_n=0.0707)
+    force = compare_force(trial, tolerance_n=0.08, model=None, contact_force_n=0.0707)
     assert force.touch_depth_m == pytest.approx(1e-5)
     assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
     height = next(t for t in force.budget if t.name == "height of first contact")
@@ -32,7 +33,7 @@ def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:
     assert trial.record is not None
     assert trial.record.force_measured_n is not None
     assert trial.record.depth_measured_m is not None
-    force = compare_force(trial, tolerance_n=0.08, model={})
+    force = compare_force(trial, tolerance_n=0.08, model=None)
     assert force.mismatch_n == pytest.approx(0.01 * trial.record.force_measured_n)
     assert force.force_predicted_n == pytest.approx(
         1.01 * 7000.0 * trial.record.depth_measured_m, rel=1e-9
@@ -44,7 +45,7 @@ def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:
 
 def test_unknown_terms_stay_unknown(evidence: RunEvidence) -> None:
     """Known terms add in squares; unknown ones are named and make the sum a lower bound."""
-    force = compare_force(evidence.trials[0], tolerance_n=0.08, model={})
+    force = compare_force(evidence.trials[0], tolerance_n=0.08, model=None)
     known = [t.value_n for t in force.budget if t.value_n is not None]
     assert force.known_uncertainty_n == pytest.approx(math.sqrt(sum(v * v for v in known)))
     assert not force.budget_complete
@@ -56,7 +57,8 @@ def test_stated_modulus_uncertainty_enters(evidence: RunEvidence) -> None:
     """5 % of modulus is 5 % of force."""
     trial = evidence.trials[0]
     assert trial.replay is not None
-    force = compare_force(trial, tolerance_n=0.08, model={"young_uncertainty_relative": 0.05})
+    model = made_model(young_uncertainty_relative=0.05)
+    force = compare_force(trial, tolerance_n=0.08, model=model)
     modulus = next(t for t in force.budget if "modulus" in t.name)
     assert modulus.value_n == pytest.approx(0.05 * trial.replay.force_simulated_n)
 
@@ -64,7 +66,7 @@ def test_stated_modulus_uncertainty_enters(evidence: RunEvidence) -> None:
 def test_missing_replay_says_nothing(evidence: RunEvidence) -> None:
     """Without a replay there is no mismatch, no prediction and no invented uncertainty."""
     trial = replace(evidence.trials[0], replay=None, force_depth_simulated=None)
-    force = compare_force(trial, tolerance_n=0.08, model={})
+    force = compare_force(trial, tolerance_n=0.08, model=None)
     assert force.mismatch_n is None
     assert force.prediction_error_n is None
     assert force.budget[0].value_n is None

@@ -13,7 +13,6 @@ from sim.error.measured_errors import Setting, indenter_kind, setting_of
 from sim.error.prior_error import force_error, time_ratio
 from sim.error.section_error import section_force
 from sim.error.tolerance import (
-    Alternative,
     Tolerance,
     alternatives,
     expected_error,
@@ -24,6 +23,7 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.run import Alternative
 
 GEL = load_sensor("gelsight-mini")
 SCENE = Scene(

@@ -12,8 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import Criterion, Outcome, Replay, ReplayTrial, Tare, TrialRecord
+from tacauchy_rig.run import (
+    Criterion,
+    MarkerMotion,
+    Outcome,
+    Replay,
+    ReplayTrial,
+    Tare,
+    TrialRecord,
+)
 from tacauchy_rig.store.codec import dumps, from_json, loads, to_json, to_plain
+from tests.made_model import made_model
 
 RECORD: dict[str, Any] = {
     "index": 1,
@@ -37,7 +46,13 @@ def test_any_trial_record_comes_back(record: TrialRecord) -> None:
     st.builds(
         Replay,
         trials=st.lists(st.from_type(ReplayTrial), max_size=2).map(tuple),
-        model=st.dictionaries(st.text(), st.integers() | st.text()),
+        model=st.builds(
+            made_model,
+            optics=st.dictionaries(st.text(), st.integers() | st.text()),
+            modulus_factor=st.none() | st.floats(),
+            stated_force_history=st.none() | st.just(((1e-4, 0.5), (2e-4, 1.1))),
+            markers=st.lists(st.from_type(MarkerMotion), max_size=2).map(tuple),
+        ),
     )
 )
 def test_any_replay_comes_back(replay: Replay) -> None:

@@ -18,6 +18,7 @@ from tacauchy_rig.run import Outcome, Replay, ReplayTrial, TrialRecord
 from tacauchy_rig.store.layout import RunPaths, run_root_of
 from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
+from tests.made_model import made_model
 
 
 def _create(parent: Path, *overrides: str) -> RunStore:
@@ -56,7 +57,7 @@ def _replay() -> Replay:
         min_jacobian=0.8,
         force_history=((1e-4, 0.4), (3e-4, 1.26)),
     )
-    return Replay(name="balanced", trials=(trial,), model={"young_pa": 3e5}, versions={})
+    return Replay(name="balanced", trials=(trial,), model=made_model(young_pa=3e5), versions={})
 
 
 def test_a_run_is_opened_as_it_was_created(tmp_path: Path) -> None:
