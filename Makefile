@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: dry-run test test-slow check lint types contracts dependencies format clean
+.PHONY: dry-run test test-slow check lint types contracts dependencies architecture format clean
 
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
@@ -34,6 +34,9 @@ contracts: $(VENV)/.tools
 
 dependencies: $(VENV)/.tools
 	$(BIN)/deptry .
+
+architecture: $(VENV)/.tools
+	$(BIN)/python -m tests.architecture
 
 format: $(VENV)/.tools
 	$(BIN)/ruff check --fix .

@@ -1,0 +1,68 @@
+"""Rooms without circles, a page that shows them as they are, and names in texts that exist."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.architecture import FOLDERS, PAGE, ROOT, arrows, circles, reduced, with_drawing
+
+
+def test_no_room_imports_itself_through_others() -> None:
+    """Every arrow of the drawing points down."""
+    assert circles(arrows()) == []
+
+
+def test_the_page_is_drawn_from_the_imports() -> None:
+    """``make architecture`` would change nothing."""
+    page = PAGE.read_text("utf-8")
+    assert with_drawing(page) == page
+
+
+def test_reduction_keeps_what_can_be_reached() -> None:
+    """An arrow is left out only where a longer way says it."""
+    found = {"a": {"b", "c"}, "b": {"c"}, "c": set[str]()}
+    assert reduced(found) == {"a": {"b"}, "b": {"c"}, "c": set()}
+    assert circles({"a": {"b"}, "b": {"a"}, "c": {"a"}}) == ["a", "b"]
+
+
+def _texts() -> list[Path]:
+    listed = subprocess.run(
+        ["git", "ls-files", "*.py", "*.md", "*.toml", "*.jinja"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [ROOT / name for name in listed.stdout.split()]
+
+
+_MODULE = re.compile(rf"``?((?:{'|'.join(FOLDERS)})(?:\.[a-z_0-9]+)+)``?")
+_FILE = re.compile(rf"[`( ]((?:{'|'.join(FOLDERS)}|tests)(?:/[\w.]+)+\.(?:py|toml|json))[`) ,.;]")
+
+
+def test_names_in_texts_exist() -> None:
+    """Each module and file that a page or a docstring names is there."""
+    missing = {path: [*_missing_names(path.read_text("utf-8"))] for path in _texts()}
+    assert {str(path): names for path, names in missing.items() if names} == {}
+
+
+def _missing_names(text: str) -> Iterator[str]:
+    yield from (name for name in _MODULE.findall(text) if not _exists(name))
+    yield from (name for name in _FILE.findall(text) if not (ROOT / name).exists())
+
+
+def _exists(name: str) -> bool:
+    """Return whether a dotted name is a module, or something in one."""
+    parent, _, last = name.rpartition(".")
+    if importlib.util.find_spec(parent) is None:
+        return False
+    try:
+        if importlib.util.find_spec(name) is not None:
+            return True
+    except ModuleNotFoundError:
+        pass
+    return hasattr(importlib.import_module(parent), last)
