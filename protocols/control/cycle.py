@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.rig import Rig
-from protocols.control.journal import Sink
 from protocols.control.rates import RateMeter
+from protocols.control.record import Arm, Force, Sink
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.following import FollowGuard
@@ -204,7 +204,7 @@ class Cycle:
     def _record_force(self, samples: list[ForceSample]) -> None:
         self.rates.force(samples)
         try:
-            self.sink.force(samples)
+            self.sink.put(Force(tuple(samples)))
         except RecordError as error:
             raise _recorder_breach(str(error)) from error
 
@@ -212,7 +212,7 @@ class Cycle:
         try:
             states = self.rig.arm.drain()
             if states:
-                self.sink.arm(states)
+                self.sink.put(Arm(tuple(states)))
             state = self.rig.arm.state()
         except DeviceError as error:
             raise _robot_breach(error) from error

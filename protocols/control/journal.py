@@ -1,49 +1,14 @@
-"""Where the control loop puts what it saw, and what happened line by line.
-
-A sink never blocks and never loses in silence.
-"""
+"""What happened, line by line: to the record, and to whoever watches."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 from drivers.device.clock import Clock
+from protocols.control.record import Event, Sink
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, Phase, TrialRecord
-
-
-class Sink(Protocol):
-    """Takes the record of a run, in order."""
-
-    def begin_attempt(self, trial: int, attempt: int) -> None:
-        """Start the recording of an attempt."""
-        ...
-
-    def force(self, samples: Sequence[ForceSample]) -> None:
-        """Take force samples, oldest first."""
-        ...
-
-    def arm(self, samples: Sequence[ArmSample]) -> None:
-        """Take arm states, oldest first."""
-        ...
-
-    def event(self, event: JournalEvent) -> None:
-        """Take a line of the journal."""
-        ...
-
-    def end_attempt(self, record: TrialRecord) -> None:
-        """Finish the recording and keep its result."""
-        ...
-
-    def problem(self) -> str:
-        """Return why nothing more can be kept, or an empty text."""
-        ...
-
-    def lag_s(self) -> float:
-        """Return for how long the oldest entry has been on its way to the disk [s]."""
-        ...
-
+from tacauchy_rig.run import JournalEvent, Phase
 
 PROGRESS = "progress"
 """Name of events that are shown and not kept."""
@@ -77,7 +42,7 @@ class Journal:
         """Keep and show an event. A record that is gone is the cycle's matter, not raised here."""
         event = self._event(name, detail)
         try:
-            self._sink.event(event)
+            self._sink.put(Event(event))
         except RecordError as error:
             event.detail["not_recorded"] = error.message
         self._listener(event)

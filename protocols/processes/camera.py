@@ -11,9 +11,9 @@ from dataclasses import replace
 from drivers.camera.interface import Camera
 from drivers.camera.jpeg import clipped_ratio
 from drivers.rig import FrameMark, build_camera
+from protocols.control.record import Frame
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.entry import Frame
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Ready, Stop
 from tacauchy_rig.errors import DeviceError

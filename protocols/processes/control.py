@@ -22,7 +22,7 @@ from protocols.control.journal import Journal
 from protocols.guard.abort import Abort
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child
-from protocols.processes.link import LinkSink, RecorderLink, RemoteCamera
+from protocols.processes.link import RecorderLink, RemoteCamera
 from protocols.processes.messages import (
     AbortRequest,
     Finished,
@@ -151,9 +151,8 @@ def _wait_for_go(orders: Orders, rig: Rig, abort: Abort) -> None:
 def _run(
     rig: Rig, job: Job, link: RecorderLink, supervisor: Channel, abort: Abort
 ) -> ProgrammeResult:
-    sink = LinkSink(link)
-    cycle = Cycle(rig, job.config, sink=sink, abort=abort)
-    journal = Journal(sink, rig.clock, listener=lambda event: _show(supervisor, event))
+    cycle = Cycle(rig, job.config, sink=link, abort=abort)
+    journal = Journal(link, rig.clock, listener=lambda event: _show(supervisor, event))
     shown_s = 0.0
 
     def show() -> None:

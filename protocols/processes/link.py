@@ -8,17 +8,16 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
+from protocols.control.record import Begin, End, Entry, Frame
 from protocols.processes.channel import Channel
-from protocols.processes.entry import Arm, Begin, End, Entry, Event, Force, Frame, encode, keep
+from protocols.processes.framing import encode
 from protocols.processes.messages import Ack, CameraStatus, Failed
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import DeviceError, RecordError
-from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -37,7 +36,7 @@ class _Waiting:
 
 
 class RecorderLink:
-    """One producer's end; ``put`` never blocks.
+    """One producer's end, a ``Sink``; ``put`` never blocks.
 
     Args:
         data: Stream to the recorder.
@@ -161,9 +160,9 @@ class RecorderLink:
         keeper = RecordKeeper(self._store, spill_source=self._source)
         try:
             if self._attempt[0] and not isinstance(self._waiting[0].entry, Begin):
-                keeper.begin_attempt(*self._attempt)
+                keeper.keep(Begin(*self._attempt))
             while (entry := self._next_waiting()) is not None:
-                keep(keeper, entry)
+                keeper.keep(entry)
                 if isinstance(entry, End):
                     logger.info("%s: spilled the end of an attempt", self._source)
             keeper.close()
@@ -180,41 +179,6 @@ class RecorderLink:
             waiting = self._waiting.popleft()
             self._waiting_bytes -= waiting.size
             return waiting.entry
-
-
-class LinkSink:
-    """Queues everything for the recorder; see ``Sink``."""
-
-    def __init__(self, link: RecorderLink) -> None:
-        self._link = link
-
-    def begin_attempt(self, trial: int, attempt: int) -> None:
-        """Start the recording of an attempt."""
-        self._link.put(Begin(trial, attempt))
-
-    def force(self, samples: Sequence[ForceSample]) -> None:
-        """Record force samples."""
-        self._link.put(Force(tuple(samples)))
-
-    def arm(self, samples: Sequence[ArmSample]) -> None:
-        """Record arm states."""
-        self._link.put(Arm(tuple(samples)))
-
-    def event(self, event: JournalEvent) -> None:
-        """Record a line of the journal."""
-        self._link.put(Event(event))
-
-    def end_attempt(self, record: TrialRecord) -> None:
-        """Keep the result."""
-        self._link.put(End(record, time.monotonic_ns()))
-
-    def problem(self) -> str:
-        """Return what is wrong with the recorder."""
-        return self._link.problem()
-
-    def lag_s(self) -> float:
-        """Return how far the recorder is behind [s]."""
-        return self._link.lag_s()
 
 
 class RemoteCamera:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+from protocols.control.record import Arm, Begin, End, Entry, Event, Force, Frame
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
+from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.journal import append_event, read_journal
 from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.run_store import RunStore
 
 
 class RecordKeeper:
-    """Keeps the record of one run, on disk when each call returns.
+    """Keeps the record of one run, on disk when ``keep`` returns.
 
     Streams that arrive between attempts are not kept. With ``spill_source`` it keeps what the
     recorder never acknowledged: beside the recording instead of in it, and only such lines of
@@ -32,12 +31,28 @@ class RecordKeeper:
         self._writer: RecordingWriter | None = None
         self.kept_count = 0
 
-    def begin_attempt(self, trial: int, attempt: int) -> None:
-        """Open the recording of an attempt.
+    def keep(self, entry: Entry) -> None:
+        """Write an entry.
 
         Raises:
-            RecordError: It exists already, or the disk is full.
+            RecordError: The recording exists already, or the disk is full or gone.
         """
+        match entry:
+            case Begin(trial=trial, attempt=attempt):
+                self._open(trial, attempt)
+            case End(record=record):
+                self._store.save_result(record)
+                self.close()
+            case Event(event=event):
+                if not (self._spill_source and _is_journalled(self._store, event)):
+                    append_event(self._store.paths.journal, event)
+                if self._writer is not None:
+                    self._writer.write_event(event)
+                    self.kept_count += 1
+            case _ if self._writer is not None:
+                self._write(self._writer, entry)
+
+    def _open(self, trial: int, attempt: int) -> None:
         self.close()
         paths = self._store.paths
         source = self._spill_source
@@ -51,57 +66,17 @@ class RecordKeeper:
         }
         self._writer = RecordingWriter(path, metadata=metadata)
 
-    def force(self, samples: Sequence[ForceSample]) -> None:
-        """Record force samples.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        if self._writer is not None:
-            self._writer.write_force(samples)
-            self.kept_count += len(samples)
-
-    def arm(self, samples: Sequence[ArmSample]) -> None:
-        """Record arm states.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        if self._writer is not None:
-            self._writer.write_arm(samples)
-            self.kept_count += len(samples)
-
-    def frame(self, frame: ImageFrame) -> None:
-        """Record a camera frame.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        if self._writer is not None:
-            self._writer.write_frame(frame)
-            self.kept_count += 1
-
-    def event(self, event: JournalEvent) -> None:
-        """Add a line to the journal, and to the recording of the attempt that runs.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        journal = self._store.paths.journal
-        if not (self._spill_source and _is_journalled(self._store, event)):
-            append_event(journal, event)
-        if self._writer is not None:
-            self._writer.write_event(event)
-            self.kept_count += 1
-
-    def end_attempt(self, record: TrialRecord) -> None:
-        """Keep the result and finish the recording.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._store.save_result(record)
-        self.close()
+    def _write(self, writer: RecordingWriter, entry: Entry) -> None:
+        match entry:
+            case Force(samples=force):
+                writer.write_force(force)
+                self.kept_count += len(force)
+            case Arm(samples=arm):
+                writer.write_arm(arm)
+                self.kept_count += len(arm)
+            case Frame(frame=frame):
+                writer.write_frame(frame)
+                self.kept_count += 1
 
     def close(self) -> None:
         """Finish the recording that is open.

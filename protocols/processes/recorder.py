@@ -9,9 +9,10 @@ import sys
 import time
 from collections import deque
 
+from protocols.control.record import Begin, End, Entry, Event, Frame
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.entry import Begin, End, Entry, EntryReader, Frame, keep
+from protocols.processes.framing import EntryReader
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import RecordError
@@ -81,13 +82,11 @@ class Recorder:
                         selector.unregister(producer.data)
                 self.step()
         self._keeper.close()
-        self._keeper.event(
-            JournalEvent(
-                stamp_ns=time.monotonic_ns(),
-                name="record-end",
-                detail={"acknowledged": {p.name: p.acknowledged_count for p in self._producers}},
-            )
+        acknowledged = {p.name: p.acknowledged_count for p in self._producers}
+        end = JournalEvent(
+            stamp_ns=time.monotonic_ns(), name="record-end", detail={"acknowledged": acknowledged}
         )
+        self._keeper.keep(Event(end))
 
     def step(self) -> None:
         """Write what has arrived and acknowledge it."""
@@ -101,7 +100,7 @@ class Recorder:
 
     def _keep(self, producer: Producer, entry: Entry) -> None:
         before = self._keeper.kept_count
-        keep(self._keeper, entry)
+        self._keeper.keep(entry)
         producer.kept_count += self._keeper.kept_count - before
         if isinstance(entry, Frame):
             producer.newest_frame_ns = entry.frame.stamp_ns

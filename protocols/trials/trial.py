@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.control.rates import RateMeter
+from protocols.control.record import Begin, End
 from protocols.control.window import take_reference
 from protocols.guard.breach import BreachError, reaction_to
 from protocols.guard.force import Contact
@@ -43,7 +44,7 @@ def run_trial(cycle: Cycle, journal: Journal, spec: TrialSpec, *, attempt: int) 
     cycle.rates = RateMeter()
     error: RigError | None = None
     try:
-        cycle.sink.begin_attempt(spec.index, attempt)
+        cycle.sink.put(Begin(spec.index, attempt))
         journal.write("attempt-start", force_target_n=spec.force_target_n)
         _press_once(cycle, journal, findings)
         record = _judge(cycle, journal, findings)
@@ -132,7 +133,7 @@ def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
         depth_measured_m=record.depth_measured_m,
     )
     try:
-        cycle.sink.end_attempt(record)
+        cycle.sink.put(End(record, cycle.rig.clock.now_ns()))
     except RecordError as error:
         # The fault that the lost record is has been raised where it was seen first.
         logger.error("the result of the attempt could not be kept: %s", error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from drivers.mock.world import MockWorld
 from drivers.rig import FrameMark, Rig
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
+from protocols.control.record import Arm, Begin, End, Entry, Event, Force
 from protocols.guard.abort import Abort
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.config.model import RigConfig
@@ -52,25 +53,19 @@ class KeptInMemory:
     begun: list[tuple[int, int]] = field(default_factory=list)
     trouble: str = ""
 
-    def begin_attempt(self, trial: int, attempt: int) -> None:
-        """Remember that an attempt began."""
-        self.begun.append((trial, attempt))
-
-    def force(self, samples: Sequence[ForceSample]) -> None:
-        """Remember force samples."""
-        self.samples += samples
-
-    def arm(self, samples: Sequence[ArmSample]) -> None:
-        """Remember arm states."""
-        self.states += samples
-
-    def event(self, event: JournalEvent) -> None:
-        """Remember an event."""
-        self.events.append(event)
-
-    def end_attempt(self, record: TrialRecord) -> None:
-        """Remember a record."""
-        self.records.append(record)
+    def put(self, entry: Entry) -> None:
+        """Remember an entry."""
+        match entry:
+            case Begin(trial=trial, attempt=attempt):
+                self.begun.append((trial, attempt))
+            case Force(samples=samples):
+                self.samples += samples
+            case Arm(samples=states):
+                self.states += states
+            case Event(event=event):
+                self.events.append(event)
+            case End(record=record):
+                self.records.append(record)
 
     def problem(self) -> str:
         """Return the trouble that a test has made."""

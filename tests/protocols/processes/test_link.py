@@ -6,9 +6,10 @@ import socket
 
 import pytest
 
+from protocols.control.record import Begin, End, Event, Force
 from protocols.processes import link as link_module
 from protocols.processes.channel import Channel
-from protocols.processes.entry import Begin, End, EntryReader, Event, Force
+from protocols.processes.framing import EntryReader
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import Ack, Failed
 from tacauchy_rig.errors import RecordError

@@ -6,8 +6,9 @@ import socket
 
 import pytest
 
+from protocols.control.record import Begin, End, Frame
 from protocols.processes.channel import Channel
-from protocols.processes.entry import Begin, End, Frame, encode
+from protocols.processes.framing import encode
 from protocols.processes.record_keeper import RecordKeeper
 from protocols.processes.recorder import Producer, Recorder
 from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord

@@ -5,7 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.processes.entry import Begin, EntryReader, Force, Frame, encode
+from protocols.control.record import Begin, Force, Frame
+from protocols.processes.framing import EntryReader, encode
 from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
 
 ENTRIES = [
