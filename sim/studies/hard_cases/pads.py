@@ -17,6 +17,7 @@ from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
 
 HEIGHT_M = 4e-3
@@ -123,3 +124,10 @@ def box_mesh(
         name=f"box, {cells[0]}x{cells[1]}x{cells[2]}",
         symmetry=MirrorSymmetry(mirror_x=quarter, mirror_y=quarter),
     )
+
+
+def balance_relative(model: Model, point: PathPoint) -> float:
+    """Return |indenter's force less base reaction| over the force."""
+    clamp = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
+    away = point.force_n - model.mesh.symmetry.whole_force(clamp)
+    return float(np.linalg.norm(away) / np.linalg.norm(point.force_n))

@@ -17,7 +17,7 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
-from sim.studies.hard_cases.pads import HEIGHT_M, box_mesh, pad_model, round_mesh
+from sim.studies.hard_cases.pads import HEIGHT_M, balance_relative, box_mesh, pad_model, round_mesh
 from tacauchy_rig.errors import ConfigError
 
 PUNCH = Cylinder(diameter_m=5e-3)
@@ -119,11 +119,7 @@ def _pressed(scene: Scene) -> Measured:
     forces, balance, gap = [0.0], 0.0, np.inf
     for depth in DEPTHS_M:
         point = path.advance(depth)
-        reaction = model.mesh.symmetry.whole_force(
-            point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
-        )
-        size = float(np.linalg.norm(point.force_n))
-        balance = max(balance, float(np.linalg.norm(point.force_n - reaction)) / size)
+        balance = max(balance, balance_relative(model, point))
         gap = min(gap, contact_measures(path, point).gap_min_m)
         forces.append(float(point.force_n[2]))
     return {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -22,36 +22,19 @@ _TOLERANCE = 1e-8
 _DEPTH_M, _FORCE_N, _SHIFT_M, _STEP_M = 0.2e-3, 1.0, 0.05e-3, 0.1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    """Lengths over the unit of length, forces over that of force; flat arrays."""
-
-    positions: FloatArray
-    forces: FloatArray
-    iterations: int
-
-    def distance(self, other: _Answer) -> float:
-        """Return the larger deviation of positions and forces, each over its largest number."""
-        deviations = [
-            np.abs(mine - theirs).max() / np.abs(mine).max()
-            for mine, theirs in (
-                (self.positions, other.positions),
-                (self.forces, other.forces),
-            )
-        ]
-        return float(max(deviations))
-
-
 def scaled_units() -> Outcome:
     """Press to a depth, push with a force and slide, in five systems of units."""
-    expected = _answer(1.0, 1.0)
+    expected, _ = _answer(1.0, 1.0)
     worst, at, iterations = 0.0, "", set()
     for length, stress in product(_FACTORS, _FACTORS):
-        found = _answer(length, stress)
-        distance = expected.distance(found)
-        iterations.add(found.iterations)
-        if distance >= worst:
-            worst, at = distance, f"length x {length:g}, stress x {stress:g}"
+        found, spent = _answer(length, stress)
+        iterations.add(spent)
+        deviation = max(
+            float(np.abs(theirs - mine).max() / np.abs(mine).max())
+            for mine, theirs in zip(expected, found, strict=True)
+        )
+        if deviation >= worst:
+            worst, at = deviation, f"length x {length:g}, stress x {stress:g}"
     measured: Measured = {
         "systems_of_units": 1 + len(_FACTORS) ** 2,
         "deviation_max": worst,
@@ -62,8 +45,11 @@ def scaled_units() -> Outcome:
     return Outcome(passed=worst <= _TOLERANCE, measured=measured)
 
 
-def _answer(length: float, stress: float) -> _Answer:
-    """Return what a press gives where the metre is 1/length and the pascal 1/stress as large."""
+def _answer(length: float, stress: float) -> tuple[tuple[FloatArray, FloatArray], int]:
+    """Return what a press gives where the metre is 1/length and the pascal 1/stress as large.
+
+    Positions are over the unit of length, forces over that of force, flat; then the iterations.
+    """
     positions, forces, iterations = [], [], 0
     for order, friction in ((ElementOrder.P2, 0.0), (ElementOrder.P1, 0.4)):
         mesh = round_mesh(symmetric=friction == 0.0)
@@ -83,4 +69,4 @@ def _answer(length: float, stress: float) -> _Answer:
         positions += [point.state.positions.reshape(-1) / length for point in points]
         forces += [point.force_n / (stress * length**2) for point in points]
         iterations += path.counts.newton_iterations
-    return _Answer(np.concatenate(positions), np.concatenate(forces), iterations)
+    return (np.concatenate(positions), np.concatenate(forces)), iterations

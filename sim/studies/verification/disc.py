@@ -60,8 +60,8 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
         note="Disc of radius 12 mm and height 4.5 mm, punch radius 2.5 mm, E = 0.3 MPa, nu = 0.45; "
         "points that touch stick. The reference is axisymmetric and extrapolated over three "
         "meshes (felupe 11.3.0; CalculiX 2.20 lies 0.3 % above it on equal meshes, for "
-        "neo-hookean): sim/verification/data says how. Both programs approach the limit from "
-        "above.",
+        "neo-hookean): sim/studies/verification/data says how. Both programs approach the limit "
+        "from above.",
         command=press_command(disc_scene(LawName.STABLE_NEO_HOOKEAN, depth_max_m, preset)),
     )
 
