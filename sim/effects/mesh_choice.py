@@ -14,15 +14,21 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.effects.estimates import expected_depth
+from sim.effects.estimates import contact_radius, expected_depth
 from sim.scene.indenter import Cylinder, MeshIndenter, Sphere
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import Preset, Scene
 
 # Of the expected depth: a rim that is tilted by less touches all around.
 _TILT_SHARE = 0.75
+# Of the contact's reach: so far inside the outline its edge must lie to be on the pad.
 _MARGIN_SHARE = 1.02
+# Of the pad's height: how deep a press to a force is taken to go.
 _EXPECTED_DEPTH_SHARE = 0.2
+# Of the pad's lesser half extent: no wider a contact is meshed finely.
+_WIDEST_SHARE = 0.6
+# Beyond this tilt [rad] the tangent tells nothing more.
+_TILT_MAX_RAD = 1.5
 
 
 class MeshKind(StrEnum):
@@ -55,11 +61,10 @@ def contact_reach(scene: Scene) -> float:
     """Return about how far from its axis a round or flat, unbounded indenter will touch [m]."""
     if isinstance(scene.indenter, Cylinder):
         return scene.indenter.radius_m
-    widest = 0.6 * min(scene.pad.half_extents())
+    widest = _WIDEST_SHARE * min(scene.pad.half_extents())
     if not isinstance(scene.indenter, Sphere):
         return widest
-    radius = scene.indenter.radius_m
-    return float(min(math.sqrt(1.5 * radius * mesh_depth(scene)), radius, widest))
+    return min(contact_radius(scene, mesh_depth(scene)), widest)
 
 
 def mesh_depth(scene: Scene) -> float:
@@ -95,5 +100,5 @@ def _lifts_its_rim(scene: Scene) -> bool:
     tilt = math.hypot(*scene.motion.tilt_rad)
     if tilt == 0.0 or isinstance(scene.indenter, Sphere):
         return False
-    rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, 1.5))
+    rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
     return rise > _TILT_SHARE * footprint_depth(scene)

@@ -19,6 +19,9 @@ from sim.mesh.sparsity import SparsePattern, sparse_pattern
 from sim.mesh.tet_mesh import TetMesh
 from tacauchy_rig.errors import ConfigError
 
+# Of the pad's height: what lies lower is on the clamped base.
+_ON_BASE = 1e-6
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discretisation:
@@ -79,7 +82,7 @@ def discretise(mesh: TetMesh, *, order: ElementOrder, face_splits: int) -> Discr
     else:
         nodes, elements = mesh.vertices, mesh.tets
     faces, parents = boundary_faces(elements)
-    clamped = nodes[:, 2] <= 1e-6 * mesh.vertices[:, 2].max()
+    clamped = nodes[:, 2] <= _ON_BASE * mesh.vertices[:, 2].max()
     held = mesh.symmetry.on_plane(nodes, float(np.abs(mesh.vertices).max()))
     outer = ~clamped[faces[:, :3]].all(axis=1)
     outer &= ~np.any(held[faces[:, :3]].all(axis=1), axis=1)

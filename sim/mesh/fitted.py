@@ -14,11 +14,13 @@ import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces
-from sim.mesh.tet_mesh import TetMesh
+from sim.mesh.tet_mesh import TetMesh, tet_volumes
 from sim.scene.pad import Pad
 
+# Of its volume: what an element must keep when its vertices are moved.
 _FLAT_SHARE = 0.2
 _ROUNDS = 40
+_ON_TOP_M = 1e-9
 
 
 def with_top_fitted(mesh: TetMesh, pad: Pad, *, reach_m: float) -> TetMesh:
@@ -46,7 +48,7 @@ def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float)
     if not len(rim):
         return mesh
     outer, heights = _outer(mesh, pad)
-    top = outer[np.abs(mesh.vertices[outer, 2] - heights) < 1e-9]
+    top = outer[np.abs(mesh.vertices[outer, 2] - heights) < _ON_TOP_M]
     distance, nearest = scipy.spatial.cKDTree(rim).query(mesh.vertices[top])
     near = distance < reach_m
     wanted = mesh.vertices.copy()
@@ -65,18 +67,13 @@ def _outer(mesh: TetMesh, pad: Pad) -> tuple[IntArray, FloatArray]:
 
 def _moved(mesh: TetMesh, wanted: FloatArray) -> FloatArray:
     """Return the wanted vertices [m], without those moves that would flatten a tetrahedron."""
-    least = _FLAT_SHARE * _volumes(mesh.vertices, mesh.tets)
+    least = _FLAT_SHARE * tet_volumes(mesh.vertices, mesh.tets)
     moved = wanted.copy()
     for _ in range(_ROUNDS):
-        flat = mesh.tets[_volumes(moved, mesh.tets) < least]
+        flat = mesh.tets[tet_volumes(moved, mesh.tets) < least]
         if not len(flat):
             return moved
         travel = np.linalg.norm(moved - mesh.vertices, axis=1)
         farthest = flat[np.arange(len(flat)), np.argmax(travel[flat], axis=1)]
         moved[farthest] = mesh.vertices[farthest]
     return mesh.vertices
-
-
-def _volumes(vertices: FloatArray, tets: IntArray) -> FloatArray:
-    corners = vertices[tets]
-    return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)

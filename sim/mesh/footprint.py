@@ -21,10 +21,14 @@ from sim.scene.pad import Pad
 from sim.scene.tilted_indenter import TurnedIndenter
 from tacauchy_rig.errors import ConfigError
 
+# Overlap of the undeformed pad and the indenter at the contact's edge, over the expected depth.
 _EDGE_OVERLAP = 0.25
+# Change of the underside's slope from one sample to the next that makes a crease.
 _CREASE_SLOPE = 0.35
+# Slope of the clearance at the contact's edge from which the edge is a sharp one.
 _STEEP = 0.5
 _SAMPLES_ACROSS = 160
+# The rim lies between two samples to their distance over 2^30.
 _BISECTIONS = 30
 
 

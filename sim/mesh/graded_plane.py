@@ -16,7 +16,14 @@ import scipy.spatial
 from sim.arrays import FloatArray, IntArray
 from tacauchy_rig.errors import ConfigError
 
+# Edges in a thin layer are at most so many times its thickness.
 _THIN_ASPECT = 2.0
+# Inner points keep this share of the target edge length from the outline and the levels.
+_MARGIN_SHARE = 0.45
+# Of the longest side squared: twice the area of a triangle that is a line.
+_FLAT = 1e-6
+# Samples of a line by which its target edge lengths are summed up.
+_LINE_SAMPLES = 2001
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +85,9 @@ def triangulate_half_section(
     interior = _offset_rings(radius_m, height_m, grading)
     distances = [interior[:, 0], radius_m - interior[:, 0], *_from_levels(section, interior)]
     margin = np.min(distances, axis=0)
-    points = np.concatenate([boundary, interior[margin > 0.45 * section.size_at(interior)]])
+    points = np.concatenate(
+        [boundary, interior[margin > _MARGIN_SHARE * section.size_at(interior)]]
+    )
     parts = [_triangulate(points, low, high) for low, high in pairwise(section.bands_m)]
     return Triangulation(
         points=points,
@@ -123,7 +132,7 @@ def _triangulate(points: FloatArray, low_m: float, high_m: float) -> IntArray:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
-    return np.asarray(triangles[np.abs(doubled) > 1e-6 * longest], dtype=np.int32)
+    return np.asarray(triangles[np.abs(doubled) > _FLAT * longest], dtype=np.int32)
 
 
 def _boundary(section: _Section) -> FloatArray:
@@ -143,11 +152,13 @@ def _boundary(section: _Section) -> FloatArray:
 
 def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> FloatArray:
     """Return points from ``start`` up to but without ``end``, spaced by the target size."""
-    fine = start + np.linspace(0.0, 1.0, 2001)[:, None] * (end - start)
+    fine = start + np.linspace(0.0, 1.0, _LINE_SAMPLES)[:, None] * (end - start)
     density = np.linalg.norm(end - start) / section.size_at(fine)
-    arc = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) / 2000.0)])
+    arc = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) / (_LINE_SAMPLES - 1))]
+    )
     count = max(1, round(float(arc[-1])))
-    at = np.interp(np.arange(count) / count * arc[-1], arc, np.linspace(0.0, 1.0, 2001))
+    at = np.interp(np.arange(count) / count * arc[-1], arc, np.linspace(0.0, 1.0, _LINE_SAMPLES))
     return np.asarray(start + at[:, None] * (end - start))
 
 

@@ -19,6 +19,10 @@ from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
 from tacauchy_rig.errors import ConfigError
 
+# Rings stay circles up to so many radii of the fine stretch; farther out they take the pad's shape.
+_ROUND_SHARE = 1.6
+_ON_AXIS_M = 1e-12
+
 
 def revolved_mesh(
     pad: ParametricPad,
@@ -68,7 +72,7 @@ def revolved_mesh(
         for angle, reach in zip(angles, reaches, strict=True)
     ]
     vertices = _raised(pad, np.stack(rings) + centre, section.points[:, 1])
-    on_axis = section.points[:, 0] <= 1e-12
+    on_axis = section.points[:, 0] <= _ON_AXIS_M
     sectors = len(angles) if symmetry.copies == 1 else len(angles) - 1
     tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
     layers = section.layers[source] if interface_shares else None
@@ -100,7 +104,7 @@ def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> f
             f"pad: its axis stands {margin * 1e3:.3g} mm inside the pad's outline",
             remedy="move the indenter inwards",
         )
-    return min(grading.end_m * 1.6, 0.5 * (margin + grading.end_m))
+    return min(_ROUND_SHARE * grading.end_m, 0.5 * (margin + grading.end_m))
 
 
 def _raised(pad: ParametricPad, plan: FloatArray, heights: FloatArray) -> FloatArray:

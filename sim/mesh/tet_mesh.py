@@ -12,6 +12,11 @@ from sim.mesh.elements import boundary_faces
 from sim.mesh.symmetry import MirrorSymmetry
 from tacauchy_rig.errors import ConfigError
 
+# The contact surface's edges are measured so near the pad's middle [m] and above this share of its
+# height (paper, section IV-A).
+_CENTRE_M = 2.5e-3
+_UPPER_SHARE = 0.8
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TetMesh:
@@ -44,6 +49,12 @@ class TetMesh:
         return digest.hexdigest()[:16]
 
 
+def tet_volumes(vertices: FloatArray, tets: IntArray) -> FloatArray:
+    """Return the volume of every tetrahedron [m^3], negative for one that is turned over."""
+    corners = vertices[tets]
+    return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)
+
+
 def oriented(
     vertices: FloatArray,
     tets: IntArray,
@@ -57,8 +68,7 @@ def oriented(
     used, inverse = np.unique(tets, return_inverse=True)
     tets = inverse.reshape(-1, 4).astype(np.int32)
     vertices = np.ascontiguousarray(vertices[used], dtype=np.float64)
-    corners = vertices[tets]
-    negative = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    negative = tet_volumes(vertices, tets) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
     return TetMesh(
         vertices=vertices,
@@ -118,8 +128,8 @@ def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
 def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     middles = vertices[edges].mean(axis=1)
-    centre = np.hypot(middles[:, 0], middles[:, 1]) < 2.5e-3
-    kept = edges[centre & (middles[:, 2] > 0.8 * vertices[:, 2].max())]
+    centre = np.hypot(middles[:, 0], middles[:, 1]) < _CENTRE_M
+    kept = edges[centre & (middles[:, 2] > _UPPER_SHARE * vertices[:, 2].max())]
     lengths = np.linalg.norm(vertices[kept[:, 0]] - vertices[kept[:, 1]], axis=1)
     return float(lengths.mean()) if len(lengths) else float("nan")
 

@@ -15,6 +15,15 @@ from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import BoxPad, Pad, ParametricPad, SurfacePad
 from tacauchy_rig.errors import ConfigError
 
+# The sizing field's grid reaches so far beyond the pad, in half extents, and has so many points.
+_GRID_REACH = 1.1
+_GRID_COUNTS = (33, 33, 41)
+# What lies within so many envelopes of the base or of an interface is moved onto it.
+_SNAP_ENVELOPES = 2.0
+# Inner points of a parametric pad's top keep this share of the spacing from its outline.
+_INNER_SHARE = 0.4
+# Of the largest: twice the area of a triangle that is a line.
+_FLAT = 1e-9
 # Ways along a cell's edges from its lowest corner to its highest, by the two corners between.
 _PATHS = (
     ((1, 0, 0), (1, 1, 0)),
@@ -80,7 +89,10 @@ def wild_mesh(
             interface.
     """
     half = np.array([*pad.half_extents(), 0.5 * pad.height_m])
-    axes = [np.linspace(-1.1, 1.1, count) * h for h, count in zip(half, (33, 33, 41), strict=True)]
+    axes = [
+        np.linspace(-_GRID_REACH, _GRID_REACH, count) * h
+        for h, count in zip(half, _GRID_COUNTS, strict=True)
+    ]
     points, tets = _tetrahedral_grid([axes[0], axes[1], axes[2] + half[2]])
     return filled_pad(
         pad,
@@ -135,7 +147,7 @@ def filled_pad(
     """
     surface = pad_surface(pad, spacing_m=settings.spacing_m, interface_shares=interface_shares)
     diagonal = float(np.linalg.norm(np.ptp(surface[0], axis=0)))
-    snap = 2.0 * settings.envelope_share * diagonal
+    snap = _SNAP_ENVELOPES * settings.envelope_share * diagonal
     _refuse_thin(pad, interface_shares, snap)
     found, tets = _run(surface, settings, field)
     found[found[:, 2] < snap, 2] = 0.0
@@ -257,7 +269,7 @@ def _plan(pad: ParametricPad, spacing_m: float) -> tuple[FloatArray, int]:
     half = pad.half_extents()
     axes = [np.linspace(-h, h, max(3, round(2.0 * h / spacing_m) + 1)) for h in half]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    inner = grid[pad.distance_to_outline(grid) > 0.4 * spacing_m]
+    inner = grid[pad.distance_to_outline(grid) > _INNER_SHARE * spacing_m]
     return np.concatenate([outline, inner]), len(outline)
 
 
@@ -277,7 +289,7 @@ def _rectangle(pad: BoxPad, spacing_m: float) -> FloatArray:
 def _upward(plan: FloatArray, triangles: IntArray) -> IntArray:
     a, b, c = (plan[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    kept = np.abs(doubled) > 1e-9 * np.abs(doubled).max()
+    kept = np.abs(doubled) > _FLAT * np.abs(doubled).max()
     turned = np.where((doubled < 0.0)[:, None], triangles[:, ::-1], triangles)
     return np.asarray(turned[kept])
 
