@@ -4,61 +4,14 @@ from __future__ import annotations
 
 import os
 import platform
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 from tacauchy_rig import __version__
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.fault_table.cases import Moment
 from tacauchy_rig.fault_table.observation import KILLED_EXIT_CODE, Observation
-
-_TITLES = {
-    "robot": "The robot fails",
-    "force_sensor": "The force sensor fails",
-    "camera": "The camera fails",
-    "kill": "A process of the run is killed (`kill -9`)",
-}
-
-_MEANING = {
-    "robot:freeze": "the controller answers nobody any more; its arm goes on",
-    "robot:drop": "every connection to the controller breaks, new ones are refused",
-    "robot:delay": "the network holds everything up by 200 ms, both ways",
-    "robot:protective-stop": "a protective stop",
-    "robot:emergency-stop": "an emergency stop at the pendant",
-    "robot:stall": "the arm stands still whatever it is told",
-    "force_sensor:freeze": "the same values in every frame",
-    "force_sensor:drop": "half of the frames never come",
-    "force_sensor:garble": "bytes of 30 % of the frames are damaged",
-    "force_sensor:delay": "every frame comes 200 ms late",
-    "force_sensor:unplug": "the serial port is gone",
-    "force_sensor:saturate": "Fz reads full scale",
-    "force_sensor:stall": "the box is silent, its port stays",
-    "camera:freeze": "the same image again and again",
-    "camera:drop": "30 % of the frames never come",
-    "camera:garble": "30 % of the frames are cut short and damaged",
-    "camera:delay": "every frame comes 500 ms late",
-    "camera:unplug": "the stream ends, nobody answers at its address",
-    "camera:saturate": "far too much light, every pixel near white",
-    "camera:stall": "no more frames, the connection stays",
-    "kill:supervisor": "the program on the operator's terminal",
-    "kill:control": "owns the arm and the force sensor",
-    "kill:camera": "owns the camera",
-    "kill:recorder": "owns the disk",
-}
-
-_MESSAGES = (
-    "**Messages** are force samples, arm states, events and frames. Readable are those found in "
-    "the recording and its spill files before any repair; after `resume` all of them were found "
-    "again. Between fault and `resume` the device was mended, or the stop unlocked, and nobody "
-    "moved the arm."
-)
-
-WIDTH = 100
-
-_HEAD = """\
-| when | the arm | true force | messages acknowledged / readable | the operator was told \
-| exit | `resume` |
-|---|---|---|---|---|---|---|"""
+from tacauchy_rig.page import page
+from tacauchy_rig.tables import Table, table_of
 
 
 def summary_line(seen: Sequence[Observation]) -> str:
@@ -78,7 +31,7 @@ def summary_line(seen: Sequence[Observation]) -> str:
     return f"{'; '.join(parts)}; cases that ended in motion, a hang, silence or a loss: {bad}."
 
 
-def markdown(
+def fault_page(
     seen: Sequence[Observation], *, command: str, config: RigConfig, case_count: int
 ) -> str:
     """Return the document.
@@ -89,85 +42,39 @@ def markdown(
         config: Of the runs.
         case_count: How many cases there are.
     """
-    lines = ["# What happens when something fails", "", f"**{summary_line(seen)}**", ""]
-    if len(seen) < case_count:
-        lines += [f"{len(seen)} of {case_count} cases are in this table.", ""]
-    lines += [_preface(seen, command, config), ""]
-    for group, title in _TITLES.items():
-        rows = [s for s in seen if s.cause.partition(":")[0] == group]
-        if rows:
-            lines += [f"## {title}", "", *_tables(rows)]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _preface(seen: Sequence[Observation], command: str, config: RigConfig) -> str:
-    paragraphs = (_how_it_was_made(seen, command, config), _what_is_true(config), _MESSAGES)
-    return "\n\n".join(
-        textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
-        for text in paragraphs
+    groups: dict[str, dict[str, Table]] = {}
+    for cause in dict.fromkeys(each.cause for each in seen):
+        group = groups.setdefault(cause.partition(":")[0], {})
+        group[cause] = _table([each for each in seen if each.cause == cause])
+    return page(
+        "tacauchy_rig.fault_table",
+        "fault_table.md.jinja",
+        {
+            "summary": summary_line(seen),
+            "seen_count": len(seen),
+            "case_count": case_count,
+            "command": command,
+            "version": __version__,
+            "machine": f"Linux on {platform.machine()}, {os.cpu_count()} processors",
+            "config": config,
+            "moments": ", ".join(f"{each.delay_s:g} s into the {each.value}" for each in Moment),
+            "repeated": sum(each.tries > 1 for each in seen),
+            "groups": groups,
+        },
     )
 
 
-def _how_it_was_made(seen: Sequence[Observation], command: str, config: RigConfig) -> str:
-    moments = ", ".join(f"{moment.delay_s:g} s into the {moment.value}" for moment in Moment)
-    repeated = sum(1 for s in seen if s.tries > 1)
-    text = (
-        f"Written by `{command}` (version {__version__}, Linux on {platform.machine()}, "
-        f"{os.cpu_count()} processors). Nothing real has been broken yet: robot, force sensor and "
-        "camera are emulated, in processes of their own that survive the run; everything else is "
-        "the program that a laboratory uses, with its real drivers. Each case is one press to "
-        f"{config.protocol.force_targets[0]:g} N that is disturbed {moments}; the first of these "
-        "is just above the gel."
-    )
-    if repeated:
-        cases = "1 case was" if repeated == 1 else f"{repeated} cases were"
-        text += (
-            f" {cases} begun again, because on a busy computer the run had ended before the moment "
-            "of its fault."
-        )
-    return text
-
-
-def _what_is_true(config: RigConfig) -> str:
-    limits, robot = config.limits, config.robot
-    return (
-        "**The arm** and **true force** are the truth of the emulated arm and gel, not what the "
-        "run measured. The time counts from the fault until the arm stood still for 0.1 s. It "
-        "holds the time in which the fault is noticed, so it follows the limits, which are patient "
-        f"where a dozen processes share a computer: force {_ms(limits.stale_force)}, robot "
-        f"{_ms(limits.stale_robot)}, image {_ms(limits.stale_image)}, watchdog of the controller "
-        f"{_ms(1.0 / robot.watchdog)}; the example for a rig sets 50, 100, 200 and 100 ms. An arm "
-        f"that does not follow its commands is given {_ms(limits.no_motion)} on both. The "
-        "rise is the largest true force after the fault, above the one at the fault; speeds are "
-        f"{robot.search_speed * 1e3:g} mm/s in the search and up to {robot.press_speed * 1e3:g} "
-        "mm/s in the press."
-    )
-
-
-def _ms(duration_s: float) -> str:
-    return f"{duration_s * 1e3:.0f} ms"
-
-
-def _tables(rows: Sequence[Observation]) -> Iterator[str]:
-    for cause in dict.fromkeys(row.cause for row in rows):
-        yield f"**{cause}**: {_MEANING[cause]}."
-        yield ""
-        yield _HEAD
-        yield from (_row(row) for row in rows if row.cause == cause)
-        yield ""
-
-
-def _row(seen: Observation) -> str:
-    cells = (
-        seen.name.partition("@")[2],
-        _arm(seen),
-        _force(seen),
-        _kept(seen),
-        _told(seen),
-        _exit(seen),
-        _resume(seen),
-    )
-    return "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |"
+def _table(seen: Sequence[Observation]) -> Table:
+    columns: dict[str, Callable[[Observation], str]] = {
+        "when": lambda each: each.name.partition("@")[2],
+        "the arm": _arm,
+        "true force": _force,
+        "messages acknowledged / readable": _kept,
+        "the operator was told": lambda each: _told(each).replace("|", "/"),
+        "exit": _exit,
+        "`resume`": _resume,
+    }
+    return table_of(seen, columns)
 
 
 def _arm(seen: Observation) -> str:

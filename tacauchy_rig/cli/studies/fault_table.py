@@ -13,11 +13,11 @@ from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.fault_table.case import observe_case
 from tacauchy_rig.fault_table.cases import FaultCase, Moment, all_cases, select_cases
-from tacauchy_rig.fault_table.laboratory import write_case_config
+from tacauchy_rig.fault_table.emulated_rig import write_case_config
 from tacauchy_rig.fault_table.observation import Observation
-from tacauchy_rig.fault_table.report import markdown, summary_line
+from tacauchy_rig.fault_table.observe import observe_case
+from tacauchy_rig.fault_table.report import fault_page, summary_line
 from tacauchy_rig.store.codec import dumps, from_json, loads
 from tacauchy_rig.store.run_lock import run_lock
 
@@ -51,7 +51,7 @@ def fault_table(
     seen = [found for case in all_cases() if (found := _load(case, work)) is not None]
     write_text(
         out,
-        markdown(
+        fault_page(
             seen,
             command="tacauchy-rig fault-table",
             config=load_config(write_case_config(work)).config,

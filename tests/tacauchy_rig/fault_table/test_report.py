@@ -8,9 +8,9 @@ import pytest
 
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.fault_table.arm import ArmOutcome
-from tacauchy_rig.fault_table.observation import Observation, Resumed
-from tacauchy_rig.fault_table.record import KeptMessages
-from tacauchy_rig.fault_table.report import markdown, summary_line
+from tacauchy_rig.fault_table.cases import all_cases
+from tacauchy_rig.fault_table.observation import KeptMessages, Observation, Resumed
+from tacauchy_rig.fault_table.report import fault_page, summary_line
 from tacauchy_rig.store.codec import dumps, from_json, loads
 
 ARM = ArmOutcome(
@@ -125,10 +125,22 @@ def test_a_run_that_missed_its_criteria_shows_each_of_them():
 def test_the_preface_is_wrapped_and_says_how_the_table_was_made():
     """No ragged lines; cases that had to be begun again are counted."""
     text = table(replace(GOOD, tries=2))
-    preface = text.partition("## ")[0].splitlines()[4:]
-    assert max(map(len, preface)) <= 100
-    assert "1 case was begun again" in " ".join(preface)
-    assert "`tacauchy-rig fault-table`" in preface[preface.index("") + 1]
+    preface = text.partition("## ")[0]
+    assert max(map(len, preface.splitlines())) <= 100
+    assert "1 case was begun again" in " ".join(preface.split())
+    assert "\nWritten by `tacauchy-rig fault-table`" in preface
+
+
+def test_every_fault_is_explained():
+    """Whatever an emulator can break, and every process, has a line that says what happens."""
+    text = fault_page(
+        [replace(GOOD, name=case.name) for case in all_cases()],
+        command="x",
+        config=load_config().config,
+        case_count=len(all_cases()),
+    )
+    for cause in {str(case.cause) for case in all_cases()}:
+        assert f"**{cause}**: " in text
 
 
 def test_the_first_line_sums_up():
@@ -146,6 +158,6 @@ def test_an_observation_survives_its_file():
 
 def table(seen):
     """Return the document for one observation."""
-    return markdown(
+    return fault_page(
         [seen], command="tacauchy-rig fault-table", config=load_config().config, case_count=72
     )

@@ -1,12 +1,15 @@
-"""The laboratory of a fault case: emulated devices that outlive the run, and its ``rig.toml``."""
+"""The rig of a fault case: emulated devices that outlive the run, and its ``rig.toml``."""
 
 from __future__ import annotations
 
 import re
 import socket
+from importlib import resources
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+from jinja2 import Template
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
 from drivers.device.faults import Device, FaultKind
@@ -29,46 +32,6 @@ _PERSON_AT_THE_PENDANT = {
     FaultKind.EMERGENCY_STOP: "power on",
 }
 
-# One short press: little travel, speeds and limits as in a dry run. The places are stated, as for
-# any arm that counts as a real one.
-_PRESS = """\
-[run]
-name = "fault-table"
-output_directory = "{folder}/runs"
-[robot]
-driver = "ur5"
-home = ["0 mm", "-400 mm", "204 mm"]
-tcp_offset = ["0 mm", "0 mm", "80 mm"]
-payload = "0.4 kg"
-host = "{host}"
-[force_sensor]
-driver = "m3733c"
-port = "{port}"
-capacity = "50 N"
-calibration_sheet = "emulated: none"
-[camera]
-driver = "uvc"
-device = "http://127.0.0.1:{camera_port}/stream.mjpg"
-[sensor]
-surface = ["0 mm", "-400 mm", "200 mm"]
-surface_uncertainty = "0.5 mm"
-[workspace]
-x_min = "-50 mm"
-x_max = "50 mm"
-y_min = "-450 mm"
-y_max = "-350 mm"
-z_min = "196 mm"
-z_max = "300 mm"
-[protocol]
-force_targets = ["2 N"]
-approach_height = "1 mm"
-air_press_height = "2.5 mm"
-tare_duration = "0.4 s"
-reference_duration = "0.3 s"
-[emulation]
-robot_host = "{host}"
-"""
-
 
 def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int = 8080) -> Path:
     """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
@@ -80,12 +43,13 @@ def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int
     """
     path = folder / "rig.toml"
     port = folder / EMULATION_NAME / LINK_NAME
-    text = _PRESS.format(folder=folder, host=host, port=port, camera_port=camera_port)
+    template = resources.files("tacauchy_rig.fault_table").joinpath("rig.toml.jinja").read_text()
+    text = Template(template).render(folder=folder, host=host, port=port, camera_port=camera_port)
     path.write_text(text, encoding="utf-8")
     return path
 
 
-class FaultBench:
+class EmulatedRig:
     """Emulated robot, force sensor and camera at addresses that a restart keeps; a context.
 
     Args:

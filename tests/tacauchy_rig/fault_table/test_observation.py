@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.fault_table.record import acknowledged_messages, attempts_of, kept_messages
+from tacauchy_rig.fault_table.observation import acknowledged_messages, attempts_of, kept_messages
 from tacauchy_rig.run import ForceSample, ImageFrame, JournalEvent, Wrench
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.recording.writing import RecordingWriter

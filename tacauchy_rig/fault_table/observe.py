@@ -11,10 +11,16 @@ from pathlib import Path
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
 from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase
-from tacauchy_rig.fault_table.laboratory import FaultBench
-from tacauchy_rig.fault_table.observation import KILLED_EXIT_CODE, Observation, Resumed
-from tacauchy_rig.fault_table.record import acknowledged_messages, attempts_of, kept_messages
-from tacauchy_rig.fault_table.session import CommandProcess, WatchedRun
+from tacauchy_rig.fault_table.emulated_rig import EmulatedRig
+from tacauchy_rig.fault_table.observation import (
+    KILLED_EXIT_CODE,
+    Observation,
+    Resumed,
+    acknowledged_messages,
+    attempts_of,
+    kept_messages,
+)
+from tacauchy_rig.fault_table.watched_run import CommandProcess, WatchedRun
 from tacauchy_rig.loop.record import MISSED
 from tacauchy_rig.run import Phase
 from tacauchy_rig.store.run_store import RunStore
@@ -42,12 +48,12 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
     """
     for number in range(1, TRIES + 1):
         shutil.rmtree(folder, ignore_errors=True)
-        with FaultBench(folder) as bench:
-            command = CommandProcess(["run", str(bench.rig_toml)], folder=folder, name="run")
+        with EmulatedRig(folder) as rig:
+            command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
             try:
-                bench.start()
-                command.confirm(bench.config)
-                return _Case(case, bench, command).observe(tries=number)
+                rig.start()
+                command.confirm(rig.config)
+                return _Case(case, rig, command).observe(tries=number)
             except DeviceError as error:
                 logger.warning("%s, try %d: %s", case.name, number, error)
             finally:
@@ -61,10 +67,10 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
 class _Case:
     """One case under way."""
 
-    def __init__(self, case: FaultCase, bench: FaultBench, command: CommandProcess) -> None:
+    def __init__(self, case: FaultCase, rig: EmulatedRig, command: CommandProcess) -> None:
         self._case = case
-        self._bench = bench
-        self._run = WatchedRun(command, bench.folder / "runs")
+        self._rig = rig
+        self._run = WatchedRun(command, rig.folder / "runs")
 
     def observe(self, *, tries: int) -> Observation:
         """Wait for the moment, let it happen, and measure.
@@ -109,7 +115,7 @@ class _Case:
             raise DeviceError(f"the run ended by itself: {self._run.command.error_text()}")
         fault_ns = time.monotonic_ns()
         if isinstance(cause, DeviceFault):
-            self._bench.break_device(cause)
+            self._rig.break_device(cause)
         else:
             self._run.kill(cause.victim)
         return fault_ns
@@ -117,15 +123,15 @@ class _Case:
     def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
         deadline = time.monotonic() + REST_TIMEOUT_S
         time.sleep(0.3)
-        rows = self._bench.arm_trace()
+        rows = self._rig.arm_trace()
         while not is_at_rest(rows, now_ns=time.monotonic_ns()) and time.monotonic() < deadline:
             time.sleep(0.1)
-            rows = self._bench.arm_trace()
+            rows = self._rig.arm_trace()
         now_ns = time.monotonic_ns()
         forces = true_forces(
-            self._bench.gel(),
+            self._rig.gel(),
             rows,
-            rotation=self._bench.config.robot.tool_rotation,
+            rotation=self._rig.config.robot.tool_rotation,
             start_ns=self._search_start_ns(),
             end_ns=min(now_ns, fault_ns + FORCE_WINDOW_NS),
         )
@@ -147,9 +153,9 @@ class _Case:
         if exit_code == 0:
             return "".join(_starting_with(VERDICT, command.output())[-1:])
         if exit_code == 1:
-            return self._bench.without_places("\n".join(_starting_with(MISSED, command.errors())))
+            return self._rig.without_places("\n".join(_starting_with(MISSED, command.errors())))
         if exit_code != KILLED_EXIT_CODE:
-            return self._bench.without_places(command.error_text())
+            return self._rig.without_places(command.error_text())
         ends = [e for e in self._run.journal() if e.name in ("fault", "abort")]
         return f"{ends[-1].detail['reason']}. {ends[-1].detail['arm']}" if ends else ""
 
@@ -160,14 +166,14 @@ class _Case:
 
     def _resume(self, run: Path) -> tuple[Resumed, ...]:
         cause = self._case.cause
-        self._bench.mend(cause if isinstance(cause, DeviceFault) else None)
+        self._rig.mend(cause if isinstance(cause, DeviceFault) else None)
         resumed: list[Resumed] = []
         while len(resumed) < RESUME_TRIES and not (resumed and resumed[-1].exit_code == 0):
             name = f"resume-{len(resumed) + 1}"
-            command = CommandProcess(["resume", str(run)], folder=self._bench.folder, name=name)
-            command.confirm(self._bench.config)
+            command = CommandProcess(["resume", str(run)], folder=self._rig.folder, name=name)
+            command.confirm(self._rig.config)
             exit_code = command.wait(RESUME_TIMEOUT_S)
-            told = self._bench.without_places(command.error_text())
+            told = self._rig.without_places(command.error_text())
             resumed.append(Resumed(exit_code=exit_code, told=told))
         return tuple(resumed)
 

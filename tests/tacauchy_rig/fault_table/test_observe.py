@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.device.faults import Device, FaultKind
-from tacauchy_rig.fault_table.case import observe_case
 from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase, Kill, Moment, Victim
+from tacauchy_rig.fault_table.observe import observe_case
 
 CASES = [
     FaultCase(Kill(Victim.RECORDER), Moment.PRESS),
