@@ -1,13 +1,19 @@
-"""What the environments of a batch have of their own, what they share, and what they give."""
+"""What the environments of a batch have of their own, and what they give.
+
+Each has a load history: depths or loads, frame by frame.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.batch.pilot import Pilot
+from sim.solve.load_steps.first_touch import touch_height
 from tacauchy_rig.errors import ConfigError
 
 
@@ -37,10 +43,10 @@ class Environment:
                 "an environment has both depths and loads, or neither",
                 remedy="give the one that is known, frame by frame",
             )
-        course = self.course
-        if course.ndim != 1 or len(course) == 0 or np.diff(course, prepend=0.0).min() <= 0.0:
+        given = self.load_history
+        if given.ndim != 1 or len(given) == 0 or np.diff(given, prepend=0.0).min() <= 0.0:
             unit, scale = ("mm", 1e3) if self.is_displaced else ("N", 1.0)
-            shown = ", ".join(f"{scale * value:.4g}" for value in course.reshape(-1)[:8])
+            shown = ", ".join(f"{scale * value:.4g}" for value in given.reshape(-1)[:8])
             raise ConfigError(
                 f"the frames of an environment, {shown} {unit}, do not grow from above zero",
                 remedy="give growing depths or loads",
@@ -52,7 +58,7 @@ class Environment:
         return self.depths_m is not None
 
     @property
-    def course(self) -> FloatArray:
+    def load_history(self) -> FloatArray:
         """What is given frame by frame: depths [m] or loads [N]."""
         given = self.depths_m if self.depths_m is not None else self.loads_n
         return np.asarray(given, dtype=np.float64)
@@ -120,3 +126,88 @@ class BatchResult:
     def frames_per_s(self) -> float:
         """Frames of all environments over the time of the presses [1/s]."""
         return float(np.isfinite(self.force_n[..., 2]).sum() / self.wall_s)
+
+
+def refuse_unfit(pilot: Pilot, environments: Sequence[Environment]) -> None:
+    """End where environments do not fit together or to their pilot.
+
+    Raises:
+        ConfigError: Names the first that does not fit.
+    """
+    if not environments:
+        raise ConfigError("a batch without environments", remedy="give at least one")
+    lengths = {len(environment.load_history) for environment in environments}
+    if len(lengths) > 1:
+        raise ConfigError(
+            "the environments of a batch have unlike numbers of frames: "
+            + ", ".join(map(str, sorted(lengths))),
+            remedy="give each the same number of depths or loads",
+        )
+    for number, environment in enumerate(environments):
+        if environment.is_displaced == pilot.is_pushed:
+            given, wanted = ("depths", "loads")[:: 1 if pilot.is_pushed else -1]
+            raise ConfigError(
+                f"environment {number} has {given}, and the pilot is made for {wanted}",
+                remedy=f"give {wanted}, or make a pilot for {given}",
+            )
+        symmetry = pilot.model.mesh.symmetry
+        turned = not np.array_equal(environment.rotation, np.eye(3))
+        if symmetry.copies > 1 and (turned or environment.offset_m != (0.0, 0.0)):
+            raise ConfigError(
+                f"environment {number} moves or turns the indenter, but symmetry lets only a "
+                f"{'quarter' if symmetry.copies == 4 else 'half'} of the pad be modelled",
+                remedy="mesh the whole pad: switch the effect symmetry off",
+            )
+
+
+def touch_point(pilot: Pilot, environment: Environment) -> FloatArray:
+    """Return where an environment's indenter first touches the pad: its tip [m], shape [3]."""
+    x, y = np.add(pilot.centre_m, environment.offset_m)
+    if environment.offset_m == (0.0, 0.0) and np.array_equal(environment.rotation, np.eye(3)):
+        return np.array([x, y, pilot.touch_m])
+    model = pilot.model
+    height = touch_height(
+        model,
+        pilot.indenter,
+        model.nodes,
+        centre_m=(float(x), float(y)),
+        rotation=environment.rotation,
+    )
+    return np.array([x, y, height])
+
+
+def segments(pilot: Pilot, load_histories: FloatArray) -> list[tuple[int, int]]:
+    """Return which of a pilot's stiffnesses serves up to which frame: (stiffness, end frame).
+
+    Args:
+        load_histories: Depths [m] or loads on the modelled part [N], shape [frame_count, count].
+    """
+    nearest = pilot.nearest(load_histories.mean(axis=1))
+    return [
+        (int(which), int(np.flatnonzero(nearest == which)[-1]) + 1) for which in np.unique(nearest)
+    ]
+
+
+def extrapolation(load_histories: FloatArray) -> FloatArray:
+    """Return the shares of the last three frames in the next one's start: Lagrange's polynomials.
+
+    The untouched gel, at zero, counts as a frame before the first.
+
+    Args:
+        load_histories: Shape [frame_count, environment_count].
+
+    Returns:
+        Shape [frame_count, environment_count, 3], newest first.
+    """
+    frames, count = load_histories.shape
+    shares = np.zeros((frames, count, 3))
+    shares[:, :, 0] = 1.0
+    points = np.concatenate([np.zeros((1, count)), load_histories])
+    for frame in range(frames - 1):
+        order = min(frame + 1, 3) if frame else 2
+        known, ahead = points[frame - order + 2 : frame + 2][::-1], points[frame + 2]
+        for k in range(order):
+            others = [j for j in range(order) if j != k]
+            factors = [(ahead - known[j]) / (known[k] - known[j]) for j in others]
+            shares[frame, :, k] = np.prod(factors, axis=0)
+    return shares

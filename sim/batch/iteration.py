@@ -1,41 +1,62 @@
-"""One tick of a batch: every environment is evaluated once and acts on what was found."""
+"""One iteration of a batch: every environment is evaluated once and acts on what was found."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from sim.batch.environment import BatchOptions, Environment
+from sim.batch.environment import BatchOptions, Environment, extrapolation, touch_point
 from sim.batch.kernels.contact_forces import batch_contact, batch_surface, contact_points, touchable
 from sim.batch.kernels.element_forces import batch_gel, new_tangents
 from sim.batch.kernels.evaluate import evaluate_kernel
+from sim.batch.kernels.gathering import evaluating, numbering, searching
 from sim.batch.kernels.search import search_kernel
+from sim.batch.kernels.state import (
+    EVALUATE,
+    FAILED,
+    Found,
+    Limits,
+    Progress,
+    Vectors,
+    clear,
+    zeroed,
+)
 from sim.batch.kernels.surface_stress import StressExtraction
-from sim.batch.kernels.turn import Found, begin, turn
-from sim.batch.layout import evaluating, searching
-from sim.batch.load_histories import extrapolation, touch_point
-from sim.batch.numbering import numbering
-from sim.batch.phases import EVALUATE, FAILED
-from sim.batch.pilot import Pilot
-from sim.batch.preconditioner import preconditioner
-from sim.batch.progress import iteration_limits, new_progress
-from sim.batch.vectors import clear, new_vectors
+from sim.batch.kernels.turn import begin, turn
+from sim.batch.pilot import Pilot, preconditioner
 from sim.device import Device
 
+# A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
 
 
-class Tick:
+def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
+    """Return the limits as the kernels take them."""
+    limits: Any = Limits()
+    limits.residual = options.residual_relative
+    limits.floor = floor_n
+    limits.forcing = options.forcing
+    limits.searches = options.search_max
+    limits.newton = options.newton_max
+    limits.halvings = options.halving_max
+    limits.retries = options.retry_max
+    limits.lead = options.lead_max
+    limits.growth = options.growth_max
+    return limits
+
+
+class Iteration:
     """All that a batch keeps on its device, and the launches that advance it.
 
     Args:
         environments: One for every column; those from ``count`` on only fill it up and never run.
 
     Attributes:
-        busy: 1 while an environment has not passed the end of the stretch, shape [1].
-        stretch_end: Frame at which the stretch ends, shape [1].
+        busy: 1 while an environment has not passed the end of the segment, shape [1].
+        segment_end: Frame at which the segment ends, shape [1].
         progress: Where every environment is.
         depths: Depth of every frame where it is given [m], shape [frame_count, column_count].
         vectors: Over the unknowns.
@@ -59,12 +80,12 @@ class Tick:
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         self._preconditioner = preconditioner(pilot, device)
         self._upload_pad()
-        self._upload_courses()
+        self._upload_load_histories()
         self._allocate()
 
     @property
     def launches(self) -> dict[str, Callable[[], None]]:
-        """The launches of a tick in their order, by what they do."""
+        """The launches of an iteration in their order, by what they do."""
         return {
             "forces": self._evaluate,
             "search": self._search,
@@ -73,7 +94,7 @@ class Tick:
         }
 
     def run(self) -> None:
-        """Launch a tick; on a GPU forces and searches, of unlike environments, side by side."""
+        """Launch one; on a GPU forces and searches, of unlike environments, side by side."""
         if self._aside is None:
             self._evaluate()
             self._search()
@@ -88,28 +109,25 @@ class Tick:
         self._turn()
 
     def begin(self, which: int, end: int) -> None:
-        """Begin a stretch with one of the pilot's stiffnesses, up to a frame."""
+        """Begin a segment with one of the pilot's stiffnesses, up to a frame."""
         self._preconditioner.select(which)
-        self.stretch_end.fill_(end)
-        self._device.launch(begin, (self._columns,), [self.progress, self.stretch_end], [self.busy])
+        self.segment_end.fill_(end)
+        self._device.launch(begin, (self._columns,), [self.progress, self.segment_end], [self.busy])
 
     def reset(self) -> None:
         """Put every environment back to the untouched gel."""
-        progress, found = self.progress, self.found
-        clear(self.vectors)
-        for array in (
-            *(self.sources, self.lifts, progress.gap),
-            *(progress.frame, progress.newton, progress.trying, progress.spent),
-            *(progress.halvings, progress.searches, progress.retries),
-        ):
+        found = self.found
+        clear(Vectors, self.vectors)
+        clear(Progress, self.progress)
+        for array in (self.sources, self.lifts):
             array.zero_()
         for array in (found.residual, found.imbalance, found.gap):
             array.fill_(float("nan"))
         found.push.fill_(wp.vec3d(float("nan"), float("nan"), float("nan")))
         self._tips.assign(self._first_tips)
-        phases = np.full(self._columns, EVALUATE, dtype=np.int32)
-        phases[self._count :] = FAILED
-        progress.phase.assign(phases)
+        statuses = np.full(self._columns, EVALUATE, dtype=np.int32)
+        statuses[self._count :] = FAILED
+        self.progress.status.assign(statuses)
 
     def _evaluate(self) -> None:
         self._device.launch_blocks(
@@ -118,7 +136,7 @@ class Tick:
             [
                 *(self._limits, self._gel, self._surface, self._contact_settings),
                 *(self._evaluate_gathering, self._shares, self._loads, self._tips),
-                self.stretch_end,
+                self.segment_end,
             ],
             [
                 *(self.progress, self.vectors, self._contact, self._tangents),
@@ -133,7 +151,7 @@ class Tick:
             self._columns,
             [
                 *(self._limits, self._gel, self._surface, self._search_gathering),
-                *(self._tangents, self.stretch_end),
+                *(self._tangents, self.segment_end),
             ],
             [self.progress, self.vectors, self._contact, self.sources],
             threads=self._searching.threads,
@@ -148,7 +166,7 @@ class Tick:
             self._columns,
             [
                 *(self._limits, self._row_count, self._preconditioner.unit),
-                *(self.depths, self._touch, self.stretch_end),
+                *(self.depths, self._touch, self.segment_end),
             ],
             [
                 *(self.progress, self.vectors, self._tips, self.found, self.busy),
@@ -162,7 +180,7 @@ class Tick:
         pad = model.discretisation
         centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in filled])
         kept = touchable(pad, pilot.indenter, np.unique(centres, axis=0))
-        numbered = self._numbered = numbering(pilot)
+        numbered = self._numbered = numbering(model.pattern, is_pushed=pilot.is_pushed)
         self._row_count = numbered.row_count
         self._evaluating = evaluating(self._columns, self._row_count)
         self._searching = searching(self._columns, self._row_count)
@@ -170,9 +188,18 @@ class Tick:
             numbered.gathering(pad.elements, pad.faces[kept], chunk=layout.chunk, device=device)
             for layout in (self._evaluating, self._searching)
         )
-        self._gel = batch_gel(pad, numbered, model.law, filled, device)
+        materials = [(e.young_pa, e.poisson) for e in filled]
+        self._gel = batch_gel(pad, numbered, model.law, materials, device)
         self._tangents = new_tangents(self._columns, self._gel, device)
-        self._surface = batch_surface(pad, numbered, pilot, filled, kept=kept, device=device)
+        self._surface = batch_surface(
+            pad,
+            numbered,
+            pilot.indenter,
+            rotations=np.stack([e.rotation for e in filled]),
+            young_pa=[e.young_pa for e in filled],
+            kept=kept,
+            device=device,
+        )
         self._contact = contact_points(self._columns, self._surface, device)
         self._contact_settings = batch_contact(
             model.contact_options, extension=self._options.extension
@@ -181,14 +208,14 @@ class Tick:
         self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)
         self._search_kernel = search_kernel(order, self._searching)
 
-    def _upload_courses(self) -> None:
+    def _upload_load_histories(self) -> None:
         pilot, device = self._pilot, self._device
-        courses = np.stack([e.course for e in self._environments], axis=1)
+        load_histories = np.stack([e.load_history for e in self._environments], axis=1)
         if pilot.is_pushed:
-            courses = courses / pilot.model.mesh.symmetry.copies
-        self._shares = device.array(extrapolation(courses), wp.float64)
-        depths = np.zeros_like(courses) if pilot.is_pushed else courses
-        loads = courses if pilot.is_pushed else np.zeros_like(courses)
+            load_histories = load_histories / pilot.model.mesh.symmetry.copies
+        self._shares = device.array(extrapolation(load_histories), wp.float64)
+        depths = np.zeros_like(load_histories) if pilot.is_pushed else load_histories
+        loads = load_histories if pilot.is_pushed else np.zeros_like(load_histories)
         self.depths = device.array(depths, wp.float64)
         self._loads = device.array(loads, wp.float64)
         self._first_tips = np.array([touch_point(pilot, e) for e in self._environments])
@@ -201,7 +228,7 @@ class Tick:
         self._limits = iteration_limits(self._options, floor_n=floor_n)
         # A row more than there are unknowns stays zero, for what is fixed.
         rows = max(self._preconditioner.row_count, self._row_count + 1)
-        self.vectors = new_vectors(columns, rows, device)
+        self.vectors = zeroed(Vectors, (columns, rows), device)
         self.stress = StressExtraction(
             model.discretisation,
             self._numbered,
@@ -212,12 +239,9 @@ class Tick:
             device=device,
         )
         self.sources = device.zeros((columns, rows), self._preconditioner.kind)
-        self.progress = new_progress(columns, device)
+        self.progress = zeroed(Progress, columns, device)
         self._tips = device.zeros(columns, wp.vec3d)
-        self.busy, self.stretch_end = (device.zeros(1, wp.int32) for _ in range(2))
-        shape = (len(self._environments[0].course), columns)
+        self.busy, self.segment_end = (device.zeros(1, wp.int32) for _ in range(2))
+        shape = (len(self._environments[0].load_history), columns)
         self.lifts = device.zeros(shape, wp.float64)
-        self.found = Found()
-        self.found.push = device.zeros(shape, wp.vec3d)
-        for name in ("residual", "imbalance", "gap"):
-            setattr(self.found, name, device.zeros(shape, wp.float64))
+        self.found = zeroed(Found, shape, device)

@@ -1,18 +1,29 @@
-"""A pilot press whose stiffness at a few depths preconditions every press like it."""
+"""What a batch's presses share: the pad, and a pilot press whose stiffness preconditions them all.
+
+On a GPU the pilot's stiffnesses are inverted, on the CPU factored.
+"""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+import warp as wp
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.batch.kernels.dense import DenseProduct
+from sim.device import Device
+from sim.effects.plan import plan_effects
+from sim.effects.presets import BATCH, build_model, mesh_for
 from sim.mesh.sparsity import SparsePattern
 from sim.scene.indenter import Indenter, MeshIndenter
+from sim.scene.scene import Effect, Scene
+from sim.solve.linear_solver import linear_solver
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
@@ -20,10 +31,33 @@ from sim.solve.newton import NewtonOptions
 from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from tacauchy_rig.errors import ConfigError
 
+# A barrier of 1 % of the height makes F_z 1 % too large and halves Newton's iterations.
+BARRIER_SHARE = 0.01
 # A GPU takes the inverses, which are dense: 8 of this size are 2 GB.
 _UNKNOWNS_MAX = 8000
 # What only preconditions need not be in balance more exactly.
 _RESIDUAL = 1e-4
+
+
+def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True) -> Model:
+    """Mesh a scene's pad for a batch, on the CPU.
+
+    Args:
+        scene: Pad, gel and indenter; its target and its barrier do not matter.
+        refinement: Make every edge this many times shorter.
+        symmetric: Model a part where symmetry allows. No environment can then move or tilt the
+            indenter.
+
+    Raises:
+        ConfigError: The pad cannot be meshed for this indenter.
+    """
+    scene = replace(
+        scene,
+        barrier_m=BARRIER_SHARE * scene.pad.height_m,
+        effects=((Effect.FINITE_STRAIN, True), (Effect.LOCKING_FREE_ELEMENT, True)),
+    )
+    mesh = mesh_for(scene, symmetric=symmetric, refinement=refinement, resolution=BATCH)
+    return build_model(scene, plan=plan_effects(scene), mesh=mesh)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,10 +151,10 @@ class Pilot:
             self._inverses = np.stack([one.inverse(pattern) for one in self.stiffnesses])
         return self._inverses
 
-    def nearest(self, course: FloatArray) -> NDArray[np.intp]:
+    def nearest(self, load_history: FloatArray) -> NDArray[np.intp]:
         """Return which stiffness is nearest to depths [m] or, if it is pushed, loads [N]."""
         stands = self.forces_n if self.is_pushed else self.depths_m
-        return np.searchsorted(0.5 * (stands[1:] + stands[:-1]), course)
+        return np.searchsorted(0.5 * (stands[1:] + stands[:-1]), load_history)
 
     def _check(self) -> None:
         model, count = self.model, self.model.pattern.dof_count
@@ -148,3 +182,78 @@ class Pilot:
             border=border if self.is_pushed else None,
             corner=float(forces.stiffness[..., 2, 2].sum()),
         )
+
+
+class Preconditioner(Protocol):
+    """Approximate inverses of the stiffness.
+
+    Attributes:
+        row_count: Rows of the vectors it takes; those after the unknowns stay zero.
+        kind: Warp type of what it takes.
+        unit: What it gives must be multiplied with this.
+    """
+
+    row_count: int
+    kind: Any
+    unit: float
+
+    def select(self, which: int) -> None:
+        """Take another of the pilot's stiffnesses from now on."""
+        ...
+
+    def apply(self, right: Any, out: Any) -> None:
+        """Set ``out`` to the inverse times ``right``.
+
+        Args:
+            right: Of its own kind, shape [environment_count, row_count].
+            out: Float32, the same shape.
+        """
+        ...
+
+
+def preconditioner(pilot: Pilot, device: Device) -> Preconditioner:
+    """Return the preconditioner that suits a device."""
+    if not device.is_gpu:
+        return FactoredStiffness(pilot)
+    return DenseProduct(pilot.inverses(), device=device)
+
+
+class FactoredStiffness:
+    """Sparse factors, for vectors on the CPU."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self.row_count = pilot.model.pattern.dof_count + pilot.is_pushed
+        self.kind, self.unit = wp.float32, 1.0
+        self._factors = [_Factor(pilot, stiffness) for stiffness in pilot.stiffnesses]
+        self._which = 0
+
+    def select(self, which: int) -> None:
+        """Take another of the pilot's stiffnesses from now on."""
+        self._which = which
+
+    def apply(self, right: Any, out: Any) -> None:
+        """Set ``out`` to the inverse times ``right``."""
+        factor, count = self._factors[self._which], self.row_count
+        for given, found in zip(right.numpy(), out.numpy(), strict=True):
+            # An environment that searches nothing asks for nothing.
+            if given.any():
+                found[:count] = factor.solve(given[:count].astype(np.float64))
+
+
+class _Factor:
+    """One stiffness; the indenter's height, if it is an unknown, borders the sparse part."""
+
+    def __init__(self, pilot: Pilot, stiffness: PilotStiffness) -> None:
+        self._solver = linear_solver(pilot.model.pattern, refined=False)
+        self._solver.factorise(stiffness.data)
+        self._border = stiffness.border
+        if self._border is not None:
+            self._along = self._solver.solve(self._border)
+            self._corner = stiffness.corner - float(self._border @ self._along)
+
+    def solve(self, vector: FloatArray) -> FloatArray:
+        if self._border is None:
+            return self._solver.solve(vector)
+        unknowns = self._solver.solve(vector[:-1])
+        lift = (vector[-1] - self._border @ unknowns) / self._corner
+        return np.append(unknowns - lift * self._along, lift)

@@ -13,16 +13,13 @@ What happens along the surface is ``sim.contact.friction``'s.
 All kernels launch over [face_count, face_point_count] but ``hessian``.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from typing import Any
 
 import warp as wp
 
-from sim.contact.indenter_distance import BodyKernel, distance_curvature, signed_distance
+from sim.contact.indenter_distance import Body, BodyKernel, distance_curvature, signed_distance
 
 
 @wp.struct
@@ -217,3 +214,33 @@ def hessian(
                 for q in range(stiffness.shape[1]):
                     total += stiffness[f, q] * (face_values[q, i] * face_values[q, j])
                 wp.atomic_add(values_out, slot // 2, total)
+
+
+@wp.kernel(enable_backward=False)
+def push(
+    # Model:
+    faces: wp.array2d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    areas: wp.array2d(dtype=wp.float64),
+    settings: ContactSettings,
+    body: Body,
+    # Data in:
+    positions: wp.array(dtype=wp.vec3d),
+    # Data out:
+    nodes_out: wp.array(dtype=wp.vec3d),
+    push_out: wp.array(dtype=wp.vec3d),
+    gap_out: wp.array(dtype=wp.float64),
+):
+    """Add the contact energy's gradient [N] to the nodes; launches over [face_count, point_count].
+
+    Its sum is the force on the indenter; the smallest gap is that of the points that touch [m].
+    """
+    f, q = wp.tid()
+    distance, n = signed_distance(body, surface_point(faces, face_values, positions, f, q))
+    if distance < settings.distance:
+        scale = areas[f, q] * settings.stiffness / settings.distance
+        v = n * (scale * barrier_slope(distance / settings.distance, settings.extension))
+        for k in range(faces.shape[1]):
+            wp.atomic_add(nodes_out, faces[f, k], v * face_values[q, k])
+        wp.atomic_add(push_out, 0, v)
+        wp.atomic_min(gap_out, 0, distance)

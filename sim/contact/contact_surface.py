@@ -9,7 +9,6 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact import barrier as contact
-from sim.contact import forces_kernel as push_kernel
 from sim.contact import friction
 from sim.contact.indenter_distance import body_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
@@ -82,10 +81,10 @@ class ContactSurface:
     def recorded_push(
         self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
     ) -> Any:
-        """Return a launch of ``push_kernel`` at positions [m] on the device."""
+        """Return a launch of ``barrier.push`` at positions [m] on the device."""
         body = body_at(indenter, np.zeros(3), np.eye(3), device=self._device.name)
         inputs = [*self._arrays, self._areas, self._settings(extension), body, positions]
-        return self._device.record(push_kernel.push, self._shape, inputs, outputs)
+        return self._device.record(contact.push, self._shape, inputs, outputs)
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""

@@ -16,9 +16,6 @@ gel running in under an edge is gripped from the start.
 Kernels launch over [face_count, face_point_count].
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from typing import Any

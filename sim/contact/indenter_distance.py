@@ -4,9 +4,6 @@ Kernels take either kind of body and are compiled for the analytic one; a mesh h
 them, made when the first mesh is pressed, so that the others carry nothing of its search.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from typing import Any, ClassVar
@@ -131,7 +128,7 @@ def signed_distance(body: Body, x: wp.vec3d):
     return gap, body.rotation * n
 
 
-@wp.func
+@wp.func  # type: ignore[no-redef]
 def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
     """Return the gap [m], positive outside, and its gradient in the pad's frame."""
     gap, n = surface_distance(body.surface, local_point(body, x))
@@ -170,7 +167,7 @@ def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
     return body.rotation * H * wp.transpose(body.rotation)
 
 
-@wp.func
+@wp.func  # type: ignore[no-redef]
 def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: ARG001, F811
     """Return zero: faces are flat, and edges are left out as a sharp rim is."""
     return wp.mat33d()

@@ -5,9 +5,6 @@ and to those around it is computed from the double-precision vertices, and the s
 while a neighbour is nearer: near an edge, single precision may propose the wrong one of two faces.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from functools import lru_cache

@@ -11,10 +11,9 @@ import warp as wp
 from sim.arrays import FloatArray, IntArray
 from sim.device import KERNEL_EPSILON, Device, on_host
 from sim.material import elasticity
-from sim.material.element_gradient import element_gradient_kernel
+from sim.material.elasticity import element_gradient_kernel
 from sim.material.laws.tangent import Law, Tangent
-from sim.material.prony import PronySeries
-from sim.material.relaxation import Relaxation
+from sim.material.relaxation import PronySeries, Relaxation
 from sim.mesh.discretisation import Discretisation
 
 

@@ -3,21 +3,24 @@
 One set of kernels a law; every element order runs through them.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
 import warp as wp
 
+from sim.device import CPU_FLAGS, start_warp
 from sim.material.laws.tangent import Law, Tangent, tangent_block
-from sim.warp_start import start_warp
+from sim.mesh.elements import ElementOrder, ReferenceElement, reference_element
 
 start_warp()
+
+
+# Rounding leaves so much of a gradient that is zero.
+_ZERO = 1e-14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,3 +206,68 @@ def hessian(
             if slot % 2 == 1:
                 total = wp.transpose(total)
             wp.atomic_add(values_out, slot // 2, total)
+
+
+start_warp()
+
+
+def shape_gradients(reference: ReferenceElement) -> list[Any]:
+    """Return the shape functions' gradients as kernels compile them in.
+
+    Returns:
+        By quadrature point, node and reference coordinate.
+    """
+    gradients = reference.gradients
+    return np.where(np.abs(gradients) < _ZERO, 0.0, gradients).tolist()
+
+
+@cache
+def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
+    """Build the kernel of a law; it launches over [element_count]."""
+    law_stress, reference = law.stress, reference_element(order)
+    gradients, node_count = shape_gradients(reference), reference.node_count
+    NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
+
+    @wp.kernel(
+        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
+    )
+    def element_gradient(
+        # Model:
+        nodes: wp.array2d(dtype=wp.int32),
+        inverse_jacobians: wp.array(dtype=wp.mat33d),
+        weights: wp.array2d(dtype=wp.float64),
+        parameters: wp.array(dtype=wp.vec4d),
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        gradient_out: wp.array(dtype=wp.vec3d),
+    ):
+        e = wp.tid()
+        inverse = inverse_jacobians[e]
+        p = parameters[e]
+        at = NodeVectors()
+        total = NodeVectors()
+        for k in range(wp.static(node_count)):
+            x = positions[nodes[e, k]]
+            for axis in range(3):
+                at[k, axis] = x[axis]
+        for q in range(wp.static(len(gradients))):
+            D = wp.mat33d()
+            for k in range(wp.static(node_count)):
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        g = wp.float64(wp.static(gradients[q][k][j]))
+                        for axis in range(3):
+                            D[axis, j] += at[k, axis] * g
+            K = (law_stress(D * inverse, p) * wp.transpose(inverse)) * weights[e, q]
+            for k in range(wp.static(node_count)):
+                for j in range(3):
+                    if wp.static(gradients[q][k][j] != 0.0):
+                        g = wp.float64(wp.static(gradients[q][k][j]))
+                        for axis in range(3):
+                            total[k, axis] += K[axis, j] * g
+        for k in range(wp.static(node_count)):
+            node_total = wp.vec3d(total[k, 0], total[k, 1], total[k, 2])
+            wp.atomic_add(gradient_out, nodes[e, k], node_total)
+
+    return element_gradient

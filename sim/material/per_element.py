@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.material.prony import PronySeries, prony_series
+from sim.material.relaxation import PronySeries, prony_series
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.material import Material
 from tacauchy_rig.errors import ConfigError

@@ -6,9 +6,6 @@ linear in F - 1, and so is its history: energy H : (F - 1), derivative H. Kernel
 for which of the two. All launch over [element_count, point_count] but ``add_hessian``.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from functools import cache

@@ -17,7 +17,7 @@ import scipy.spatial
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.warp_start import start_warp
+from sim.device import start_warp
 from tacauchy_rig.errors import ConfigError
 
 start_warp()

@@ -13,7 +13,7 @@ from sim.contact.state import ContactForces, ContactOptions, State
 from sim.device import Device, on_host
 from sim.material.elastic_body import ElasticBody
 from sim.material.laws.tangent import Law
-from sim.material.prony import PronySeries
+from sim.material.relaxation import PronySeries
 from sim.mesh.discretisation import discretise
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import TetMesh

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from sim.device import warp_device
 from sim.fields.interface import interface_traction
 from sim.force_error_estimate import with_estimate
 from sim.material.laws import paper_eq4
@@ -14,7 +15,6 @@ from sim.press import press as simulate_press
 from sim.scene.indenter import describe
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Scene
-from sim.warp_start import warp_device
 from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json

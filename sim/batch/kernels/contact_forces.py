@@ -3,9 +3,6 @@
 The barrier is that of ``sim.contact.barrier``.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,9 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.batch.environment import Environment
-from sim.batch.numbering import Numbering
-from sim.batch.pilot import Pilot
+from sim.batch.kernels.gathering import Numbering
 from sim.contact.barrier import barrier_curvature, barrier_slope
 from sim.contact.indenter_distance import Body, body_at, distance_curvature, signed_distance
 from sim.contact.state import ContactOptions
@@ -79,13 +74,20 @@ class BatchSurface:
 def batch_surface(
     pad: Discretisation,
     numbered: Numbering,
-    pilot: Pilot,
-    environments: Sequence[Environment],
+    indenter: Indenter,
     *,
+    rotations: FloatArray,
+    young_pa: Sequence[float],
     kept: NDArray[np.bool_],
     device: Device,
 ) -> Any:
-    """Upload those faces of a pad that may be touched, and what touches them."""
+    """Upload those faces of a pad that may be touched, and what touches them.
+
+    Args:
+        rotations: Of the indenter in every environment, shape [environment_count, 3, 3].
+        young_pa: E of every environment's gel [Pa].
+        kept: Which faces.
+    """
     faces = pad.faces[kept]
     surface = BatchSurface()
     surface.rows = device.array(numbered.of_nodes(faces), wp.int32)
@@ -94,9 +96,9 @@ def batch_surface(
     surface.rough_values = device.array(pad.reference.face_values, wp.float32)
     areas = pad.reference.face_weights[:, None] * pad.face_areas[kept]
     surface.areas = device.array(areas, wp.float64)
-    surface.body = body_at(pilot.indenter, np.zeros(3), np.eye(3), device=device.name)
-    surface.rotations = device.array(np.stack([e.rotation for e in environments]), wp.mat33d)
-    surface.young = device.array([e.young_pa for e in environments], wp.float64)
+    surface.body = body_at(indenter, np.zeros(3), np.eye(3), device=device.name)
+    surface.rotations = device.array(rotations, wp.mat33d)
+    surface.young = device.array(young_pa, wp.float64)
     return surface
 
 

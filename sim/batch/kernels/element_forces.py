@@ -4,9 +4,6 @@ Forces are float64; their change, which only steers conjugate gradients, is floa
 law's tangent from where the forces kept it.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,14 +11,12 @@ from typing import Any
 
 import warp as wp
 
-from sim.batch.environment import Environment
-from sim.batch.numbering import Numbering
-from sim.device import Device
-from sim.material.element_gradient import shape_gradients
+from sim.batch.kernels.gathering import Gathering, Layout, Numbering
+from sim.device import Device, start_warp
+from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law, Tangent
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.elements import ReferenceElement
-from sim.warp_start import start_warp
 
 start_warp()
 
@@ -74,17 +69,17 @@ def batch_gel(
     pad: Discretisation,
     numbered: Numbering,
     law: Law,
-    environments: Sequence[Environment],
+    materials: Sequence[tuple[float, float]],
     device: Device,
 ) -> Any:
-    """Upload a pad's gel."""
-    parameters = [law.parameters(e.young_pa, e.poisson) for e in environments]
+    """Upload a pad's gel: E [Pa] and nu of every environment."""
+    parameters = [law.parameters(young_pa, poisson) for young_pa, poisson in materials]
     gel = BatchGel()
     gel.rows = device.array(numbered.of_nodes(pad.elements), wp.int32)
     gel.inverse_jacobians = device.array(pad.inverse_jacobians.reshape(-1, 9).T, wp.float64)
     gel.weights = device.array(pad.reference.weights[:, None] * pad.volumes, wp.float64)
     gel.parameters = device.array(parameters, wp.vec4d)
-    gel.young = device.array([e.young_pa for e in environments], wp.float64)
+    gel.young = device.array([young_pa for young_pa, _ in materials], wp.float64)
     return gel
 
 
@@ -253,3 +248,43 @@ def rates_function(reference: ReferenceElement) -> Any:
         return total
 
     return element_rates
+
+
+start_warp()
+
+
+def room_for(reference: ReferenceElement, layout: Layout) -> int:
+    """Return the places that a chunk takes: one for every nodal component, and one for a zero."""
+    return 3 * reference.node_count * layout.chunk + 1
+
+
+def hand_over_function(of_element: Any, reference: ReferenceElement, layout: Layout) -> Any:
+    """Build the function.
+
+    Args:
+        of_element: Gives an element's nodal forces, or their change, at displacements or along
+            directions in shared memory.
+    """
+    node_count, chunk = reference.node_count, layout.chunk
+
+    @wp.func
+    def hand_over(
+        c: wp.int32,
+        b: wp.int32,
+        thread: wp.int32,
+        gel: BatchGel,
+        at: Any,
+        tangents: Tangents,
+        gathering: Gathering,
+        contributions: Any,
+    ):
+        last = gathering.element_count - 1
+        for i in range(thread, wp.static(chunk), wp.block_dim()):
+            e = c * wp.static(chunk) + i
+            total = of_element(wp.min(e, last), b, gel, at, tangents)
+            for k in range(wp.static(node_count)):
+                for axis in range(3):
+                    place = (3 * k + axis) * wp.static(chunk) + i
+                    wp.tile_scatter_masked(contributions, place, total[k, axis], e <= last)
+
+    return hand_over

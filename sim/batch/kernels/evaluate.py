@@ -4,9 +4,6 @@ A block of threads has one environment, so that what it decides is known to all 
 elements hand their forces over in shared memory. On the CPU a block is one thread.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from functools import cache
@@ -21,11 +18,15 @@ from sim.batch.kernels.contact_forces import (
     contact_force,
     spread_contact,
 )
-from sim.batch.kernels.element_forces import BatchGel, Tangents, forces_function
-from sim.batch.kernels.handing_over import hand_over_function, room_for
-from sim.batch.layout import Layout
-from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
-from sim.batch.phases import (
+from sim.batch.kernels.element_forces import (
+    BatchGel,
+    Tangents,
+    forces_function,
+    hand_over_function,
+    room_for,
+)
+from sim.batch.kernels.gathering import Gathering, Layout, gathered, gathered_contact, wait_for_all
+from sim.batch.kernels.state import (
     EVALUATE,
     GIVE_UP,
     NEXT_FRAME,
@@ -34,12 +35,14 @@ from sim.batch.phases import (
     SHORTEN,
     START,
     START_ANEW,
+    Limits,
+    Progress,
+    Vectors,
+    may_run,
 )
-from sim.batch.progress import Limits, Progress, may_run
-from sim.batch.vectors import Vectors
+from sim.device import start_warp
 from sim.material.laws.tangent import Law
 from sim.mesh.elements import ElementOrder, reference_element
-from sim.warp_start import start_warp
 
 start_warp()
 
@@ -220,7 +223,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         loads: wp.array2d(dtype=wp.float64),
         # Data in:
         tips: wp.array(dtype=wp.vec3d),
-        stretch_end: wp.array(dtype=wp.int32),
+        segment_end: wp.array(dtype=wp.int32),
         # Data in and out:
         progress: Progress,
         vectors: Vectors,
@@ -234,9 +237,9 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         b, thread = wp.tid()
         if b == 0 and thread == 0:
             busy_out[0] = 0
-        phase = progress.phase[b]
-        runs = may_run(b, progress, limits, stretch_end)
-        if phase == EVALUATE and runs:
+        status = progress.status[b]
+        runs = may_run(b, progress, limits, segment_end)
+        if status == EVALUATE and runs:
             frame = progress.frame[b]
             at = wp.tile_load(vectors.trials[b], shape=wp.static(width), storage="shared")
             tip = tip_of(b, tips, gathering, vectors)
@@ -272,7 +275,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
             )
             if thread == 0:
                 keep(b, act, sums, pushed, all_gaps[0], progress)
-        elif thread == 0 and not (phase == SEARCH and runs):
+        elif thread == 0 and not (status == SEARCH and runs):
             progress.act[b] = NOTHING
 
     return evaluate

@@ -3,9 +3,6 @@
 As in ``evaluate``, a block of threads has one environment.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from functools import cache
@@ -19,15 +16,25 @@ from sim.batch.kernels.contact_forces import (
     contact_rate,
     spread_contact,
 )
-from sim.batch.kernels.element_forces import BatchGel, Tangents, rates_function
-from sim.batch.kernels.handing_over import hand_over_function, room_for
-from sim.batch.layout import Layout
-from sim.batch.numbering import Gathering, gathered, gathered_contact, wait_for_all
-from sim.batch.phases import ADVANCE_SEARCH, END_SEARCH, SEARCH
-from sim.batch.progress import Limits, Progress, may_run
-from sim.batch.vectors import Vectors
+from sim.batch.kernels.element_forces import (
+    BatchGel,
+    Tangents,
+    hand_over_function,
+    rates_function,
+    room_for,
+)
+from sim.batch.kernels.gathering import Gathering, Layout, gathered, gathered_contact, wait_for_all
+from sim.batch.kernels.state import (
+    ADVANCE_SEARCH,
+    END_SEARCH,
+    SEARCH,
+    Limits,
+    Progress,
+    Vectors,
+    may_run,
+)
+from sim.device import start_warp
 from sim.mesh.elements import ElementOrder, reference_element
-from sim.warp_start import start_warp
 
 start_warp()
 
@@ -96,7 +103,7 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
         gathering: Gathering,
         # Data in:
         tangents: Tangents,
-        stretch_end: wp.array(dtype=wp.int32),
+        segment_end: wp.array(dtype=wp.int32),
         # Data in and out:
         progress: Progress,
         vectors: Vectors,
@@ -105,7 +112,7 @@ def search_kernel(order: ElementOrder, layout: Layout) -> Any:
         sources_out: wp.array2d(dtype=Any),
     ):
         b, thread = wp.tid()
-        if progress.phase[b] == SEARCH and may_run(b, progress, limits, stretch_end):
+        if progress.status[b] == SEARCH and may_run(b, progress, limits, segment_end):
             along = wp.tile_load(vectors.directions[b], shape=wp.static(width), storage="shared")
             sink = wp.float32(0.0)
             if gathering.tip_row >= 0:

@@ -3,9 +3,6 @@
 It gives what ``sim.fields.stress`` gives for one press, and reads the displacements where they are.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 from functools import cache
@@ -16,14 +13,13 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.batch.kernels.element_forces import BatchGel, inverse_jacobian
-from sim.batch.numbering import Numbering
-from sim.device import Device, on_host
+from sim.batch.kernels.gathering import Numbering
+from sim.device import Device, on_host, start_warp
 from sim.fields.stress import SurfaceStress
-from sim.material.element_gradient import shape_gradients
+from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.elements import ElementOrder, reference_element
-from sim.warp_start import start_warp
 
 start_warp()
 

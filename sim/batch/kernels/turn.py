@@ -3,15 +3,13 @@
 As in ``evaluate``, a block of threads has one environment.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
 # ruff: noqa: SIM109 - device code has no membership test
 
 from __future__ import annotations
 
 import warp as wp
 
-from sim.batch.phases import (
+from sim.batch.kernels.state import (
     ADVANCE_SEARCH,
     END_SEARCH,
     EVALUATE,
@@ -24,26 +22,11 @@ from sim.batch.phases import (
     START,
     START_ANEW,
     WAIT,
+    Found,
+    Limits,
+    Progress,
+    Vectors,
 )
-from sim.batch.progress import Limits, Progress
-from sim.batch.vectors import Vectors
-
-
-@wp.struct
-class Found:
-    """What every frame gives, each of shape [frame_count, environment_count].
-
-    Attributes:
-        push: Force on the indenter, modelled part [N].
-        residual: Norm of the unbalanced force over the contact force.
-        imbalance: Base reaction against the indenter's force, over the latter.
-        gap: The smallest [m].
-    """
-
-    push: wp.array2d(dtype=wp.vec3d)
-    residual: wp.array2d(dtype=wp.float64)
-    imbalance: wp.array2d(dtype=wp.float64)
-    gap: wp.array2d(dtype=wp.float64)
 
 
 @wp.func
@@ -64,10 +47,10 @@ def note(
     progress: Progress,
 ):
     """Note what an environment has done; ``goes_on`` where it takes a new direction."""
-    phase = progress.phase[b]
+    status = progress.status[b]
     progress.spent[b] = progress.spent[b] + 1
     if act == START:
-        progress.phase[b] = SEARCH
+        progress.status[b] = SEARCH
         progress.newton[b] = progress.newton[b] + 1
         progress.trying[b] = 0
         progress.searches[b] = 0
@@ -77,11 +60,11 @@ def note(
         progress.slope[b] = progress.slope[b] + progress.length[b] * progress.scaled[b]
         progress.searches[b] = progress.searches[b] + 1
         if not goes_on:
-            progress.phase[b] = EVALUATE
+            progress.status[b] = EVALUATE
     elif act == END_SEARCH:
         if progress.searches[b] == 0:
             progress.slope[b] = progress.scaled[b]
-        progress.phase[b] = EVALUATE
+        progress.status[b] = EVALUATE
     elif act == SHORTEN:
         progress.fraction[b] = wp.float64(0.5) * progress.fraction[b]
         progress.halvings[b] = progress.halvings[b] + 1
@@ -95,10 +78,10 @@ def note(
         progress.trying[b] = 0
         progress.retries[b] = progress.retries[b] + 1
     elif act == GIVE_UP:
-        progress.phase[b] = FAILED
+        progress.status[b] = FAILED
     if goes_on:
         progress.scaled[b] = scaled
-    if phase == SEARCH and progress.phase[b] == EVALUATE:
+    if status == SEARCH and progress.status[b] == EVALUATE:
         progress.trying[b] = 1
         progress.fraction[b] = wp.float64(1.0)
         progress.halvings[b] = 0
@@ -113,7 +96,7 @@ def turn(
     unit: wp.float32,
     depths: wp.array2d(dtype=wp.float64),
     touch: wp.array(dtype=wp.vec3d),
-    stretch_end: wp.array(dtype=wp.int32),
+    segment_end: wp.array(dtype=wp.int32),
     # Data in and out:
     progress: Progress,
     vectors: Vectors,
@@ -167,22 +150,22 @@ def turn(
                 found.imbalance[frame, b] = progress.vertical[b] / load
                 found.gap[frame, b] = progress.gap[b]
                 if frame + 1 >= depths.shape[0]:
-                    progress.phase[b] = WAIT
+                    progress.status[b] = WAIT
                 else:
                     depth = depths[frame + 1, b]
                     tips[b] = touch[b] - wp.vec3d(wp.float64(0.0), wp.float64(0.0), depth)
-            running = progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH
-            if running and progress.frame[b] < stretch_end[0]:
+            running = progress.status[b] == EVALUATE or progress.status[b] == SEARCH
+            if running and progress.frame[b] < segment_end[0]:
                 busy[0] = 1
 
 
 @wp.kernel(enable_backward=False)
 def begin(
-    progress: Progress, stretch_end: wp.array(dtype=wp.int32), busy: wp.array(dtype=wp.int32)
+    progress: Progress, segment_end: wp.array(dtype=wp.int32), busy: wp.array(dtype=wp.int32)
 ):
-    """Begin a stretch with another preconditioner; launches over [environment_count]."""
+    """Begin a segment with another preconditioner; launches over [environment_count]."""
     b = wp.tid()
     progress.changed[b] = 1
-    running = progress.phase[b] == EVALUATE or progress.phase[b] == SEARCH
-    if running and progress.frame[b] < stretch_end[0]:
+    running = progress.status[b] == EVALUATE or progress.status[b] == SEARCH
+    if running and progress.frame[b] < segment_end[0]:
         busy[0] = 1

@@ -6,9 +6,6 @@
 Not objective: rotations of more than a few degrees give spurious stress.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 import warp as wp

@@ -6,9 +6,6 @@
 with I = tr F^T F, J = det F, K = E / (3 (1 - 2 nu)). Infinite for J <= 0.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 import warp as wp

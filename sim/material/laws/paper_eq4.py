@@ -9,9 +9,6 @@ shrinks to the stretch s that solves mu = lambda s (1 - s^3), 4 % per axis at nu
 nu = 0.48, and a clamped one is pulled in at its sides and top.
 """
 
-# Device code: Warp compiles it, and Python type checkers do not speak its dialect.
-# mypy: ignore-errors
-
 from __future__ import annotations
 
 import warp as wp

@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.warp_start import start_warp
+from sim.device import start_warp
 
 start_warp()
 

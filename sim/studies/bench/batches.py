@@ -11,9 +11,8 @@ import warp as wp
 
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
-from sim.batch.pad import batch_model
-from sim.batch.phases import ADVANCE_SEARCH, EVALUATE, SEARCH, START
-from sim.batch.pilot import Pilot
+from sim.batch.kernels.state import ADVANCE_SEARCH, EVALUATE, SEARCH, START
+from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
@@ -62,7 +61,7 @@ class StressTimes:
 
 def stress_times(batch: Batch, *, repeats: int = _LAUNCHES) -> StressTimes:
     """Time taking the stress off the last press; the shortest of the ways to the host."""
-    extraction = batch.tick.stress
+    extraction = batch.iteration.stress
     device_s = _time_of(extraction.launch, device=batch.device, repeats=repeats)
     fetched = []
     for _ in range(repeats):
@@ -77,15 +76,15 @@ def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> list[BatchPartsRow
     rows = []
     for doing, phase, act in (("forces", EVALUATE, START), ("search", SEARCH, ADVANCE_SEARCH)):
         parts = {}
-        for name, launch in batch.tick.launches.items():
-            batch.tick.reset()
-            progress = batch.tick.progress
-            progress.phase.fill_(phase)
+        for name, launch in batch.iteration.launches.items():
+            batch.iteration.reset()
+            progress = batch.iteration.progress
+            progress.status.fill_(phase)
             progress.act.fill_(act)
-            batch.tick.sources.fill_(_SOURCE)
+            batch.iteration.sources.fill_(_SOURCE)
             parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
         rows.append(BatchPartsRow(environments=len(batch.environments), doing=doing, parts_s=parts))
-    batch.tick.reset()
+    batch.iteration.reset()
     return rows
 
 

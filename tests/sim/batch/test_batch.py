@@ -9,13 +9,11 @@ import pytest
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch import iteration as tick
+from sim.batch import iteration
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Environment
-from sim.batch.layout import Layout
-from sim.batch.pad import batch_model
-from sim.batch.pilot import Pilot
-from sim.batch.preconditioner import FactoredStiffness
+from sim.batch.kernels.gathering import Layout
+from sim.batch.pilot import FactoredStiffness, Pilot, batch_model
 from sim.device import Device
 from sim.fields.stress import surface_stress
 from sim.scene.indenter import Cylinder, Indenter, Sphere
@@ -189,8 +187,8 @@ def test_elements_may_go_through_shared_memory_bit_by_bit(
     whole = Batch(pilot, [_environment()], options=_EXACT).press()
     small = Layout(threads=32, chunk=32, resident=1, width=4 * 768)
     assert len(pilot.model.elements) % small.chunk
-    monkeypatch.setattr(tick, "evaluating", lambda *_: small)
-    monkeypatch.setattr(tick, "searching", lambda *_: small)
+    monkeypatch.setattr(iteration, "evaluating", lambda *_: small)
+    monkeypatch.setattr(iteration, "searching", lambda *_: small)
     found = Batch(pilot, [_environment()], options=_EXACT).press()
     assert found.force_n == pytest.approx(whole.force_n, rel=1e-6, abs=1e-9)
     assert np.abs(found.imbalance).max() <= 1e-7
@@ -205,13 +203,13 @@ def test_none_goes_farther_ahead_than_it_may(
     environments = [_environment(), _environment(depths_m=0.1 * _DEPTHS)]
     batch = Batch(pilot, environments, options=replace(_EXACT, lead_max=lead_max))
     batch.prepare()
-    run, apart = batch.tick.run, []
+    run, apart = batch.iteration.run, []
 
     def watched() -> None:
         run()
-        apart.append(int(np.ptp(batch.tick.progress.frame.numpy())))
+        apart.append(int(np.ptp(batch.iteration.progress.frame.numpy())))
 
-    monkeypatch.setattr(batch.tick, "run", watched)
+    monkeypatch.setattr(batch.iteration, "run", watched)
     assert not batch.press().failed.any()
     assert (max(apart) > 1) == (lead_max > 0)
     assert max(apart) <= 1 + lead_max
@@ -269,8 +267,8 @@ def test_what_does_not_fit_is_refused(
         ({"depths_m": None, "loads_n": np.array([0.0, 1.0])}, "0, 1 N, do not grow"),
     ],
 )
-def test_courses_must_be_given_and_grow(given: dict[str, object], told: str) -> None:
-    """A course that falls has no extrapolation, and none at all no frames."""
+def test_load_histories_must_be_given_and_grow(given: dict[str, object], told: str) -> None:
+    """A load history that falls has no extrapolation, and none at all no frames."""
     with pytest.raises(ConfigError, match=told):
         _environment(**given)
 
@@ -283,7 +281,7 @@ def test_a_frame_is_begun_anew_before_it_is_given_up(pilot: Pilot) -> None:
         batch = Batch(pilot, [_environment()], options=replace(hasty, retry_max=retry_max))
         found = batch.press()
         assert found.failed.all()
-        assert batch.tick.progress.retries.numpy()[0] == retry_max
+        assert batch.iteration.progress.retries.numpy()[0] == retry_max
         spent.append(int(found.evaluations[0]))
     assert spent[0] < spent[1] < spent[2]
 

@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.batch.environment import BatchOptions
+from sim.batch.environment import BatchOptions, extrapolation
+from sim.batch.iteration import iteration_limits
 from sim.batch.kernels.evaluate import judged
-from sim.batch.load_histories import extrapolation
-from sim.batch.phases import NEXT_FRAME, SHORTEN, START
-from sim.batch.progress import Limits, Progress, iteration_limits, new_progress
+from sim.batch.kernels.state import (
+    NEXT_FRAME,
+    SHORTEN,
+    START,
+    Limits,
+    Progress,
+    zeroed,
+)
 from sim.device import Device
 
 _OPTIONS = BatchOptions(residual_relative=1e-5)
@@ -33,7 +39,7 @@ def _judge(
 def _judged(residual: float, *, slope: float, started: float = 1.0, trying: bool = True) -> int:
     """Judge a step from a residual of ``started`` along which the energy falls by one."""
     device = Device("cpu")
-    progress = new_progress(1, device)
+    progress = zeroed(Progress, 1, device)
     progress.started.fill_(started)
     progress.slope.fill_(1.0)
     progress.trying.fill_(int(trying))
@@ -74,7 +80,7 @@ def test_where_a_frame_begins_is_not_a_step() -> None:
     assert _judged(1e3, slope=0.0, trying=False) == int(START)
 
 
-def test_frames_begin_on_the_course_of_those_before() -> None:
+def test_frames_begin_where_those_before_lead() -> None:
     """A line from the untouched gel, one through two frames, then a parabola through three."""
     depths = np.array([[1.0], [2.0], [4.0], [7.0], [8.0]])
     shares = extrapolation(depths)[:, 0]

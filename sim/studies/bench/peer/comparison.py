@@ -12,7 +12,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from sim.batch.pad import batch_model
+from sim.batch.pilot import batch_model
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Scene
 from sim.studies.bench.batches import BALANCE, BatchRow

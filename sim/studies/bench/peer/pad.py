@@ -105,7 +105,7 @@ class PeerPad:
             clamped=model.clamped,
             young_pa=np.array([environment.young_pa for environment in chosen]),
             poisson=self.scene.material.poisson,
-            depths_m=np.stack([environment.course for environment in chosen], axis=1),
+            depths_m=np.stack([environment.load_history for environment in chosen], axis=1),
             body_vertices=surface.vertices,
             body_faces=surface.faces,
             touch_m=touch_height(

@@ -195,10 +195,10 @@ def test_environments_differ_but_the_first() -> None:
     """The first is the scene itself; others are up to a tenth stiffer and shallower."""
     first, *others = environments(_SCENE, 5)
     assert first.young_pa == _SCENE.material.young_pa
-    assert first.course[-1] == pytest.approx(1e-3)
+    assert first.load_history[-1] == pytest.approx(1e-3)
     assert len({other.young_pa for other in others}) == 4
     assert all(1.0 <= other.young_pa / first.young_pa <= 1.1 for other in others)
-    assert all(0.9 <= other.course[-1] / first.course[-1] <= 1.0 for other in others)
+    assert all(0.9 <= other.load_history[-1] / first.load_history[-1] <= 1.0 for other in others)
 
 
 def test_every_part_is_timed(found: Bench) -> None:

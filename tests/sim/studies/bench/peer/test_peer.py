@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sim.arrays import FloatArray
-from sim.batch.pad import batch_model
+from sim.batch.pilot import batch_model
 from sim.mesh.elements import boundary_faces
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.indenter import Cylinder, Sphere

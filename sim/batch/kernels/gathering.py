@@ -1,12 +1,9 @@
-"""Where the kernels of a batch find an unknown, and what adds up to the force on it.
+"""Who does what of a batch's work: threads, chunks of elements, unknowns and what adds up to them.
 
 Elements and faces write what they contribute to places of their own, and every unknown adds up the
 places that concern it, always in the same order: no two threads write to one place, and the same
 press gives the same bits.
 """
-
-# Device structures: Warp makes them, untyped.
-# mypy: ignore-errors
 
 from __future__ import annotations
 
@@ -18,11 +15,53 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.arrays import IntArray
-from sim.batch.pilot import Pilot
 from sim.device import Device
+from sim.mesh.sparsity import SparsePattern
 
+# Shared memory is laid out for a multiple of so many unknowns: a few builds serve all meshes.
+_WIDTH = 768
+# So many environments leave multiprocessors idle, and each of them may have a larger block.
+_FEW = 128
 # Places are read so many at a time: one after the other, each would wait for the one before.
 _AT_ONCE = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What a kernel is built for; a block of threads has one environment.
+
+    Attributes:
+        threads: Of a block on a GPU; on the CPU it is one thread.
+        chunk: Elements that go through shared memory at once; threads divide it or it them.
+        resident: Blocks that a multiprocessor holds: the more, the fewer registers each.
+        width: Unknowns that fit in shared memory.
+    """
+
+    threads: int
+    chunk: int
+    resident: int
+    width: int
+
+
+def evaluating(environment_count: int, unknown_count: int) -> Layout:
+    """Return the layout of the forces: in float64 they fill shared memory and registers twice."""
+    width = _width(unknown_count)
+    if environment_count <= _FEW:
+        return Layout(threads=512, chunk=512, resident=1, width=width)
+    return Layout(threads=256, chunk=256, resident=2, width=width)
+
+
+def searching(environment_count: int, unknown_count: int) -> Layout:
+    """Return the layout of the steps of conjugate gradients."""
+    width = _width(unknown_count)
+    if environment_count <= _FEW:
+        return Layout(threads=512, chunk=512, resident=1, width=width)
+    return Layout(threads=256, chunk=512, resident=2, width=width)
+
+
+def _width(unknown_count: int) -> int:
+    """Return room for so many, and one more for what is fixed."""
+    return -(-(unknown_count + 1) // _WIDTH) * _WIDTH
 
 
 @wp.struct
@@ -95,7 +134,7 @@ class Numbering:
         found.tip_row = self.tip_row
         return found
 
-    def _chunked_places(self, elements: IntArray, chunk: int) -> tuple[IntArray, IntArray]:
+    def _chunked_places(self, elements: IntArray, chunk: int) -> tuple[Any, Any]:
         """Return ``starts`` and ``places``."""
         idle = 3 * elements.shape[1] * chunk
         all_starts, all_places, before = [], [], 0
@@ -117,21 +156,20 @@ class Numbering:
         return np.stack(all_starts), np.concatenate(all_places)
 
 
-def numbering(pilot: Pilot) -> Numbering:
-    """Number a pilot's unknowns."""
-    pattern, node_count = pilot.model.pattern, len(pilot.model.nodes)
-    row_count = pattern.dof_count + pilot.is_pushed
-    rows = np.full(3 * node_count, row_count)
+def numbering(pattern: SparsePattern, *, is_pushed: bool) -> Numbering:
+    """Number the unknowns; the indenter's lift is the last one where it is pushed."""
+    row_count = pattern.dof_count + is_pushed
+    rows = np.full(3 * len(pattern.block_row), row_count)
     rows[pattern.free_dofs] = np.arange(pattern.dof_count)
     return Numbering(
         rows=rows.reshape(-1, 3),
         row_count=row_count,
-        tip_row=pattern.dof_count if pilot.is_pushed else -1,
-        vertical=np.append(pattern.free_dofs % 3 == 2, [False] * pilot.is_pushed),
+        tip_row=pattern.dof_count if is_pushed else -1,
+        vertical=np.append(pattern.free_dofs % 3 == 2, [False] * is_pushed),
     )
 
 
-def _places(rows: IntArray, row_count: int) -> tuple[IntArray, IntArray]:
+def _places(rows: IntArray, row_count: int) -> tuple[Any, Any]:
     """Return where each of so many rows begins among places, and the places row by row."""
     order = np.argsort(rows, kind="stable")
     starts = np.searchsorted(rows[order], np.arange(row_count + 1))
@@ -147,7 +185,7 @@ def _places(rows: IntArray, row_count: int) -> tuple[IntArray, IntArray]:
     return places.data[i];
 #endif
 """)
-def four_places(places: wp.array(dtype=wp.vec4i), i: wp.int32) -> wp.vec4i:
+def four_places(places: wp.array(dtype=wp.vec4i), i: wp.int32) -> wp.vec4i:  # type: ignore[empty-body]
     """Return four neighbouring places."""
 
 
