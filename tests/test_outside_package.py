@@ -1,0 +1,132 @@
+"""A laboratory's own package, installed beside this one, adds arm, law, indenter and sensor.
+
+It is used from outside the repository, by the command line and by the public interfaces.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.config.load import example_text
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "tests" / "outside_package"
+
+_USE_THE_ARM = """
+import sys
+from pathlib import Path
+
+from drivers.arm.checks import robot_checks
+from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
+from drivers.rig import build_arm_and_force_sensor
+from tacauchy_rig.config.load import load_config
+
+config = load_config(Path("rig.toml")).config
+assert config.robot.options == {"cycle_hz": 500}
+assert config.moves_real_hardware
+for check in (*ARM_CHECKS, *LOCKING_ARM_CHECKS):
+    check(lambda: build_arm_and_force_sensor(config)[0])
+    print(check.__name__)
+for result in robot_checks(config):
+    print(result.name, result.status.value, result.finding)
+"""
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A folder of somebody else's, with the package installed."""
+
+    folder: Path
+    site: Path
+
+    def python(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run Python there."""
+        return subprocess.run(
+            [sys.executable, *arguments],
+            cwd=self.folder,
+            env={**os.environ, "PYTHONPATH": f"{self.site}:{ROOT}"},
+            capture_output=True,
+            text=True,
+            timeout=280,
+            check=False,
+        )
+
+    def rig(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run the command line there."""
+        return self.python("-m", "tacauchy_rig.cli.app", *arguments)
+
+
+@pytest.fixture(scope="module")
+def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Laboratory:
+    """Install the package as pip would, without a network: its files and their metadata."""
+    folder, site = tmp_path_factory.mktemp("laboratory"), tmp_path_factory.mktemp("site")
+    shutil.copytree(
+        PACKAGE / "press_lab", site / "press_lab", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text("utf-8"))["project"]
+    metadata = site / f"press_lab-{project['version']}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n", "utf-8"
+    )
+    groups = project["entry-points"].items()
+    (metadata / "entry_points.txt").write_text(
+        "".join(
+            f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in entries.items())
+            for group, entries in groups
+        ),
+        "utf-8",
+    )
+    return Laboratory(folder=folder, site=site)
+
+
+@pytest.mark.timeout(300)
+def test_its_sensor_law_and_indenter_press(laboratory: Laboratory) -> None:
+    """At small strains its law gives the force of the linear one within 2 %, and is another law."""
+    forces = {}
+    # Without the effect that is asked for, so small a press would be planned with the linear law.
+    laws = {"log-neo-hookean": ["--effect", "finite-strain=on"], "linear": []}
+    for law, more in laws.items():
+        options = ["--sensor", "press-lab-skin", "--indenter", "lab-ball", "--law", law, *more]
+        options += ["--depth", "0.02mm", "--preset", "fast", "--no-estimate-error"]
+        done = laboratory.rig("press", *options, "--json", f"{law}.json")
+        assert done.returncode == 0, done.stdout + done.stderr
+        forces[law] = json.loads((laboratory.folder / f"{law}.json").read_text())["force_n"][2]
+    assert forces["log-neo-hookean"] > 0.0
+    assert forces["log-neo-hookean"] != forces["linear"]
+    assert forces["log-neo-hookean"] == pytest.approx(forces["linear"], rel=0.02)
+
+
+@pytest.mark.timeout(300)
+def test_its_arm_conforms_and_is_chosen_in_a_rig_toml(laboratory: Laboratory) -> None:
+    """A driver of another package counts as real, and keeps every promise of an arm."""
+    text = example_text().replace('driver = "ur5" ', 'driver = "press-lab-arm" ')
+    text = text.replace("[force_sensor]", "[robot.options]\ncycle_hz = 500\n\n[force_sensor]")
+    text = text.replace("XXXXXXXX", "A50285BI")
+    text = text.replace("number and date of the sheet", "no. 7 of 2026-01-01")
+    (laboratory.folder / "rig.toml").write_text(text, "utf-8")
+    done = laboratory.python("-c", _USE_THE_ARM)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "arm_locks_in_a_protective_stop" in done.stdout
+    assert "robot.controller ok arm of the press lab at this process" in done.stdout
+    assert "robot.home ok" in done.stdout
+
+
+def test_what_is_there_is_named(laboratory: Laboratory) -> None:
+    """An unknown name is answered with every known one, those of the package included."""
+    shape = ("--indenter", "plane", "--depth", "0.1mm")
+    done = laboratory.rig("press", "--sensor", "press-lab", *shape)
+    assert done.returncode == 2
+    assert "9dtact, digit, gelsight-mini, press-lab-skin" in done.stderr
+    done = laboratory.rig("config", "show", "--set", "robot.driver=press-lab")
+    assert done.returncode == 2
+    assert '"ur5", "emulated", "mock", "press-lab-arm"' in done.stderr
