@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from reports.comparison.criteria import RECORDED
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
@@ -49,7 +50,8 @@ def _first_miss(trial: TrialResult) -> str:
         what = "was not pressed" if trial.outcome == "missing" else trial.outcome
         return f"trial {trial.index} ({what})"
     value = f"{criterion.measured:.3f} {criterion.unit}".rstrip()
-    return f"trial {trial.index} ({criterion.name.replace('_', ' ')} {value})"
+    asked = f", asked: {criterion.limit}" if criterion.name in RECORDED else ""
+    return f"trial {trial.index} ({criterion.name.replace('_', ' ')} {value}{asked})"
 
 
 def read_scores(

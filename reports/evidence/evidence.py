@@ -76,6 +76,23 @@ class StreamTiming:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedForce:
+    """The force of an attempt, computed again from the raw samples of its recording.
+
+    Attributes:
+        tare_n: Mean raw Fx, Fy, Fz [N] over the tare before the press; NaN without a sample.
+        rise_n: Mean raw Fz [N] over the dwell minus that of the tare, signed as the sensor signs.
+        compression_sign: The sign of ``rise_n`` in compression, as the run was configured.
+        dwell_sample_count: Samples in the dwell.
+    """
+
+    tare_n: tuple[float, float, float]
+    rise_n: float
+    compression_sign: int
+    dwell_sample_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TruthComparison:
     """One quantity of the emulated world beside what the pipeline made of it.
 
@@ -123,6 +140,7 @@ class TrialEvidence:
         force_curve: Tared pressing force [N], positive in compression.
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
+        recorded: What the recording says of the force; ``record`` holds what the protocol said.
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
     """
@@ -136,6 +154,7 @@ class TrialEvidence:
     force_curve: Curve | None = None
     depth_curve: Curve | None = None
     dwell_s: tuple[float, float] | None = None
+    recorded: RecordedForce | None = None
     force_depth_simulated: FloatArray | None = None
     streams: tuple[StreamTiming, ...] = ()
 

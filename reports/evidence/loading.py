@@ -79,6 +79,7 @@ def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
         "images": attempt.images,
         "streams": attempt.streams,
         "dwell_s": attempt.dwell_s,
+        "recorded": attempt.recorded,
         "force_curve": attempt.force_curve,
         "depth_curve": attempt.depth_curve,
     }
