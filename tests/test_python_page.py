@@ -9,13 +9,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
-from tests.reports.evidence.conftest import FORCE_N, record, write_recording
 
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
 from tests.reports import conftest as made
+from tests.reports.conftest import FORCE_N, record, write_recording
 
 PAGE = (Path(__file__).parents[1] / "docs" / "python.md").read_text("utf-8")
 EXAMPLES = dict(re.findall(r"^## ([^\n]*)\n\n```python\n(.*?)```", PAGE, re.DOTALL | re.M))

@@ -402,7 +402,7 @@ def replay_of(records: list[TrialRecord]) -> Replay:
         )
         for r in records
     )
-    return Replay(name="main", trials=trials, model={"young_pa": 435e3}, versions={"x": "1"})
+    return Replay(name="main", trials=trials, model=made_model(), versions={"x": "1"})
 
 
 @pytest.fixture
