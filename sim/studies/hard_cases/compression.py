@@ -19,8 +19,8 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BARRIER_M, HEIGHT_M, pad_model, round_mesh
 
-DEPTH_SHARE = 0.8
-STEP_M = 0.1e-3
+_DEPTH_SHARE = 0.8
+_STEP_M = 0.1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class DeepPress:
 
 
 # The stable law costs little at J = 0, and at a sharp rim it goes below; the other one cannot.
-PRESSES = (
+_PRESSES = (
     DeepPress(
         name="rounded_slipping",
         fillet_m=0.5e-3,
@@ -66,15 +66,15 @@ PRESSES = (
 
 def deep_presses() -> Outcome:
     """Press in 0.1 mm frames to 80 % of the height, in three ways."""
-    outcomes = [press_in(case) for case in PRESSES]
+    outcomes = [press_in(case) for case in _PRESSES]
     measured: Measured = {}
     for outcome in outcomes:
         measured |= outcome.measured
     return Outcome(passed=all(outcome.passed for outcome in outcomes), measured=measured)
 
 
-def press_in(case: DeepPress, *, depth_share: float = DEPTH_SHARE) -> Outcome:
-    """Press to a share of the height, frame by frame.
+def press_in(case: DeepPress) -> Outcome:
+    """Press to 80 % of the height, frame by frame.
 
     Raises:
         ConvergenceError: A frame has no equilibrium.
@@ -89,10 +89,10 @@ def press_in(case: DeepPress, *, depth_share: float = DEPTH_SHARE) -> Outcome:
     )
     options = ContactOptions(distance_m=BARRIER_M, bonded=case.bonded)
     model = pad_model(mesh, law_name=case.law, contact_options=options)
-    path = LoadingPath(model, indenter, step_max_m=STEP_M)
+    path = LoadingPath(model, indenter, step_max_m=_STEP_M)
     forces, ratios = [0.0], [1.0]
-    depth = depth_share * HEIGHT_M
-    for at in np.linspace(0.0, depth, round(depth / STEP_M) + 1)[1:]:
+    depth = _DEPTH_SHARE * HEIGHT_M
+    for at in np.linspace(0.0, depth, round(depth / _STEP_M) + 1)[1:]:
         point = path.advance(float(at))
         forces.append(float(point.force_n[2]))
         ratios.append(point.equilibrium.min_jacobian)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.optimize
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import ElementOrder, boundary_faces
@@ -28,7 +29,7 @@ ITERATION_RATIO = 3.0
 WEIGHTLESS = ((Effect.GRAVITY, False),)
 
 
-def nearly_incompressible(preset: Preset = Preset.BALANCED) -> Outcome:
+def nearly_incompressible() -> Outcome:
     """Press a flat punch 20 um into a wide layer at every nu that has a published force."""
     young, radius, depth = 3e5, 2.5e-3, 20e-6
     measured: Measured = {}
@@ -39,7 +40,7 @@ def nearly_incompressible(preset: Preset = Preset.BALANCED) -> Outcome:
             material=Material(young_pa=young, poisson=poisson, law=LawName.LINEAR),
             indenter=Cylinder(diameter_m=2.0 * radius),
             target=Target(depth_m=depth),
-            preset=preset,
+            preset=Preset.BALANCED,
             barrier_m=1e-7,
             effects=WEIGHTLESS,
         )
@@ -120,16 +121,14 @@ def _residual_relative(result: PressResult) -> float:
     return result.point.equilibrium.residual_n / result.force_n[2]
 
 
-def with_slivers(mesh: TetMesh, *, dihedral_deg: float, radius_m: float = np.inf) -> TetMesh:
+def with_slivers(mesh: TetMesh, *, dihedral_deg: float) -> TetMesh:
     """Flatten one tetrahedron at every other interior node, those with no edge in common.
 
     Args:
         dihedral_deg: Smallest angle between two faces that each of them gets [deg].
-        radius_m: Only at nodes nearer to the z axis than this [m].
     """
     vertices = mesh.vertices.copy()
     inner = np.setdiff1d(np.arange(len(vertices)), np.unique(boundary_faces(mesh.tets)[0]))
-    inner = inner[np.hypot(*vertices[inner, :2].T) < radius_m]
     taken: set[int] = set()
     for node in inner.tolist():
         star = mesh.tets[np.any(mesh.tets == node, axis=1)]
@@ -148,22 +147,21 @@ def sliver_count(mesh: TetMesh, *, below_deg: float) -> int:
 def _flattening_place(
     vertices: FloatArray, star: IntArray, node: int, dihedral_deg: float
 ) -> FloatArray:
-    """Return where a node makes a tetrahedron of its star as flat as asked, by bisection.
+    """Return where a node makes a tetrahedron of its star as flat as asked.
 
     It goes towards the middle of the first one's opposite face.
     """
     start = vertices[node].copy()
     opposite = star[0][star[0] != node]
     goal = vertices[opposite].mean(axis=0)
-    moved, low, high = vertices.copy(), 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        moved[node] = start + middle * (goal - start)
-        if _smallest_angle(moved, star) > dihedral_deg:
-            low = middle
-        else:
-            high = middle
-    return np.asarray(start + low * (goal - start))
+    moved = vertices.copy()
+
+    def excess_deg(share: float) -> float:
+        moved[node] = start + share * (goal - start)
+        return _smallest_angle(moved, star) - dihedral_deg
+
+    share = scipy.optimize.bisect(excess_deg, 0.0, 1.0, xtol=1e-12)
+    return np.asarray(start + share * (goal - start))
 
 
 def _smallest_angle(vertices: FloatArray, tets: IntArray) -> float:

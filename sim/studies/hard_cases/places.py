@@ -35,7 +35,7 @@ _BALANCE_MAX = 1e-6
 _BESIDE_M = (10.5e-3, 0.0)
 
 
-def moved_rim(*, depth_m: float = 0.4e-3) -> Outcome:
+def moved_rim() -> Outcome:
     """Press where the rim meets nodes and up to half an element beside, on two kinds of mesh.
 
     One is uniform and knows nothing of the punch; the other is fine at the rim's first place.
@@ -46,7 +46,7 @@ def moved_rim(*, depth_m: float = 0.4e-3) -> Outcome:
     measured: Measured = {}
     spreads = []
     for name, (mesh, size) in meshes.items():
-        forces = forces_beside(mesh, size, depth_m=depth_m)
+        forces = forces_beside(mesh, size, depth_m=0.4e-3)
         spreads.append((max(forces) - min(forces)) / forces[0])
         measured[f"element_at_rim_{name}_m"] = size
         measured[f"force_spread_relative_{name}"] = spreads[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-import time
+import timeit
 from dataclasses import replace
 
 import numpy as np
@@ -85,7 +85,7 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
         if result.point is None:
             continue
         model = result.model
-        times = extraction_times(model, result.point.state.positions)
+        times = _extraction_times(model, result.point.state.positions)
         low, middle, high = (1e3 * float(np.quantile(times, q)) for q in (0.05, 0.5, 0.95))
         rows.append(
             (
@@ -124,15 +124,10 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
     )
 
 
-def extraction_times(model: Model, positions: FloatArray, *, repeats: int = _REPEATS) -> FloatArray:
-    """Return the wall time of every extraction but the first [s], shape [repeats]."""
-    surface_stress(model, positions)
-    times = np.empty(repeats)
-    for k in range(repeats):
-        started = time.perf_counter()
-        surface_stress(model, positions)
-        times[k] = time.perf_counter() - started
-    return times
+def _extraction_times(model: Model, positions: FloatArray) -> FloatArray:
+    """Return the wall time of every extraction but the first [s]."""
+    runs = timeit.repeat(lambda: surface_stress(model, positions), repeat=1 + _REPEATS, number=1)
+    return np.array(runs[1:])
 
 
 def paper_scene() -> Scene:
