@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from enum import StrEnum
 
 from tacauchy_rig.errors import ConfigError
@@ -70,28 +69,14 @@ _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s
 _COMMA = re.compile(r"^\s*[-+]?\d*,\d")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
-    """A parsed number.
-
-    Attributes:
-        value: Magnitude in the SI unit of ``dimension``.
-        text: The text it came from, kept for messages.
-    """
-
-    value: float
-    dimension: Dimension
-    text: str
-
-
 def split_quantity(text: str) -> tuple[float, str] | None:
     """Return the number and the unit that ``text`` consists of, or None if it has no number."""
     match = _NUMBER.match(text)
     return (float(match.group(1)), match.group(2)) if match else None
 
 
-def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> Quantity:
-    """Parse a number with a unit.
+def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> float:
+    """Read a number with a unit, and return it in the SI unit.
 
     Args:
         text: For example ``"5 mm"``, ``"0.3MPa"``, ``"3 %"``.
@@ -120,14 +105,9 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
         )
     if not math.isfinite(number * units[unit]):
         raise ConfigError(f'{field}: "{text}" is not a finite number', remedy=remedy)
-    return Quantity(value=number * units[unit], dimension=dimension, text=text)
+    return number * units[unit]
 
 
 def example(dimension: Dimension) -> str:
     """Return a quantity as one writes it, for example ``5 mm``."""
     return _EXAMPLES[dimension]
-
-
-def format_si(value: float, *, unit: str, dimension: Dimension, digits: int = 4) -> str:
-    """Format an SI value in a display unit, for example ``format_si(5e-3, unit="mm", ...)``."""
-    return f"{value / UNITS[dimension][unit]:.{digits}g} {unit}"

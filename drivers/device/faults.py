@@ -145,4 +145,4 @@ def kind_named(name: str) -> FaultKind:
 
 
 def _seconds(text: str) -> float:
-    return parse_quantity(text, dimension=Dimension.TIME, field="fault").value
+    return parse_quantity(text, dimension=Dimension.TIME, field="fault")

@@ -105,7 +105,7 @@ def read_number(entry: Any, name: str, dimension: Dimension) -> Measured:
             remedy='write { value = "4 mm", uncertainty = "0.1 mm", source = "measured" }',
         )
     value, uncertainty = (
-        parse_quantity(str(entry[part]), dimension=dimension, field=f"{name}.{part}").value
+        parse_quantity(str(entry[part]), dimension=dimension, field=f"{name}.{part}")
         for part in ("value", "uncertainty")
     )
     return Measured(value=value, uncertainty=uncertainty, source=str(entry["source"]))
@@ -177,7 +177,7 @@ def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptio
             remedy=f"settings are {', '.join(_TETWILD)}",
         )
     given = {
-        name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}").value
+        name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}")
         for key, (name, dimension) in _TETWILD.items()
         if key in table
     }
@@ -264,9 +264,7 @@ def _softness(table: dict[str, Any], lamps: tuple[SensorLamp, ...], origin: str)
     if "shadow_softness" not in table:
         return None
     name = f"{origin}: optics.shadow_softness"
-    value = parse_quantity(
-        str(table["shadow_softness"]), dimension=Dimension.LENGTH, field=name
-    ).value
+    value = parse_quantity(str(table["shadow_softness"]), dimension=Dimension.LENGTH, field=name)
     if not value > 0.0 or not lamps:
         raise ConfigError(
             f"{name} needs a positive length and at least one lamp that casts the shadow",
@@ -277,9 +275,7 @@ def _softness(table: dict[str, Any], lamps: tuple[SensorLamp, ...], origin: str)
 
 def _grey_table(table: dict[str, Any], origin: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
     depth = tuple(
-        parse_quantity(
-            str(entry), dimension=Dimension.LENGTH, field=f"{origin}: optics.depth"
-        ).value
+        parse_quantity(str(entry), dimension=Dimension.LENGTH, field=f"{origin}: optics.depth")
         for entry in table["depth"]
     )
     change = tuple(float(level) for level in table["change"])
@@ -303,7 +299,7 @@ def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[SensorLamp, ...]
                 remedy='write azimuth = "90 deg", elevation = "20 deg", colour = [80, 0, 0]',
             )
         azimuth, elevation = (
-            parse_quantity(entry[key], dimension=Dimension.ANGLE, field=f"{name} {key}").value
+            parse_quantity(entry[key], dimension=Dimension.ANGLE, field=f"{name} {key}")
             for key in ("azimuth", "elevation")
         )
         red, green, blue = (float(level) for level in entry["colour"])

@@ -9,12 +9,14 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.cli import calibrate, config_commands, emulate, session
+from tacauchy_rig.cli import config_commands, emulate, session
+from tacauchy_rig.cli.calibrate.markers import markers
+from tacauchy_rig.cli.calibrate.optics import optics
+from tacauchy_rig.cli.calibrate.scale import scale
 from tacauchy_rig.cli.doctor import doctor
 from tacauchy_rig.cli.folders import export, recover, replay, report
 from tacauchy_rig.cli.output import complain, say
-from tacauchy_rig.cli.plan import plan
-from tacauchy_rig.cli.press import press
+from tacauchy_rig.cli.press import plan, press
 from tacauchy_rig.cli.studies.accuracy import accuracy
 from tacauchy_rig.cli.studies.bench import bench
 from tacauchy_rig.cli.studies.effects_check import effects_check
@@ -49,7 +51,14 @@ app.command("modes")(modes)
 app.command("objects")(objects)
 app.command("doctor")(doctor)
 app.command("fault-table")(fault_table)
-app.add_typer(calibrate.app, name="calibrate")
+calibrate = typer.Typer(
+    no_args_is_help=True,
+    help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
+)
+calibrate.command("scale")(scale)
+calibrate.command("markers")(markers)
+calibrate.command("optics")(optics)
+app.add_typer(calibrate, name="calibrate")
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(config_commands.app, name="config")
 

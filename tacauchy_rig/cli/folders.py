@@ -11,10 +11,10 @@ import typer
 
 from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance
-from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.press import cost_lines
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run

@@ -1,12 +1,20 @@
-"""``tacauchy-rig press``: one simulated press, stated on the command line."""
+"""``tacauchy-rig press`` and ``plan``: a scene of the command line, pressed or thought over."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
 from typing import Annotated
 
 import typer
 
 from sim.device import warp_device
+from sim.effects.estimates import expected_depth
+from sim.effects.mesh_choice import mesh_choice
+from sim.effects.plan import plan_effects
+from sim.error.measured_errors import FAST, setting_of
+from sim.error.prior_error import is_measured, time_ratio
+from sim.error.tolerance import alternatives, expected_error
 from sim.fields.interface import interface_traction
 from sim.force_error_estimate import with_estimate
 from sim.material.laws import paper_eq4
@@ -15,11 +23,16 @@ from sim.press import press as simulate_press
 from sim.scene.indenter import describe
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Scene
-from tacauchy_rig.cli.cost_lines import cost_lines
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
-from tacauchy_rig.cli.scene_command import states_a_scene
-from tacauchy_rig.cli.scene_options import DeviceOption, SceneTerms, scene_of
+from tacauchy_rig.cli.scene_options import (
+    DeviceOption,
+    OutputOption,
+    SceneTerms,
+    scene_of,
+    states_a_scene,
+)
+from tacauchy_rig.run import Alternative
 
 EstimateErrorOption = Annotated[
     bool | None,
@@ -49,6 +62,60 @@ def press(
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())
+
+
+@states_a_scene
+def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
+    """Say what a press would be simulated with, and why; nothing is pressed."""
+    scene = scene_of(replace(terms, outputs=tuple(output or ())))
+    planned = plan_effects(scene)
+    choice = mesh_choice(scene)
+    for row in planned.effects:
+        error = "" if row.estimated_error is None else f"{row.estimated_error:.2e}"
+        say(f"{row.effect.value:21} {'on' if row.on else 'off':4} {error:9} {row.reason}")
+    say(f"preset: {setting_of(scene)}")
+    say(f"mesh: {choice.kind.value}: {choice.reason}")
+    say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
+    depth = expected_depth(scene)
+    believed, basis = expected_error(scene, planned, depth_m=depth)
+    others = alternatives(scene, depth_m=depth, wall_s=None)
+    setting = setting_of(scene)
+    ratio = time_ratio(setting, FAST) if is_measured(setting) else None
+    cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
+    for line in cost_lines(believed, basis, cost, others):
+        say(line)
+    write_json(
+        json_file,
+        {
+            "preset": str(setting_of(scene)),
+            "effects": planned.as_json(),
+            "mesh": {"kind": choice.kind.value, "reason": choice.reason},
+            "tolerance": planned.tolerance,
+            "estimated_error": planned.estimated_error,
+            "force_error_relative": believed,
+            "force_error_basis": basis,
+            "time_over_fast": ratio,
+            "alternatives": [asdict(other) for other in others],
+        },
+    )
+
+
+def cost_lines(
+    error_relative: float | None, basis: str, cost: str, others: Sequence[Alternative]
+) -> Iterator[str]:
+    """Return lines on the believed error, the cost, and the next cheaper and better settings.
+
+    Args:
+        basis: How the error is known, or why not.
+        cost: Of the settings used.
+    """
+    believed = "not known" if error_relative is None else f"{error_relative:.1%}"
+    yield f"force error believed to be {believed}: {basis}"
+    yield f"cost       {cost}"
+    for other in others:
+        yield f"{other.role:10} {other}"
+    if not others:
+        yield "no neighbours: nothing was measured with these settings"
 
 
 def _warn_of_rest_stress(material: Material) -> None:

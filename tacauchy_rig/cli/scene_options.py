@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, replace
+from functools import wraps
+from typing import Annotated, Any, Concatenate, ParamSpec, get_origin, get_type_hints
 
 import typer
 
@@ -14,7 +17,7 @@ from sim.scene.pad import Pad
 from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
 from sim.scene.tetwild_options import TetWildOptions
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.cli.press_terms import (
+from tacauchy_rig.cli.scene_terms import (
     parse_contact,
     parse_indenter,
     parse_law,
@@ -28,80 +31,14 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.settings import parse_tolerance
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
-IndenterOption = Annotated[
-    str,
-    typer.Option(
-        "--indenter", help="cylinder:diameter=5mm[,fillet=], sphere:diameter=, plane, mesh:FILE"
-    ),
-]
-SensorOption = Annotated[str | None, typer.Option("--sensor", help="Sensor by name or TOML file.")]
-PadOption = Annotated[
-    str | None,
-    typer.Option("--pad", help="box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm"),
-]
-MeshOption = Annotated[
-    str | None,
-    typer.Option(
-        "--mesh",
-        metavar="l_r=,epsilon_r=,stop_energy=,dihedral_min=",
-        help="Settings of fTetWild, for scenes that it meshes; those left out are the preset's.",
-    ),
-]
-DepthOption = Annotated[str | None, typer.Option("--depth", help="Travel, such as 0.5mm.")]
-ForceOption = Annotated[str | None, typer.Option("--force", help="Target, such as 4.7332N.")]
-AtOption = Annotated[
-    str | None, typer.Option("--at", help="Where the tip comes down on the pad, such as 1,0.5mm.")
-]
-ShiftOption = Annotated[
-    str | None, typer.Option("--shift", help="Motion once pressed in, along x, or as 0.3,0.1mm.")
-]
-TwistOption = Annotated[
-    str | None, typer.Option("--twist", help="Turn about z once pressed in, such as 5deg.")
-]
-TiltOption = Annotated[
-    str | None, typer.Option("--tilt", help="Of the indenter about x and y, such as 2,0deg.")
-]
-YoungOption = Annotated[str | None, typer.Option("--young", help="Such as 0.3MPa.")]
-PoissonOption = Annotated[float | None, typer.Option("--poisson", help="Such as 0.48.")]
-LayerOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--layer",
-        help="share=0.925,young=0.1MPa,poisson=0.48; once a layer, from the base upwards.",
-    ),
-]
-LawOption = Annotated[
-    str, typer.Option("--law", parser=parse_law, metavar=f"<{'|'.join(LawName)}>")
-]
-ContactOption = Annotated[
-    str, typer.Option("--contact", help="frictionless, bonded or friction:MU.")
-]
-DurationOption = Annotated[
-    str | None, typer.Option("--duration", help="Time that the press takes; 1 s if not given.")
-]
-PresetOption = Annotated[
-    Preset | None, typer.Option("--preset", help="balanced, unless --tolerance chooses one.")
-]
-ToleranceOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tolerance",
-        metavar="0.02N|1%",
-        help="Take the cheapest preset that keeps F_z within it; with --preset, leave out effects "
-        "within it.",
-    ),
-]
-EffectOption = Annotated[
-    list[str] | None,
-    typer.Option("--effect", metavar="NAME=on|off", help="Overrule the plan; may be repeated."),
-]
+_Own = ParamSpec("_Own")
+
 OutputOption = Annotated[
     list[Output] | None, typer.Option("--output", help="What else is asked for; may be repeated.")
 ]
 DeviceOption = Annotated[
     str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")
 ]
-DriveOption = Annotated[Drive, typer.Option("--drive", help="How a force is reached.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,27 +48,113 @@ class SceneTerms:
     ``outputs`` are no option of every command.
     """
 
-    indenter: IndenterOption
-    sensor: SensorOption = None
-    pad: PadOption = None
-    depth: DepthOption = None
-    force: ForceOption = None
-    at: AtOption = None
-    shift: ShiftOption = None
-    twist: TwistOption = None
-    tilt: TiltOption = None
-    young: YoungOption = None
-    poisson: PoissonOption = None
-    layers: LayerOption = None
-    law: LawOption = LawName.STABLE_NEO_HOOKEAN
-    contact: ContactOption = "frictionless"
-    duration: DurationOption = None
-    preset: PresetOption = None
-    mesh: MeshOption = None
-    tolerance: ToleranceOption = None
-    effects: EffectOption = None
-    drive: DriveOption = Drive.LOAD
+    indenter: Annotated[
+        str,
+        typer.Option(
+            "--indenter", help="cylinder:diameter=5mm[,fillet=], sphere:diameter=, plane, mesh:FILE"
+        ),
+    ]
+    sensor: Annotated[str | None, typer.Option("--sensor", help="Sensor by name or TOML file.")] = (
+        None
+    )
+    pad: Annotated[
+        str | None,
+        typer.Option("--pad", help="box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm"),
+    ] = None
+    depth: Annotated[str | None, typer.Option("--depth", help="Travel, such as 0.5mm.")] = None
+    force: Annotated[str | None, typer.Option("--force", help="Target, such as 4.7332N.")] = None
+    at: Annotated[
+        str | None,
+        typer.Option("--at", help="Where the tip comes down on the pad, such as 1,0.5mm."),
+    ] = None
+    shift: Annotated[
+        str | None,
+        typer.Option("--shift", help="Motion once pressed in, along x, or as 0.3,0.1mm."),
+    ] = None
+    twist: Annotated[
+        str | None, typer.Option("--twist", help="Turn about z once pressed in, such as 5deg.")
+    ] = None
+    tilt: Annotated[
+        str | None, typer.Option("--tilt", help="Of the indenter about x and y, such as 2,0deg.")
+    ] = None
+    young: Annotated[str | None, typer.Option("--young", help="Such as 0.3MPa.")] = None
+    poisson: Annotated[float | None, typer.Option("--poisson", help="Such as 0.48.")] = None
+    layers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--layer",
+            help="share=0.925,young=0.1MPa,poisson=0.48; once a layer, from the base upwards.",
+        ),
+    ] = None
+    law: Annotated[
+        str, typer.Option("--law", parser=parse_law, metavar=f"<{'|'.join(LawName)}>")
+    ] = LawName.STABLE_NEO_HOOKEAN
+    contact: Annotated[
+        str, typer.Option("--contact", help="frictionless, bonded or friction:MU.")
+    ] = "frictionless"
+    duration: Annotated[
+        str | None, typer.Option("--duration", help="Time that the press takes; 1 s if not given.")
+    ] = None
+    preset: Annotated[
+        Preset | None, typer.Option("--preset", help="balanced, unless --tolerance chooses one.")
+    ] = None
+    mesh: Annotated[
+        str | None,
+        typer.Option(
+            "--mesh",
+            metavar="l_r=,epsilon_r=,stop_energy=,dihedral_min=",
+            help="Settings of fTetWild, for scenes that it meshes; "
+            "those left out are the preset's.",
+        ),
+    ] = None
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerance",
+            metavar="0.02N|1%",
+            help="Take the cheapest preset that keeps F_z within it; with --preset, "
+            "leave out effects within it.",
+        ),
+    ] = None
+    effects: Annotated[
+        list[str] | None,
+        typer.Option("--effect", metavar="NAME=on|off", help="Overrule the plan; may be repeated."),
+    ] = None
+    drive: Annotated[Drive, typer.Option("--drive", help="How a force is reached.")] = Drive.LOAD
     outputs: tuple[Output, ...] = ()
+
+
+def states_a_scene(command: Callable[Concatenate[SceneTerms, _Own], None]) -> Callable[..., None]:
+    """Give a command the options of a scene; what they say is its first argument.
+
+    Typer reads a command's options from its signature, which is put together here.
+    """
+    shared = _scene_parameters()
+    _, *own = inspect.signature(command, eval_str=True).parameters.values()
+
+    @wraps(command)
+    def stated(*args: _Own.args, **options: _Own.kwargs) -> None:
+        terms: dict[str, Any] = {each.name: options.pop(each.name) for each in shared}
+        command(SceneTerms(**terms), *args, **options)
+
+    signature = inspect.Signature([*shared, *own], return_annotation=None)
+    stated.__signature__ = signature  # type: ignore[attr-defined]
+    return stated
+
+
+def _scene_parameters() -> list[inspect.Parameter]:
+    """Return the fields of ``SceneTerms`` that are options."""
+    hints = get_type_hints(SceneTerms, include_extras=True)
+    return [
+        inspect.Parameter(
+            each.name,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD,
+            default=inspect.Parameter.empty if each.default is MISSING else each.default,
+            annotation=hints[each.name],
+        )
+        for each in fields(SceneTerms)
+        if get_origin(hints[each.name]) is Annotated
+    ]
 
 
 def scene_of(terms: SceneTerms) -> Scene:
@@ -242,4 +265,4 @@ def _material(known: Material | None, terms: SceneTerms) -> Material:
 
 
 def _quantity(text: str | None, dimension: Dimension, field: str) -> float | None:
-    return None if text is None else parse_quantity(text, dimension=dimension, field=field).value
+    return None if text is None else parse_quantity(text, dimension=dimension, field=field)

@@ -23,7 +23,7 @@ def _reader(dimension: Dimension) -> BeforeValidator:
     def read(value: Any) -> float:
         if isinstance(value, str):
             try:
-                return parse_quantity(value, dimension=dimension).value
+                return parse_quantity(value, dimension=dimension)
             except ConfigError as error:
                 problem = error.message.removeprefix("value: ")
                 raise ValueError(f'{problem}; write for example "{example(dimension)}"') from error

@@ -126,7 +126,7 @@ def parse_tolerance(text: str, *, field: str) -> Tolerance:
         problem = "is no tolerance" if parts is None or unit else "has no unit"
         raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
     dimension = Dimension.FORCE if is_force else Dimension.RATIO
-    value = parse_quantity(text, dimension=dimension, field=field).value
+    value = parse_quantity(text, dimension=dimension, field=field)
     return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 

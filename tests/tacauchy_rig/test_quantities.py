@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import UNITS, Dimension, example, format_si, parse_quantity
+from tacauchy_rig.quantities import UNITS, Dimension, example, parse_quantity
 
 UNIT_OF = [(dimension, unit) for dimension, units in UNITS.items() for unit in units]
 
@@ -19,15 +19,13 @@ UNIT_OF = [(dimension, unit) for dimension, units in UNITS.items() for unit in u
     kind=st.sampled_from(UNIT_OF),
     space=st.sampled_from(["", " ", "   "]),
 )
-def test_what_is_formatted_is_parsed_back(
+def test_what_is_written_is_parsed_back(
     number: float, kind: tuple[Dimension, str], space: str
 ) -> None:
-    """Formatting with all digits and parsing gives the number back, in every unit."""
+    """A number written with all its digits comes back, in every unit."""
     dimension, unit = kind
-    text = format_si(number, unit=unit, dimension=dimension, digits=17).replace(" ", space, 1)
-    quantity = parse_quantity(text, dimension=dimension)
-    assert quantity.value == pytest.approx(number, rel=1e-14, abs=1e-300)
-    assert (quantity.dimension, quantity.text) == (dimension, text)
+    text = f"{number / UNITS[dimension][unit]:.17g}{space}{unit}"
+    assert parse_quantity(text, dimension=dimension) == pytest.approx(number, rel=1e-14, abs=1e-300)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +46,7 @@ def test_what_is_formatted_is_parsed_back(
 )
 def test_quantities_as_people_write_them(text: str, dimension: Dimension, value: float) -> None:
     """Spaces, signs, exponents and units with spaces are understood."""
-    assert parse_quantity(text, dimension=dimension).value == pytest.approx(value)
+    assert parse_quantity(text, dimension=dimension) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +76,7 @@ def test_a_wrong_quantity_is_explained(text: str, problem: str) -> None:
 def test_any_text_is_a_quantity_or_refused(text: str, dimension: Dimension) -> None:
     """No text gets through as something else than a finite number."""
     try:
-        value = parse_quantity(text, dimension=dimension).value
+        value = parse_quantity(text, dimension=dimension)
     except ConfigError:
         value = 0.0
     assert math.isfinite(value)
@@ -87,4 +85,4 @@ def test_any_text_is_a_quantity_or_refused(text: str, dimension: Dimension) -> N
 @pytest.mark.parametrize("dimension", list(Dimension))
 def test_examples_are_valid(dimension: Dimension) -> None:
     """What a message offers to copy is accepted."""
-    assert parse_quantity(example(dimension), dimension=dimension).value > 0
+    assert parse_quantity(example(dimension), dimension=dimension) > 0

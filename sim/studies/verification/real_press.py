@@ -74,9 +74,9 @@ def real_press() -> RealPress:
     return RealPress(
         source=data["source"],
         sensor=data["sensor"],
-        ball_radius_m=parse_quantity(data["ball_radius"], dimension=Dimension.LENGTH).value,
-        depth_m=parse_quantity(data["depth"], dimension=Dimension.LENGTH).value,
-        force_n=parse_quantity(data["force"], dimension=Dimension.FORCE).value,
+        ball_radius_m=parse_quantity(data["ball_radius"], dimension=Dimension.LENGTH),
+        depth_m=parse_quantity(data["depth"], dimension=Dimension.LENGTH),
+        force_n=parse_quantity(data["force"], dimension=Dimension.FORCE),
     )
 
 

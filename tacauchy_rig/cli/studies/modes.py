@@ -26,7 +26,7 @@ from sim.studies.modes.runs import (
 )
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
-from tacauchy_rig.cli.press_terms import parse_indenter
+from tacauchy_rig.cli.scene_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import page as written
 from tacauchy_rig.tables import Table, table_of

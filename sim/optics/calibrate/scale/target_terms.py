@@ -62,7 +62,7 @@ def _count(text: str, field: str) -> int:
 
 
 def _length(text: str, field: str) -> float:
-    value = parse_quantity(text, dimension=Dimension.LENGTH, field=field).value
+    value = parse_quantity(text, dimension=Dimension.LENGTH, field=field)
     if not value > 0.0:
         raise ConfigError(f"{field} {text!r} is not positive", remedy="measure the print")
     return value

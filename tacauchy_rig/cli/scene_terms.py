@@ -73,7 +73,7 @@ def _box(sizes: str) -> BoxPad:
             part if part.endswith(unit) else part + unit,
             dimension=Dimension.LENGTH,
             field="--pad box",
-        ).value
+        )
         for part in parts
     )
     return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
@@ -109,7 +109,7 @@ def parse_layer(text: str, *, law: str) -> Layer:
             remedy="write --layer share=0.925,young=0.1MPa,poisson=0.48, from the base upwards",
         )
     share, young, poisson = (
-        parse_quantity(given[name], dimension=dimension, field=f"--layer {name}").value
+        parse_quantity(given[name], dimension=dimension, field=f"--layer {name}")
         for name, dimension in wanted.items()
     )
     return Layer(share=share, material=Material(young_pa=young, poisson=poisson, law=law))
@@ -195,7 +195,7 @@ def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[floa
     values = [
         parse_quantity(
             part if part.endswith(unit) else part + unit, dimension=dimension, field=field
-        ).value
+        )
         for part in parts
     ]
     return values[0], values[1] if len(values) == 2 else 0.0
@@ -227,9 +227,7 @@ def _lengths(
                 f"{field}: unknown size {name!r}",
                 remedy=f"sizes are: {', '.join((*needed, *allowed))}",
             )
-        found[name] = parse_quantity(
-            value, dimension=Dimension.LENGTH, field=f"{field} {name}"
-        ).value
+        found[name] = parse_quantity(value, dimension=Dimension.LENGTH, field=f"{field} {name}")
     missing = [name for name in needed if name not in found]
     if missing:
         raise ConfigError(f"{field}: no {', '.join(missing)}", remedy=f"add {missing[0]}=5mm")

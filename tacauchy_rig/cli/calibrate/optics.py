@@ -1,4 +1,4 @@
-"""``tacauchy-rig calibrate``: a sensor's optics and the scale of its images."""
+"""``tacauchy-rig calibrate optics``: from images of a pressed ball to a calibration file."""
 
 from __future__ import annotations
 
@@ -12,23 +12,13 @@ from sim.optics.calibrate.presses.scores import PressScores
 from sim.optics.calibrate.run import OpticsResult, calibrate_and_check
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.calibrate_markers import markers as calibrate_markers
-from tacauchy_rig.cli.calibrate_scale import scale as calibrate_scale
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
-from tacauchy_rig.cli.press_terms import parse_pair
+from tacauchy_rig.cli.scene_terms import parse_pair
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
-)
-app.command("scale")(calibrate_scale)
-app.command("markers")(calibrate_markers)
 
-
-@app.command("optics")
 def optics(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball.")],
     background: Annotated[
@@ -66,7 +56,7 @@ def optics(
             circles=circles,
             ball_diameter_m=parse_quantity(
                 ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
-            ).value,
+            ),
             scale_px_m=_scale(scale),
             out=out,
             check=check,

@@ -13,7 +13,7 @@ from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.press_terms import parse_indenter
+from tacauchy_rig.cli.scene_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -37,10 +37,10 @@ def markers(
             f"sensor {known.name} has no markers", remedy="give a sensor file with [markers]"
         )
     press_depth, slide = (
-        parse_quantity(text, dimension=Dimension.LENGTH, field=field).value
+        parse_quantity(text, dimension=Dimension.LENGTH, field=field)
         for text, field in ((depth, "--depth"), (shift, "--shift"))
     )
-    turn = parse_quantity(twist, dimension=Dimension.ANGLE, field="--twist").value
+    turn = parse_quantity(twist, dimension=Dimension.ANGLE, field="--twist")
     scene = Scene(
         pad=known.pad,
         material=known.material,

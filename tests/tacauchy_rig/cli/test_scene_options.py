@@ -8,8 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from sim.scene.material import LawName
-from tacauchy_rig.cli.scene_command import states_a_scene
-from tacauchy_rig.cli.scene_options import SceneTerms
+from tacauchy_rig.cli.scene_options import SceneTerms, states_a_scene
 
 GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b", "--twice", "3")
 

@@ -8,7 +8,7 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import ContactMode
-from tacauchy_rig.cli.press_terms import (
+from tacauchy_rig.cli.scene_terms import (
     parse_contact,
     parse_indenter,
     parse_layer,

@@ -1,0 +1,1 @@
+"""``tacauchy-rig calibrate``: a command a module."""
