@@ -22,84 +22,6 @@ from tacauchy_rig.versions import installed
 Progress = Callable[[int, str], None]
 
 
-def replay_forces(
-    sensor: Sensor,
-    indenter: Indenter,
-    forces_n: Sequence[float],
-    *,
-    preset: Preset = Preset.BALANCED,
-    tolerance: Tolerance | None = None,
-    tolerance_n: float = 0.08,
-    drive: Drive = Drive.LOAD,
-    on_progress: Progress | None = None,
-    name: str = "force-matched",
-) -> tuple[Replay, list[TrialFields]]:
-    """Press until F_z agrees with each measured force.
-
-    Driven by load, the force is met to rounding. The paper's displacement search (section IV-C)
-    goes on to a tenth of ``tolerance_n``, since that costs one Newton step or two: the remaining
-    mismatch then says nothing about the simulation.
-
-    Args:
-        sensor: Pad and material or layers.
-        indenter: The rigid body.
-        forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
-        preset: Mesh and element.
-        tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
-        tolerance_n: Largest |F_z simulated - measured| [N].
-        drive: How a force is reached.
-        on_progress: Called with the trial's number (from 1, 0 before all) and a line of text.
-        name: Name of the replay.
-
-    Returns:
-        The replay, and the fields of each trial in the order of ``forces_n``.
-
-    Raises:
-        ConvergenceError: A force cannot be reached; the message names how far the press got.
-        ConfigError: No preset keeps the tolerance.
-    """
-    say = on_progress or (lambda _index, _text: None)
-    scene = replay_scene(
-        sensor,
-        indenter,
-        forces_n,
-        preset=preset,
-        tolerance=tolerance,
-        tolerance_n=tolerance_n,
-        drive=drive,
-    )
-    say(0, f"meshing {sensor.title}, preset {setting_of(scene)}")
-    return _replay(scene, forces_n, tolerance=tolerance, say=say, name=name)
-
-
-def _replay(
-    scene: Scene,
-    forces_n: Sequence[float],
-    *,
-    tolerance: Tolerance | None,
-    say: Progress,
-    name: str,
-) -> tuple[Replay, list[TrialFields]]:
-    """Press to each force, the smallest first, on one path."""
-    started = time.perf_counter()
-    plan = plan_effects(scene)
-    path = path_for(scene, plan)
-    trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
-    for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
-        trials[position] = _trial(scene, plan, path, position, forces_n[position])
-        done = trials[position][0]
-        say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
-    ordered = [trials[position] for position in range(len(forces_n))]
-    replayed = tuple(trial for trial, _ in ordered)
-    replay = Replay(
-        name=name,
-        trials=replayed,
-        model=_replay_model(scene, plan, path, replayed, tolerance, time.perf_counter() - started),
-        versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
-    )
-    return replay, [fields for _, fields in ordered]
-
-
 def replay_scene(
     sensor: Sensor,
     indenter: Indenter,
@@ -110,7 +32,16 @@ def replay_scene(
     tolerance_n: float = 0.08,
     drive: Drive = Drive.LOAD,
 ) -> Scene:
-    """Return the press to the largest of the forces; arguments as for ``replay_forces``.
+    """Return the press to the largest of some forces.
+
+    Args:
+        sensor: Pad and material or layers.
+        indenter: The rigid body.
+        forces_n: Pressing forces [N].
+        preset: Mesh and element.
+        tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
+        tolerance_n: Largest |F_z simulated - measured| [N].
+        drive: How a force is reached.
 
     Raises:
         ConfigError: No preset keeps the tolerance.
@@ -128,6 +59,53 @@ def replay_scene(
         sensor=sensor.name,
     )
     return scene if tolerance is None else keeping(scene, tolerance)
+
+
+def replay_forces(
+    scene: Scene,
+    forces_n: Sequence[float],
+    *,
+    tolerance: Tolerance | None = None,
+    on_progress: Progress | None = None,
+    name: str = "force-matched",
+) -> tuple[Replay, list[TrialFields]]:
+    """Press until F_z agrees with each measured force, the smallest first, on one path.
+
+    Driven by load, the force is met to rounding. The paper's displacement search (section IV-C)
+    goes on to a tenth of the scene's tolerance, since that costs one Newton step or two: the
+    remaining mismatch then says nothing about the simulation.
+
+    Args:
+        scene: As ``replay_scene`` makes it.
+        forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
+        tolerance: What the scene's preset was chosen by, for the record.
+        on_progress: Called with the trial's number (from 1) and a line of text.
+        name: Name of the replay.
+
+    Returns:
+        The replay, and the fields of each trial in the order of ``forces_n``.
+
+    Raises:
+        ConvergenceError: A force cannot be reached; the message names how far the press got.
+    """
+    say = on_progress or (lambda _index, _text: None)
+    started = time.perf_counter()
+    plan = plan_effects(scene)
+    path = path_for(scene, plan)
+    trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
+    for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
+        trials[position] = _trial(scene, plan, path, position, forces_n[position])
+        done = trials[position][0]
+        say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
+    ordered = [trials[position] for position in range(len(forces_n))]
+    replayed = tuple(trial for trial, _ in ordered)
+    replay = Replay(
+        name=name,
+        trials=replayed,
+        model=_replay_model(scene, plan, path, replayed, tolerance, time.perf_counter() - started),
+        versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
+    )
+    return replay, [fields for _, fields in ordered]
 
 
 def _trial(

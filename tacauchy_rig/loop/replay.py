@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
+from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.replay import replay_forces
+from sim.replay import replay_forces, replay_scene
 from sim.scene.material import Material
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import ModulusSource, RigConfig
@@ -90,14 +91,22 @@ def _replayed(
     tolerance: Tolerance | None,
     on_progress: Say,
 ) -> tuple[Replay, list[TrialFields]]:
-    return replay_forces(
+    forces_n = [record.force_measured_n or 0.0 for record in records]
+    asked = tolerance or tolerance_of(config)
+    scene = replay_scene(
         sensor,
         indenter_of(config),
-        [record.force_measured_n or 0.0 for record in records],
+        forces_n,
         preset=preset_of(config),
-        tolerance=tolerance or tolerance_of(config),
+        tolerance=asked,
         drive=drive_of(config),
         tolerance_n=config.replay.force_tolerance,
+    )
+    on_progress(f"  meshing {sensor.title}, preset {setting_of(scene)}")
+    return replay_forces(
+        scene,
+        forces_n,
+        tolerance=asked,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import ImageArray
-from sim.replay import replay_forces
+from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.frames import peak_memory_mib
@@ -62,8 +62,9 @@ def measure_replay(
         ConvergenceError: A force cannot be reached.
     """
     started = time.perf_counter()
+    sensor = load_sensor(scene.sensor)
     found, fields = replay_forces(
-        load_sensor(scene.sensor), scene.indenter, forces_n, preset=preset
+        replay_scene(sensor, scene.indenter, forces_n, preset=preset), forces_n
     )
     pressed = time.perf_counter()
     for trial in fields:

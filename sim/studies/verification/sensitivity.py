@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from sim.effects.presets import build_model, finest_edge_m
 from sim.press import press
-from sim.replay import replay_forces
+from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
@@ -160,10 +160,9 @@ def measure_drives(
 ) -> Table:
     """Reach every force by load and by displacement."""
     sensor = load_sensor("gelsight-mini")
+    scene = replay_scene(sensor, _ROUNDED, forces_n, preset=preset, tolerance_n=_TOLERANCE_N)
     load, search = (
-        replay_forces(
-            sensor, _ROUNDED, forces_n, preset=preset, tolerance_n=_TOLERANCE_N, drive=drive
-        )[0].trials
+        replay_forces(replace(scene, drive=drive), forces_n)[0].trials
         for drive in (Drive.LOAD, Drive.SEARCH)
     )
     pairs = list(zip(load, search, strict=True))
