@@ -8,20 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.optics.calibrate.blur import BLUR_PX
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
-from sim.optics.calibrate.presses.pressed_scene import pressed_scene
+from sim.optics.calibrate.presses.scene import pressed_scene
 from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
-from sim.optics.calibrate.sensor_fit import calibrate_presses
-from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
+from sim.optics.camera_geometry import CameraGeometry, camera_geometry
 from sim.optics.colour.grey_depth import GreyDepthModel
 from sim.optics.colour.lamps import SHADOWS, ShadowCaster, read_shadows
 from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.height.rest_slope import rest_slopes, touching_places
-from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 

@@ -1,21 +1,30 @@
-"""Scores of a calibration on presses that it has not seen."""
+"""Scores of a calibration on ball presses that it has not seen, beside the no-contact frame's.
+
+Scores are of the labelled contact and a square crop around it, on colour images. Raw compares with
+the rendering in the no-contact frame's light; light-matched first adds the frame's own light, as
+estimated outside the contact, to rendering and no-contact frame alike, and bounds both as the
+camera does. SSIM is scikit-image's with its uniform 7 x 7 window, averaged over channels.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from skimage.metrics import structural_similarity
 
+from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.press_image import press_image, without_shadows
-from sim.optics.calibrate.presses.ball_press import BallPress, check_presses_fit
-from sim.optics.calibrate.presses.samples import PressScene
-from sim.optics.calibrate.presses.scores import PressScores, RenderedPress, score_presses
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
+from sim.optics.calibrate.presses.light import no_light
+from sim.optics.calibrate.presses.scene import PressScene
 from tacauchy_rig.errors import ConfigError
 
 _NUDGES = 2
+CROP_PX = 120
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,3 +153,118 @@ def _scores(
         light_rms=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
         nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RenderedPress:
+    """A real press beside its renderings.
+
+    Attributes:
+        press: The real one, with its labelled circle.
+        rendered: No-contact frame plus model [grey levels], not rounded, [height, width, 3].
+        light: The frame's light as ``light_at`` has it [grey levels], shape [3, 3].
+        circle: The circle that was rendered, labelled or nudged.
+    """
+
+    press: BallPress
+    rendered: FloatArray
+    light: FloatArray
+    circle: Circle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressScores:
+    """Scores over a set of presses.
+
+    Attributes:
+        r2: Share of the variance of the colour change explained inside the contacts.
+        mae: Mean absolute error inside the contacts [grey levels].
+        ssim_crop: Mean SSIM in the crops.
+        r2_no_contact: The same of the no-contact frame in place of the rendering.
+        mae_no_contact: The same of the no-contact frame.
+        ssim_crop_no_contact: The same of the no-contact frame.
+        press_count: Presses scored.
+    """
+
+    r2: float
+    mae: float
+    ssim_crop: float
+    r2_no_contact: float
+    mae_no_contact: float
+    ssim_crop_no_contact: float
+    press_count: int
+
+    def as_json(self) -> dict[str, float | int]:
+        """Return the scores as plain JSON values."""
+        return asdict(self)
+
+
+def score_presses(
+    rendered: Sequence[RenderedPress], scene: PressScene, *, light_matched: bool
+) -> PressScores:
+    """Score renderings against the real presses.
+
+    Args:
+        rendered: At least one press.
+        scene: Holds the no-contact frame that the renderings are compared with.
+        light_matched: Add each frame's light before comparing.
+    """
+    changes, errors, similarities, floors = [], [], [], []
+    for item in rendered:
+        light = item.light if light_matched else no_light()
+        real = item.press.image.astype(np.float64)
+        image = as_seen(item.rendered, light, scene)
+        without = as_seen(scene.background, light, scene)
+        inside = contact_mask(item.press.circle, real.shape[0], real.shape[1])
+        changes.append((real - without)[inside])
+        errors.append((image - real)[inside])
+        window = crop_window(item.press.circle, real.shape[0], real.shape[1])
+        similarities.append(_ssim(real[window], image[window]))
+        floors.append(_ssim(real[window], without[window]))
+    change, error = np.concatenate(changes), np.concatenate(errors)
+    variance = np.sum((change - change.mean(axis=0)) ** 2)
+    return PressScores(
+        r2=float(1.0 - np.sum(error**2) / variance),
+        mae=float(np.mean(np.abs(error))),
+        ssim_crop=float(np.mean(similarities)),
+        r2_no_contact=float(1.0 - np.sum(change**2) / variance),
+        mae_no_contact=float(np.mean(np.abs(change))),
+        ssim_crop_no_contact=float(np.mean(floors)),
+        press_count=len(rendered),
+    )
+
+
+def as_seen(levels: FloatArray, light: FloatArray, scene: PressScene) -> FloatArray:
+    """Return levels [height, width, 3] as a camera sees them in a frame's light: 0 to 255."""
+    return np.asarray(np.clip(np.rint(levels + scene.light_image(light)), 0.0, 255.0))
+
+
+def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:
+    """Return True inside the circle, shape [height, width]."""
+    rows, columns = np.ogrid[:height, :width]
+    return np.asarray(np.hypot(columns - circle.x_px, rows - circle.y_px) < circle.radius_px)
+
+
+def crop_window(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
+    """Return the square of ``CROP_PX`` around the circle's centre, moved to lie in the image."""
+    half = CROP_PX // 2
+    top = int(np.clip(round(circle.y_px) - half, 0, max(0, height - CROP_PX)))
+    left = int(np.clip(round(circle.x_px) - half, 0, max(0, width - CROP_PX)))
+    return slice(top, top + CROP_PX), slice(left, left + CROP_PX)
+
+
+def _ssim(real: FloatArray, image: FloatArray) -> float:
+    similarity: float = structural_similarity(  # type: ignore[no-untyped-call]
+        real, image, channel_axis=2, data_range=255.0
+    )
+    return float(similarity)
+
+
+def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> list[float]:
+    """Return each press's mean absolute error inside its contact, light taken off [grey levels]."""
+    errors = []
+    for item in rendered:
+        image = as_seen(item.rendered, item.light, scene)
+        inside = contact_mask(item.press.circle, image.shape[0], image.shape[1])
+        errors.append(float(np.mean(np.abs((image - item.press.image)[inside]))))
+    return errors

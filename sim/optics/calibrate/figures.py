@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Outline
 
 from sim.arrays import FloatArray
+from sim.optics.calibrate.checks import SlopeCoverage
+from sim.optics.calibrate.cross_validation import RenderedPress, as_seen, crop_window
 from sim.optics.calibrate.presses.ball_press import Circle
-from sim.optics.calibrate.presses.samples import PressScene
-from sim.optics.calibrate.presses.scores import RenderedPress, as_seen, crop_window
-from sim.optics.calibrate.presses.slope_coverage import SlopeCoverage
+from sim.optics.calibrate.presses.scene import PressScene
 
 _DPI = 150
 _SETS_A_ROW = 4

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from sim.optics.calibrate.checks import FEWEST, check_before, too_few
 from sim.optics.calibrate.presses.ball_press import (
     BallPress,
     check_presses_fit,
@@ -13,9 +14,8 @@ from sim.optics.calibrate.presses.ball_press import (
     read_ball_presses,
     read_rgb,
 )
-from sim.optics.calibrate.presses.checks import FEWEST, check_before, too_few
 from sim.optics.calibrate.presses.find_circle import find_circle
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor

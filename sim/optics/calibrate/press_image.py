@@ -10,7 +10,7 @@ import numpy as np
 from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.render.shadows import darkening
 

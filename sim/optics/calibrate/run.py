@@ -10,18 +10,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sim.optics.calibrate.blur import BLUR_PX
+from sim.optics.calibrate.checks import SlopeCoverage, check_after, check_coverage, slope_coverage
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.cross_validation import CheckScores, check_presses, cross_validate
+from sim.optics.calibrate.cross_validation import (
+    CheckScores,
+    RenderedPress,
+    check_presses,
+    cross_validate,
+    held_out_errors,
+)
 from sim.optics.calibrate.figures import draw_coverage, draw_presses
 from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.checks import check_after, check_coverage
-from sim.optics.calibrate.presses.pressed_scene import pressed_scene
-from sim.optics.calibrate.presses.samples import PressScene
-from sim.optics.calibrate.presses.scores import RenderedPress, held_out_errors
-from sim.optics.calibrate.presses.slope_coverage import SlopeCoverage, slope_coverage
-from sim.optics.calibrate.sensor_fit import calibrate_presses
+from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
+from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.colour.lamps import SHADOWS
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sim.arrays import IntArray
-from sim.optics.calibrate.blur import fit_blur
+import cv2
+import numpy as np
+
+from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.calibrate.press_image import without_shadows
-from sim.optics.calibrate.presses.ball_press import BallPress
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.light import exposed
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
 from sim.optics.colour.grey_depth import GREY_EXPONENTS
 from sim.optics.colour.nominal import shadows_of
@@ -20,6 +23,10 @@ from sim.sensor.tables import OpticsKind
 
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
+BLUR_PX = "blur_px"  # its name in a calibration's provenance
+_TRIED_PX = np.arange(0.0, 2.26, 0.25)
+_MARGIN_PX = 10
+_REACH = 1.4  # radii of the contact that are looked at
 
 
 def calibrate_presses(
@@ -81,3 +88,58 @@ def _sharpened(
 def exponents_for(sensor: Sensor) -> IntArray:
     """Return the terms that a sensor's optics are fitted with."""
     return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
+
+
+def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
+    """Return the standard deviation of the blur that explains the presses best [px].
+
+    Lens, sensor and JPEG spread each point of the gel over its neighbours; a ball shows it where
+    its contact ends. The model, fitted to the same images, takes up a part of a blur, and blur a
+    part of the model's error: this is what makes renderings agree best, no measurement of a lens.
+
+    Args:
+        presses: Images that the calibration was fitted to.
+        found: The calibration.
+    """
+    misfit = np.zeros(len(_TRIED_PX))
+    scene = found.scene
+    for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
+        window = _around(circle, *press.image.shape[:2])
+        rows, columns = np.mgrid[window]
+        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _REACH * circle.radius_px
+        if scene.masked is not None:
+            near &= ~scene.masked[window]
+        image = press.image[window]
+        told = near[..., None] & exposed(image)
+        seen = image - scene.background[window] - scene.light_image(light)[window]
+        x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
+        pixels = scene.pixels(found.model, x, y)
+        sharp = pixels.predict(circle).reshape(seen.shape)
+        misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
+    return _lowest(misfit)
+
+
+def _around(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
+    """Return the rows and columns that are looked at, and as far beyond as a blur reaches."""
+    reach = _REACH * circle.radius_px + _MARGIN_PX
+    return (
+        slice(max(0, int(circle.y_px - reach)), min(height, int(circle.y_px + reach) + 2)),
+        slice(max(0, int(circle.x_px - reach)), min(width, int(circle.x_px + reach) + 2)),
+    )
+
+
+def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px)) if sigma_px > 0.0 else image
+
+
+def _lowest(misfit: FloatArray) -> float:
+    """Return where a parabola through the lowest value and its neighbours is lowest [px].
+
+    It is 0 where the blur would be larger than cameras have: something else is wrong then.
+    """
+    best = int(np.argmin(misfit))
+    if best in (0, len(misfit) - 1):
+        return 0.0
+    left, middle, right = misfit[best - 1 : best + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return float(_TRIED_PX[best] + shift * (_TRIED_PX[1] - _TRIED_PX[0]))

@@ -17,10 +17,10 @@ import numpy as np
 
 from sim.arrays import Float32Array, FloatArray, IntArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.calibrate.press_image import pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.colour.lamps import Lamp, ShadowCaster
 from sim.optics.render.shadows import lost_share

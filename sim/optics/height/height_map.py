@@ -11,8 +11,7 @@ from scipy import ndimage
 from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.height.contact_bound import indenter_height
-from sim.optics.height.contact_edge import close_contact, corner_slopes
+from sim.optics.height.contact import close_contact, corner_slopes, indenter_height
 from sim.optics.height.gradient_recovery import node_gradients
 from sim.optics.height.rasterise import rasterise
 from sim.optics.height.rings import with_round_rings

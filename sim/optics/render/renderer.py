@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import Float32Array, RealArray
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
 from sim.optics.colour.lamps import Lamp, ShadowCaster
 from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.height.height_map import HeightMaps
@@ -22,7 +22,6 @@ from sim.optics.render.pixel_colours import ColourModel, PixelColours, pixel_col
 from sim.optics.render.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
 from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
-from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 

@@ -14,13 +14,13 @@ from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
+from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.nominal import lamps_of, nominal_model, shadows_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
-from sim.optics.sensor_camera import camera_geometry
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from sim.optics.camera_geometry import camera_geometry
 from sim.optics.markers.fidelity import compare_marker_fidelities
-from sim.optics.sensor_camera import camera_geometry
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile

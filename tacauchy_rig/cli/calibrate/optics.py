@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from sim.optics.calibrate.cross_validation import PressScores
 from sim.optics.calibrate.input import OpticsRequest
-from sim.optics.calibrate.presses.scores import PressScores
 from sim.optics.calibrate.run import OpticsResult, calibrate_and_check
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor

@@ -12,8 +12,7 @@ import typer
 from reports.evidence.attempt import crop_and_resize
 from sim.optics.calibrate.presses.ball_press import grey_levels, read_ball_presses, read_rgb
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
-from sim.optics.calibrate.scale.target import find_target
-from sim.optics.calibrate.scale.target_terms import parse_target
+from sim.optics.calibrate.scale.target import find_target, parse_target
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json

@@ -12,10 +12,9 @@ import numpy as np
 import typer
 
 from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
-from sim.optics.camera_geometry import ImageArray
+from sim.optics.camera_geometry import ImageArray, camera_geometry
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.render.renderer import GREY_LEVEL, NominalRenderer
-from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy.configurations import (
     FULL,

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from sim.optics.camera_geometry import camera_geometry
 from sim.optics.render.renderer import NominalRenderer
-from sim.optics.sensor_camera import camera_geometry
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.figure import draw_bench

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import polynomial_exponents

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import calibrated_optics

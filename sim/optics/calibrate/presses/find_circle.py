@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.presses.ball_press import Circle
-from sim.optics.calibrate.presses.samples import PressScene
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 

@@ -1,19 +1,25 @@
-"""Light of a frame against the no-contact frame's: a plane over the image for each channel.
+"""What a frame's pixels tell of light, and how it differs from the no-contact frame's.
 
-Automatic white balance and exposure change from frame to frame, and light from the room comes from
-one side: level and gradient are estimated where the gel is not touched, and taken off.
+At the ends of a camera's range a pixel says only that it was at least so bright. Automatic white
+balance and exposure change from frame to frame, and light from the room comes from one side: level
+and gradient over the image are estimated where the gel is not touched, and taken off.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.optics.colour.response import Response
 
 TERM_COUNT = 3
-_ROUNDS = 3
-_OUTLIER_LEVELS = 10.0
+_LIGHT_ROUNDS = 3
+_LIGHT_OUTLIER_LEVELS = 10.0
+_DARKEST, _BRIGHTEST = 1, 254
+_TELLING = 251  # of a compressed range the last levels tell less than their noise
 
 
 def no_light() -> FloatArray:
@@ -57,10 +63,64 @@ def fit_light(
     light = no_light()
     for channel in range(light.shape[1]):
         weight = exposed[:, channel].astype(np.float64)
-        for _ in range(_ROUNDS):
+        for _ in range(_LIGHT_ROUNDS):
             weighted = (terms * weight[:, None]).T
             normal, load = weighted @ terms, weighted @ change[:, channel]
             light[:, channel] = np.linalg.lstsq(normal, load, rcond=None)[0]
             off = change[:, channel] - terms @ light[:, channel]
-            weight = exposed[:, channel] / (1.0 + (off / _OUTLIER_LEVELS) ** 2)
+            weight = exposed[:, channel] / (1.0 + (off / _LIGHT_OUTLIER_LEVELS) ** 2)
     return light
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenChange:
+    """How pixels differ from the no-contact frame.
+
+    Attributes:
+        change: Red, green, blue [grey levels], shape [n, 3].
+        over: True where the pixel is at the top of its range: the change is at least this.
+        under: True where it is at the bottom: the change is at most this.
+    """
+
+    change: FloatArray
+    over: NDArray[np.bool_]
+    under: NDArray[np.bool_]
+
+    @property
+    def exposed(self) -> NDArray[np.bool_]:
+        """True where the change is known, shape [n, 3]."""
+        return ~(self.over | self.under)
+
+    def misfit(self, predicted: FloatArray) -> FloatArray:
+        """Return predicted minus seen change, zero where a clipped pixel allows it, [n, 3]."""
+        off = predicted - self.change
+        off = np.where(self.over, np.minimum(off, 0.0), off)
+        return np.where(self.under, np.maximum(off, 0.0), off)
+
+    def completed(self, predicted: FloatArray) -> FloatArray:
+        """Return the change, as predicted where a clipped pixel allows it, shape [n, 3]."""
+        return predicted - self.misfit(predicted)
+
+
+def seen_light(levels: NDArray[np.uint8], expected: FloatArray, response: Response) -> SeenChange:
+    """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
+    top = _TELLING if response.bends else _BRIGHTEST
+    light = response.light(np.minimum(levels, top).astype(np.float64))
+    return SeenChange(
+        change=light - response.light(expected), over=levels >= top, under=levels <= _DARKEST
+    )
+
+
+def light_weights(levels: NDArray[np.uint8], response: Response) -> FloatArray:
+    """Return grey levels per unit of light of pixels, shape [n, 3]."""
+    return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
+
+
+def seen_change(levels: NDArray[np.uint8], expected: FloatArray) -> SeenChange:
+    """Compare pixels with what they would be without contact; both of shape [n, 3]."""
+    return SeenChange(change=levels - expected, over=levels >= _BRIGHTEST, under=levels <= _DARKEST)
+
+
+def exposed(levels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return True where pixels are inside the camera's range, same shape."""
+    return (levels > _DARKEST) & (levels < _BRIGHTEST)

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.blur import fit_blur
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.sensor_fit import calibrate_presses, exponents_for
+from sim.optics.calibrate.sensor_fit import calibrate_presses, exponents_for, fit_blur
 from sim.optics.colour.photometric import normalised_positions
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import load_sensor

@@ -12,10 +12,14 @@ import pytest
 
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_presses, cross_validate
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.calibrate.fit.photometric_fit import (
+    BALL_EXPONENTS,
+    PhotometricSamples,
+    fit_photometric,
+    fit_ridge,
+)
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.samples import PressScene
-from sim.optics.calibrate.ridge_fit import fit_ridge
+from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.colour.photometric import load_photometric
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.optics.calibrate.colours import calibrate_optics
-from sim.optics.calibrate.presses.exposure import seen_light
+from sim.optics.calibrate.presses.light import seen_light
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.render.renderer import TactileRenderer

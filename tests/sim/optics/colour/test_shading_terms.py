@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.lamp_fit import fit_terms
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS, PhotometricSamples, fit_photometric
+from sim.optics.calibrate.fit.lamp_fit import fit_terms
+from sim.optics.calibrate.fit.photometric_fit import (
+    BALL_EXPONENTS,
+    PhotometricSamples,
+    fit_photometric,
+)
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sim.optics.height.contact_bound import indenter_height
+from sim.optics.height.contact import indenter_height
 from sim.optics.height.gradient_recovery import average_face_gradients
 from sim.optics.height.height_map import height_maps, interpolate_height
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere

@@ -13,7 +13,7 @@ from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.height.contact_bound import indenter_height
+from sim.optics.height.contact import indenter_height
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.rings import with_round_rings
 from sim.optics.height.steep_faces import with_steep_faces_split

@@ -8,8 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.markers.printed_grid import draw_markers, marker_places
-from sim.optics.markers.printed_markers import marker_mask, printed_markers
+from sim.optics.markers.printed_markers import (
+    draw_markers,
+    marker_mask,
+    marker_places,
+    printed_markers,
+)
 from sim.optics.markers.tracking import track_markers
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.errors import ConfigError

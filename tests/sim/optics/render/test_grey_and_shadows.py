@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples, fit_photometric
 from sim.optics.colour.grey_depth import GREY_EXPONENTS, nominal_grey
 from sim.optics.colour.lamps import Lamp, ShadowCaster
 from sim.optics.colour.nominal import nominal_photometric

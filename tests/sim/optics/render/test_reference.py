@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.colour.lamps import Lamp, ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel, normalised_positions

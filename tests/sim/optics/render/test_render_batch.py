@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import BALL_EXPONENTS
+from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.colour.lamps import Lamp, ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response

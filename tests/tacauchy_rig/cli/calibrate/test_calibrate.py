@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from sim.optics.calibrate.presses import pressed_scene
+from sim.optics.calibrate.presses import scene as pressed_scene
+from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.photometric import load_photometric
-from sim.optics.sensor_camera import camera_geometry
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.presses.gel_profile import RadialProfile
-from sim.optics.calibrate.presses.pressed_profile import PressedProfiles, radial_profile
+from sim.optics.calibrate.presses.gel_profile import PressedProfiles, RadialProfile, radial_profile
 from sim.optics.height.height_map import height_maps
 from sim.scene.indenter import Sphere
 from tacauchy_rig.errors import ConfigError

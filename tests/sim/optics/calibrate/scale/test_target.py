@@ -14,8 +14,8 @@ from sim.optics.calibrate.scale.target import (
     DotTarget,
     ScaleTarget,
     find_target,
+    parse_target,
 )
-from sim.optics.calibrate.scale.target_terms import parse_target
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_board, printed_dots

@@ -1,8 +1,13 @@
-"""Least-squares fit of the photometric model to samples of tilt and colour."""
+"""Least-squares fit of the photometric model to samples of tilt and colour.
+
+Beside the coefficients, two numbers: where the camera's shoulder begins, and how strongly the fit
+is held back, judged by presses that it leaves out. An even light and clean frames bear finer terms
+than wrinkles, scratches and uneven light do.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +16,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import monomials, polynomial_exponents
-from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
@@ -25,6 +30,11 @@ _GENTLE = polynomial_exponents(
 REFERENCE = 128.0
 RIDGE = 1e-5
 BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
+_RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
+_GROUPS = 6
+_KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
+_RESPONSE_SAMPLES = 6000
+_CLEARLY = 0.98  # of the misfit without a shoulder: noise alone is to bend no response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,3 +213,91 @@ def fit_photometric(
         reference=reference,
         provenance=dict(provenance or {}),
     )
+
+
+def fit_ridge(
+    presses: Sequence[PhotometricSamples], *, exponents: IntArray, terms: ShadingTerms | None
+) -> float:
+    """Return the weight with which presses are predicted best by the others.
+
+    Args:
+        presses: The samples of each press.
+        exponents: Terms of the polynomial.
+        terms: Lamps and creases beside it.
+    """
+    if len(presses) < _GROUPS:
+        return RIDGE
+    groups = [_products(presses[first::_GROUPS], exponents, terms) for first in range(_GROUPS)]
+    normals = np.stack([normal for normal, _ in groups])
+    loads = np.stack([load for _, load in groups])
+    normal, load = normals.sum(axis=0), loads.sum(axis=0)
+    count = sum(len(press.change) for press in presses)
+
+    def misfit(ridge: float) -> float:
+        return sum(
+            _misfit_left_out(normal - own, load - seen, own, seen, ridge * count)
+            for own, seen in zip(normals, loads, strict=True)
+        )
+
+    return min(_RIDGES, key=misfit)
+
+
+def _products(
+    presses: Sequence[PhotometricSamples], exponents: IntArray, terms: ShadingTerms | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normal matrix and the load of each colour, shapes [3, n, n] and [3, n]."""
+    samples = joined(presses)
+    features = samples.features(exponents, terms)
+    normal, load = [], []
+    for channel in range(3):
+        weights = samples.weighed(channel)
+        known = features * weights
+        normal.append(known @ known.T)
+        load.append(known @ (samples.change[:, channel] * weights))
+    return np.stack(normal), np.stack(load)
+
+
+def _misfit_left_out(
+    normal: FloatArray, load: FloatArray, own: FloatArray, seen: FloatArray, weight: float
+) -> float:
+    """Return the squared misfit of presses by a fit to the others, less what is always there."""
+    held = normal + weight * np.eye(normal.shape[-1])
+    found = np.linalg.solve(held, load[..., None])[..., 0]
+    squares = np.einsum("ci,cij,cj->", found, own, found)
+    return float(squares - 2.0 * np.sum(found * seen))
+
+
+def fit_response(
+    samples_of: Callable[[Response], PhotometricSamples],
+    *,
+    exponents: IntArray,
+    terms: ShadingTerms | None,
+) -> Response:
+    """Return the response through which one model explains the samples best.
+
+    Args:
+        samples_of: Gives the samples' light as it is through a response.
+        exponents: Terms of the polynomial.
+        terms: Lamps and creases beside it.
+    """
+    misfit = np.array([_misfit(samples_of(Response(knee=k)), exponents, terms) for k in _KNEES])
+    best = int(np.argmin(misfit))
+    if misfit[best] > _CLEARLY * misfit[-1]:
+        return Response()
+    if best == 0:
+        return Response(knee=_KNEES[0])
+    left, middle, right = misfit[best - 1 : best + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return Response(knee=float(_KNEES[best] + shift * (_KNEES[best] - _KNEES[best - 1])))
+
+
+def _misfit(samples: PhotometricSamples, exponents: IntArray, terms: ShadingTerms | None) -> float:
+    """Return what a fit leaves over of the colours that the camera tells [grey levels^2]."""
+    few = samples.thinned(max(1, len(samples.change) // _RESPONSE_SAMPLES))
+    model = fit_photometric(few, exponents=exponents, terms=terms)
+    features = few.features(exponents, terms)
+    coefficients: FloatArray = np.concatenate([model.coefficients, model.term_coefficients])
+    off = few.change - features.T @ coefficients
+    weights = np.stack([few.weighed(channel) for channel in range(3)], axis=1)
+    told = np.sum(few.counts)
+    return float(np.sum((off * weights) ** 2) / told)

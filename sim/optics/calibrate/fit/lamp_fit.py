@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
-from sim.optics.calibrate.photometric_fit import PhotometricSamples
+from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 

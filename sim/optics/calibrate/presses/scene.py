@@ -14,14 +14,26 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
-from sim.optics.calibrate.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.fit.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.exposure import SeenChange, light_weights, seen_change, seen_light
-from sim.optics.calibrate.presses.gel_profile import GelProfile
-from sim.optics.calibrate.presses.light import fit_light, light_at, no_light
-from sim.optics.camera_geometry import CameraGeometry
+from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
+from sim.optics.calibrate.presses.light import (
+    SeenChange,
+    fit_light,
+    light_at,
+    light_weights,
+    no_light,
+    seen_change,
+    seen_light,
+)
+from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.optics.colour.nominal import lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
+from sim.optics.height.rest_slope import rest_slopes
+from sim.optics.markers.printed_markers import marker_mask
+from sim.scene.scene import Preset
+from sim.sensor.sensor import Sensor
 
 BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7
@@ -303,3 +315,33 @@ class PredictedPixels:
             return change
         unloaded = model.shown(np.zeros_like(change), self.background)
         return np.asarray(model.shown(change, self.background) - unloaded)
+
+
+def pressed_scene(
+    sensor: Sensor,
+    unloaded: ImageArray,
+    geometry: CameraGeometry,
+    *,
+    ball_diameter_m: float,
+    preset: Preset = Preset.FAST,
+) -> PressScene:
+    """Press the ball in the simulator, and put camera, no-contact frame and gel together.
+
+    Args:
+        sensor: Its pad is pressed, its lamps are counted, its markers left out.
+        unloaded: No-contact frame, RGB, shape [height, width, 3].
+        geometry: Scale of the pixels.
+        ball_diameter_m: Diameter of the ball [m].
+        preset: Of the simulated presses.
+
+    Raises:
+        ConvergenceError: The simulated ball press finds no equilibrium.
+    """
+    return PressScene(
+        geometry=geometry,
+        background=unloaded.astype(np.float64),
+        masked=marker_mask(unloaded, sensor.markers, geometry),
+        profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m, preset=preset),
+        rest_slope=rest_slopes(sensor.pad, geometry),
+        lamp_count=lamp_count_of(sensor),
+    )

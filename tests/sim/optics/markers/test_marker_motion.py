@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from sim.optics.markers.exponentials import FotsMarkers, MarkerLoad, fit_fots
 from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_grid import draw_markers, marker_places
+from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.markers.tracking import track_markers
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.errors import ConfigError
