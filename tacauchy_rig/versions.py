@@ -8,6 +8,7 @@ from importlib import metadata
 
 from tacauchy_rig import __version__
 
+ABSENT = "absent"
 _DISTRIBUTIONS = (
     "warp-lang",
     "pytetwild",
@@ -30,7 +31,7 @@ def installed(*distributions: str) -> dict[str, str]:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "absent"
+            found[name] = ABSENT
     return found
 
 

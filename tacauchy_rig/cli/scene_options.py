@@ -133,13 +133,13 @@ def states_a_scene(command: Callable[Concatenate[SceneTerms, _Own], None]) -> Ca
     _, *own = inspect.signature(command, eval_str=True).parameters.values()
 
     @wraps(command)
-    def stated(*args: _Own.args, **options: _Own.kwargs) -> None:
+    def with_scene(*args: _Own.args, **options: _Own.kwargs) -> None:
         terms: dict[str, Any] = {each.name: options.pop(each.name) for each in shared}
         command(SceneTerms(**terms), *args, **options)
 
     signature = inspect.Signature([*shared, *own], return_annotation=None)
-    stated.__signature__ = signature  # type: ignore[attr-defined]
-    return stated
+    with_scene.__signature__ = signature  # type: ignore[attr-defined]
+    return with_scene
 
 
 def _scene_parameters() -> list[inspect.Parameter]:

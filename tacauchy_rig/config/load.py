@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from tacauchy_rig.config.explain import explain
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.real_devices import ARM_REQUIRES, required_but_missing
 from tacauchy_rig.config.rules import broken_rules
-from tacauchy_rig.config.stated import OF_AN_ARM, unstated
 from tacauchy_rig.errors import ConfigError
 
 BUILT_IN = "built-in default"
@@ -111,9 +111,9 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
         config = RigConfig.model_validate(tables, context=context)
     except ValidationError as error:
         raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
-    missing = [] if defaulted is None else list(unstated(config, defaulted))
+    missing = [] if defaulted is None else list(required_but_missing(config, defaulted))
     # Rules that tie places together say nothing where some of the places are the dry run's.
-    broken = broken_rules(config, placed=not any(name in OF_AN_ARM for name, *_ in missing))
+    broken = broken_rules(config, placed=not any(name in ARM_REQUIRES for name, *_ in missing))
     problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
     if problems:
         remedy = f"{_EXAMPLE}; {_SHOW}" if missing else _SHOW

@@ -8,13 +8,13 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
-from importlib import metadata
 
 import psutil
 
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.disk import disk_checks
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, passed, skipped
+from tacauchy_rig.doctor.result import CheckResult, CheckStatus, judged, passed, skipped
+from tacauchy_rig.versions import ABSENT, installed
 
 PACKAGES = (
     "ur-rtde",
@@ -49,13 +49,9 @@ def host_checks(config: RigConfig) -> list[CheckResult]:
 
 def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
     """Tell the versions that a record will name; fail where a package is missing."""
-    found, missing = [], []
-    for package in packages:
-        try:
-            found.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            missing.append(package)
-    python = f"Python {platform.python_version()} on {platform.machine()}"
+    found = installed(*packages)
+    python = f"Python {found.pop('python')} on {platform.machine()}"
+    missing = [package for package, version in found.items() if version == ABSENT]
     if missing or sys.version_info < (3, 11):
         return CheckResult(
             name="host.versions",
@@ -63,7 +59,8 @@ def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
             finding=f"{python}; missing: {', '.join(missing) or 'nothing'}",
             remedy="Python 3.11 or newer is needed; install with `make setup` or `pip install .`",
         )
-    return passed("host.versions", f"{python}; {', '.join(found)}")
+    listed = ", ".join(f"{package} {version}" for package, version in found.items())
+    return passed("host.versions", f"{python}; {listed}")
 
 
 def clock_check(now_ns: Callable[[], int] = time.monotonic_ns) -> CheckResult:
@@ -77,17 +74,15 @@ def clock_check(now_ns: Callable[[], int] = time.monotonic_ns) -> CheckResult:
             last = stamp
     step_s = min(steps, default=10**9) * 1e-9
     finding = f"the monotonic clock moves in steps of {step_s * 1e6:.3f} us"
-    if step_s > _MAX_CLOCK_STEP_S:
-        return CheckResult(
-            name="host.clock",
-            status=CheckStatus.WARN,
-            finding=finding,
-            value=step_s * 1e6,
-            unit="us",
-            remedy="`cat /sys/devices/system/clocksource/clocksource0/current_clocksource` should "
-            "say tsc",
-        )
-    return passed("host.clock", finding, value=step_s * 1e6, unit="us")
+    return judged(
+        "host.clock",
+        finding,
+        is_good=step_s <= _MAX_CLOCK_STEP_S,
+        value=step_s * 1e6,
+        unit="us",
+        remedy="`cat /sys/devices/system/clocksource/clocksource0/current_clocksource` should "
+        "say tsc",
+    )
 
 
 def timer_check() -> CheckResult:
@@ -102,46 +97,41 @@ def timer_check() -> CheckResult:
         f"wakes {median_s * 1e3:.2f} ms late (median of {_TIMER_COUNT} sleeps), "
         f"at worst {worst_s * 1e3:.1f} ms"
     )
-    if worst_s > _MAX_LATENESS_S:
-        return CheckResult(
-            name="host.timer",
-            status=CheckStatus.WARN,
-            finding=finding,
-            value=worst_s * 1e3,
-            unit="ms",
-            remedy="end other programs while pressing, and set the CPU governor to performance",
-        )
-    return passed("host.timer", finding, value=worst_s * 1e3, unit="ms")
+    return judged(
+        "host.timer",
+        finding,
+        is_good=worst_s <= _MAX_LATENESS_S,
+        value=worst_s * 1e3,
+        unit="ms",
+        remedy="end other programs while pressing, and set the CPU governor to performance",
+    )
 
 
 def core_check(count: int) -> CheckResult:
     """Judge the number of cores that this process may use."""
-    if count < _MIN_CORES:
-        return CheckResult(
-            name="host.cores",
-            status=CheckStatus.WARN,
-            finding=f"{count} core may be used; control and camera want one each",
-            value=count,
-            unit="cores",
-            remedy="give this computer, container or session at least two cores",
-        )
-    return passed("host.cores", f"{count} cores may be used", value=count, unit="cores")
+    is_good = count >= _MIN_CORES
+    few = f"{count} core may be used; control and camera want one each"
+    return judged(
+        "host.cores",
+        f"{count} cores may be used" if is_good else few,
+        is_good=is_good,
+        value=count,
+        unit="cores",
+        remedy="give this computer, container or session at least two cores",
+    )
 
 
 def memory_check(available_bytes: int) -> CheckResult:
     """Judge the memory that is available."""
     gib = available_bytes / 2**30
-    finding = f"{gib:.1f} GiB of memory available"
-    if available_bytes < _MIN_MEMORY_BYTES:
-        return CheckResult(
-            name="host.memory",
-            status=CheckStatus.WARN,
-            finding=finding,
-            value=gib,
-            unit="GiB",
-            remedy=f"end other programs; the replay wants {_MIN_MEMORY_BYTES / 2**30:.0f} GiB",
-        )
-    return passed("host.memory", finding, value=gib, unit="GiB")
+    return judged(
+        "host.memory",
+        f"{gib:.1f} GiB of memory available",
+        is_good=available_bytes >= _MIN_MEMORY_BYTES,
+        value=gib,
+        unit="GiB",
+        remedy=f"end other programs; the replay wants {_MIN_MEMORY_BYTES / 2**30:.0f} GiB",
+    )
 
 
 def own_groups() -> frozenset[str]:
@@ -165,11 +155,10 @@ def _group_check(group: str, needed: bool, groups: frozenset[str], user_id: int)
         return skipped(name, "no real device needs it")
     if user_id == 0:
         return passed(name, "running as root: every device may be opened")
-    if group in groups:
-        return passed(name, f"this user is in the group {group}")
-    return CheckResult(
-        name=name,
-        status=CheckStatus.WARN,
-        finding=f"this user is not in the group {group}",
+    is_in = group in groups
+    return judged(
+        name,
+        f"this user is {'' if is_in else 'not '}in the group {group}",
+        is_good=is_in,
         remedy=f"sudo usermod -aG {group} $USER, then log out and in again",
     )

@@ -41,6 +41,28 @@ def passed(name: str, finding: str, *, value: float | None = None, unit: str = "
     return CheckResult(name=name, status=CheckStatus.OK, finding=finding, value=value, unit=unit)
 
 
+def judged(
+    name: str,
+    finding: str,
+    *,
+    is_good: bool,
+    remedy: str,
+    value: float | None = None,
+    unit: str = "",
+) -> CheckResult:
+    """Return a check that warns, and says what to do, unless what was found is good."""
+    if is_good:
+        return passed(name, finding, value=value, unit=unit)
+    return CheckResult(
+        name=name,
+        status=CheckStatus.WARN,
+        finding=finding,
+        value=value,
+        unit=unit,
+        remedy=remedy,
+    )
+
+
 def skipped(name: str, reason: str) -> CheckResult:
     """Return a check that had nothing to look at."""
     return CheckResult(name=name, status=CheckStatus.SKIP, finding=reason)

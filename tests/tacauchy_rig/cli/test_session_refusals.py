@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.config.stated import OF_AN_ARM
+from tacauchy_rig.config.real_devices import ARM_REQUIRES
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.store.run_store import RunStore
 
@@ -74,7 +74,7 @@ def test_dry_run_never_moves_a_real_arm(tmp_path: Path) -> None:
     """robot.driver = "ur5" belongs to ``run``."""
     settings = ["robot.driver=ur5", "robot.host=192.0.2.1", f"run.output_directory={tmp_path}"]
     written = load_config().written
-    settings += [f"{field}={json.dumps(written[field])}" for field in OF_AN_ARM]
+    settings += [f"{field}={json.dumps(written[field])}" for field in ARM_REQUIRES]
     with pytest.raises(AbortedError, match="never moves a real arm"):
         refuse("dry-run", *(part for text in settings for part in ("--set", text)))
 

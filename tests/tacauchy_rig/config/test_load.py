@@ -14,7 +14,7 @@ from tacauchy_rig.config.load import (
     load_config,
     restore_config,
 )
-from tacauchy_rig.config.stated import OF_A_FORCE_SENSOR, OF_AN_ARM
+from tacauchy_rig.config.real_devices import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.errors import ConfigError
 
 
@@ -43,7 +43,7 @@ def test_the_filled_in_example_is_a_real_rig(tmp_path: Path) -> None:
     loaded = load_config(path)
     assert loaded.config.moves_real_hardware
     assert loaded.config.force_sensor.driver == "m3733c"
-    assert {loaded.sources[field] for field in (*OF_AN_ARM, *OF_A_FORCE_SENSOR)} == {str(path)}
+    assert {loaded.sources[field] for field in (*ARM_REQUIRES, *CELL_REQUIRES)} == {str(path)}
 
 
 def test_each_value_remembers_where_it_came_from(tmp_path: Path) -> None:

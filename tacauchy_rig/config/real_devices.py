@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Set
 
 from tacauchy_rig.config.model import RigConfig
 
-OF_AN_ARM: Mapping[str, str] = {
+ARM_REQUIRES: Mapping[str, str] = {
     "robot.home": "write where the tip hangs free above the gel (x, y, z), in the base frame",
     "robot.tcp_offset": "write the way from the tool flange to the indenter's tip (x, y, z)",
     "robot.payload": "write the mass of force sensor and indenter",
@@ -19,7 +19,7 @@ OF_AN_ARM: Mapping[str, str] = {
 }
 """Fields by which an arm moves, each with what to do where it is missing."""
 
-OF_A_FORCE_SENSOR: Mapping[str, str] = {
+CELL_REQUIRES: Mapping[str, str] = {
     "force_sensor.capacity": "write the range that its own calibration sheet states",
     "force_sensor.calibration_sheet": "write the number and the date of its calibration sheet",
 }
@@ -29,7 +29,7 @@ _EXAMPLE_SHEET = "number and date of the sheet"
 _EXAMPLE_SERIAL = "XXXXXXXX"
 
 
-def unstated(config: RigConfig, defaulted: Set[str]) -> Iterator[tuple[str, str, str]]:
+def required_but_missing(config: RigConfig, defaulted: Set[str]) -> Iterator[tuple[str, str, str]]:
     """Yield (field, problem, remedy) of each value that a real device needs and nobody gave.
 
     Args:
@@ -38,11 +38,13 @@ def unstated(config: RigConfig, defaulted: Set[str]) -> Iterator[tuple[str, str,
     """
     if config.robot.is_real:
         yield from _missing(
-            OF_AN_ARM, defaulted, f'robot.driver = "{config.robot.driver}" moves a real arm'
+            ARM_REQUIRES,
+            defaulted,
+            f'robot.driver = "{config.robot.driver}" moves a real arm',
         )
     if config.force_sensor.is_real:
         yield from _missing(
-            OF_A_FORCE_SENSOR,
+            CELL_REQUIRES,
             defaulted,
             f'force_sensor.driver = "{config.force_sensor.driver}" is a real cell',
         )
@@ -61,7 +63,7 @@ def _left_as_in_the_example(config: RigConfig) -> Iterator[tuple[str, str, str]]
     sensor = config.force_sensor
     if sensor.calibration_sheet.strip() == _EXAMPLE_SHEET:
         field = "force_sensor.calibration_sheet"
-        yield field, f'"{_EXAMPLE_SHEET}" is not filled in', OF_A_FORCE_SENSOR[field]
+        yield field, f'"{_EXAMPLE_SHEET}" is not filled in', CELL_REQUIRES[field]
     if _EXAMPLE_SERIAL in sensor.port:
         yield (
             "force_sensor.port",

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.config.load import example_text, load_config, restore_config
-from tacauchy_rig.config.stated import OF_A_FORCE_SENSOR, OF_AN_ARM
+from tacauchy_rig.config.real_devices import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.errors import ConfigError
 
 WRITTEN = load_config().written
@@ -33,15 +33,15 @@ def refused(values: dict[str, object], path: Path | None = None) -> list[str]:
 
 def test_a_real_arm_takes_no_place_from_the_dry_run() -> None:
     """Everything that is missing is listed at once, each field with what to write."""
-    assert refused(ARM) == list(OF_AN_ARM)
-    assert {"robot.home", "robot.tcp_offset", "robot.payload", "sensor.surface"} < set(OF_AN_ARM)
-    assert sum(field.startswith("workspace.") for field in OF_AN_ARM) == 6
+    assert refused(ARM) == list(ARM_REQUIRES)
+    assert {"robot.home", "robot.tcp_offset", "robot.payload", "sensor.surface"} < set(ARM_REQUIRES)
+    assert sum(field.startswith("workspace.") for field in ARM_REQUIRES) == 6
 
 
-@pytest.mark.parametrize("left_out", OF_AN_ARM)
+@pytest.mark.parametrize("left_out", ARM_REQUIRES)
 def test_each_value_of_an_arm_is_asked_for(left_out: str) -> None:
     """One that is left out is refused although its built-in value would do."""
-    given = {field: WRITTEN[field] for field in OF_AN_ARM if field != left_out}
+    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != left_out}
     assert refused({**ARM, **given}) == [left_out]
 
 
@@ -49,7 +49,7 @@ def test_values_from_file_and_command_line_are_the_users_own(tmp_path: Path) -> 
     """Equal to the built-in ones or not: somebody wrote them."""
     path = tmp_path / "rig.toml"
     path.write_text('[robot]\npayload = "0.4 kg"\n')
-    given = {field: WRITTEN[field] for field in OF_AN_ARM if field != "robot.payload"}
+    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != "robot.payload"}
     loaded = load_config(path, overrides=overrides({**ARM, **given}))
     assert loaded.config.moves_real_hardware
 
@@ -57,10 +57,10 @@ def test_values_from_file_and_command_line_are_the_users_own(tmp_path: Path) -> 
 def test_places_are_not_compared_with_the_dry_runs() -> None:
     """A home of one's own is not told to lie outside a box that nobody gave."""
     home = ["300 mm", "300 mm", "500 mm"]
-    assert refused({**ARM, "robot.home": home}) == [f for f in OF_AN_ARM if f != "robot.home"]
+    assert refused({**ARM, "robot.home": home}) == [f for f in ARM_REQUIRES if f != "robot.home"]
 
 
-@pytest.mark.parametrize("left_out", OF_A_FORCE_SENSOR)
+@pytest.mark.parametrize("left_out", CELL_REQUIRES)
 def test_a_real_cell_has_its_own_sheet(left_out: str) -> None:
     """Neither the capacity nor the sheet of the emulated cell stands for it."""
     assert refused({**CELL, **{f: v for f, v in SHEET.items() if f != left_out}}) == [left_out]
@@ -69,7 +69,7 @@ def test_a_real_cell_has_its_own_sheet(left_out: str) -> None:
 
 def test_arm_and_cell_are_told_together() -> None:
     """One look at the message is enough to mend the file."""
-    assert refused({**ARM, **CELL}) == [*OF_AN_ARM, *OF_A_FORCE_SENSOR]
+    assert refused({**ARM, **CELL}) == [*ARM_REQUIRES, *CELL_REQUIRES]
 
 
 def test_placeholders_of_the_example_are_refused(tmp_path: Path) -> None:
