@@ -20,7 +20,7 @@ from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.loop.settings import parse_tolerance
 from tacauchy_rig.run import MarkerMotion, Replay
-from tacauchy_rig.store.export import ExportKind, export_run
+from tacauchy_rig.store.recording.export import ExportKind, export_run
 from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore
 
