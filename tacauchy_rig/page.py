@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
@@ -40,6 +40,27 @@ def prose(package: str, template: str, block: str, /, **facts: object) -> str:
     """
     found = _environment(package).get_template(template)
     return " ".join("".join(found.blocks[block](found.new_context(facts))).split())
+
+
+def sentences(
+    package: str,
+    template: str,
+    facts: Mapping[str, object],
+    *,
+    filters: Mapping[str, Callable[..., str]],
+) -> tuple[str, ...]:
+    """Return the paragraphs of a template, each as a single line.
+
+    Args:
+        package: As for ``page``.
+        template: Its file's name.
+        facts: What it is told.
+        filters: What it may write a fact by, beside Jinja's own.
+    """
+    environment = _environment(package)
+    environment.filters |= filters
+    text = environment.get_template(template).render(**facts)
+    return tuple(" ".join(part.split()) for part in re.split(r"\n\s*\n", text) if part.strip())
 
 
 def _environment(package: str) -> Environment:
