@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -18,22 +17,14 @@ for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--rig``: hardware tests run only against a rig that somebody named."""
-    parser.addoption("--rig", type=Path, default=None, help="rig.toml of a real rig")
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip what this machine cannot run, and say so; begin with what takes longest."""
     # Its run takes a minute and serves the whole module: begun last, it would be made by every
     # worker that takes one of its tests over.
     items.sort(key=lambda item: item.path.name != "test_whole_loop.py")
-    no_rig = pytest.mark.skip(reason="no real rig: name one with --rig rig.toml")
     no_gpu = pytest.mark.skip(reason="no CUDA device")
     cuda = _has_cuda() if any("gpu" in item.keywords for item in items) else False
     for item in items:
-        if "hardware" in item.keywords and config.getoption("--rig") is None:
-            item.add_marker(no_rig)
         if "gpu" in item.keywords and not cuda:
             item.add_marker(no_gpu)
 

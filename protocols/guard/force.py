@@ -44,11 +44,6 @@ class ForceGuard:
         self._repeat_count = 1
         self._recent: deque[tuple[int, float]] = deque(maxlen=RATE_SAMPLES)
 
-    @property
-    def is_tared(self) -> bool:
-        """True once a zero is known."""
-        return self._zero is not None
-
     def set_zero(self, tare: Tare) -> None:
         """Judge from now on what differs from ``tare``."""
         self._zero = tare
