@@ -36,10 +36,10 @@ class CoarserForce:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceErrorEstimate:
-    """What is believed about one F_z.
+    """What one F_z is worth.
 
     Attributes:
-        relative: Believed relative error, or None; ``basis`` says how or why not.
+        relative: Relative error, or None; ``basis`` says how or why not.
         coarser: The forces it rests on.
     """
 
@@ -68,9 +68,7 @@ def error_order(scene: Scene) -> float:
     return ORDER_SHARP if scene.has_sharp_rim else ORDER_SMOOTH
 
 
-def estimate_force_error(
-    scene: Scene, *, depth_m: float, force_n: float, plan: EffectPlan | None = None
-) -> ForceErrorEstimate:
+def estimate_force_error(scene: Scene, *, depth_m: float, force_n: float) -> ForceErrorEstimate:
     """Press a scene again on coarser meshes and say what its F_z is worth.
 
     Preset paper has but one mesh; its press is compared with preset balanced instead.
@@ -78,11 +76,10 @@ def estimate_force_error(
     Args:
         depth_m: Where the press ended [m]; the others go there too.
         force_n: Its F_z [N].
-        plan: Effects that it included; None plans them.
     """
     if not force_n > 0.0:
         return ForceErrorEstimate(relative=None, basis="there is no force to be wrong about")
-    plan = plan or plan_effects(scene)
+    plan = plan_effects(scene)
     held = replace(scene, target=Target(depth_m=depth_m))
     try:
         if scene.preset is Preset.PAPER:

@@ -49,7 +49,7 @@ class PressResult:
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
-        estimated_force_error_relative: Believed relative error of F_z, or None where nothing is
+        estimated_force_error_relative: Expected relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
         effects: What was simulated and what was left out, with reasons.
         preset: What it was pressed with: a preset, or a mesh between two.

@@ -149,7 +149,7 @@ def _replay_model(
     tolerance: Tolerance | None,
     wall_s: float,
 ) -> ReplayModel:
-    """Return what was simulated, what was asked of the force, and what is believed of it."""
+    """Return what was simulated, what was asked of the force, and the error expected of it."""
     model = path.model
     errors = [trial.force_error_estimate for trial in trials]
     known = [error for error in errors if error is not None]

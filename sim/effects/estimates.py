@@ -1,7 +1,7 @@
 """What leaving an effect out would cost: relative errors of F_z, from scales of the scene.
 
 They are bounds of engineering kind, each checked by pressing with and without the effect
-(``tests/sim/test_effects.py``), not proofs.
+(``tests/sim/effects/test_plan.py``), not proofs.
 """
 
 from __future__ import annotations
