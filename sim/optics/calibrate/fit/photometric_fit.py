@@ -127,6 +127,16 @@ class PhotometricSamples:
             found -= self._values(rest, exponents, terms)
         return found
 
+    def normal_equations(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the matrix and the load of each colour's fit, shapes [3, n, n] and [3, n]."""
+        normal, load = [], []
+        for channel in range(self.change.shape[1]):
+            weights = self.weighed(channel)
+            known = features * weights
+            normal.append(known @ known.T)
+            load.append(known @ (self.change[:, channel] * weights))
+        return np.stack(normal), np.stack(load)
+
     def _values(
         self, points: SurfacePoints, exponents: IntArray, terms: ShadingTerms | None
     ) -> FloatArray:
@@ -195,13 +205,9 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    coefficients = np.empty((unknowns, 3))
-    for channel in range(3):
-        counts, weights = samples.counts[:, channel], samples.weighed(channel)
-        known = features[:, counts] * weights[counts]
-        wanted = samples.change[counts, channel] * weights[counts]
-        normal = known @ known.T + ridge * count * np.eye(unknowns)
-        coefficients[:, channel] = np.linalg.solve(normal, known @ wanted)
+    normal, load = samples.normal_equations(features)
+    held = normal + ridge * count * np.eye(unknowns)
+    coefficients = np.linalg.solve(held, load[..., None])[..., 0].T
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -227,7 +233,10 @@ def fit_ridge(
     """
     if len(presses) < _GROUPS:
         return RIDGE
-    groups = [_products(presses[first::_GROUPS], exponents, terms) for first in range(_GROUPS)]
+    groups = []
+    for first in range(_GROUPS):
+        samples = joined(presses[first::_GROUPS])
+        groups.append(samples.normal_equations(samples.features(exponents, terms)))
     normals = np.stack([normal for normal, _ in groups])
     loads = np.stack([load for _, load in groups])
     normal, load = normals.sum(axis=0), loads.sum(axis=0)
@@ -240,21 +249,6 @@ def fit_ridge(
         )
 
     return min(_RIDGES, key=misfit)
-
-
-def _products(
-    presses: Sequence[PhotometricSamples], exponents: IntArray, terms: ShadingTerms | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the normal matrix and the load of each colour, shapes [3, n, n] and [3, n]."""
-    samples = joined(presses)
-    features = samples.features(exponents, terms)
-    normal, load = [], []
-    for channel in range(3):
-        weights = samples.weighed(channel)
-        known = features * weights
-        normal.append(known @ known.T)
-        load.append(known @ (samples.change[:, channel] * weights))
-    return np.stack(normal), np.stack(load)
 
 
 def _misfit_left_out(
