@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.contact.state import ContactOptions
+from sim.contact.state import ContactOptions, Grip
 from sim.material.laws.catalogue import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
@@ -131,3 +131,14 @@ def balance_relative(model: Model, point: PathPoint) -> float:
     clamp = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
     away = point.force_n - model.mesh.symmetry.whole_force(clamp)
     return float(np.linalg.norm(away) / np.linalg.norm(point.force_n))
+
+
+def grip_of(point: PathPoint) -> Grip:
+    """Return what tangential contact remembers.
+
+    Raises:
+        ValueError: The press is frictionless.
+    """
+    if point.state.grip is None:
+        raise ValueError("a press without friction has no grip")
+    return point.state.grip

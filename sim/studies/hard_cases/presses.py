@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.state import ContactOptions, Grip
+from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
 from sim.solve.load_steps.equilibrium import PathPoint
@@ -21,6 +21,7 @@ from sim.studies.hard_cases.pads import (
     DOMED,
     PUNCH,
     balance_relative,
+    grip_of,
     pad_model,
     round_mesh,
 )
@@ -158,7 +159,7 @@ def slide_and_return() -> Slide:
 
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     """Return the least and the summed tangential force times slip of points that held on [J]."""
-    earlier, later = _grip(before), _grip(after)
+    earlier, later = grip_of(before), grip_of(after)
     both = (earlier.held == 1) & (later.held == 1)
     loads = later.loads[both]
     normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
@@ -166,12 +167,6 @@ def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     tangential = forces - np.sum(forces * normals, axis=1, keepdims=True) * normals
     lost = np.sum(tangential * (later.anchors[both] - earlier.anchors[both]), axis=1)
     return float(lost.min()), float(lost.sum())
-
-
-def _grip(point: PathPoint) -> Grip:
-    if point.state.grip is None:
-        raise ValueError("a slide without friction has no grip")
-    return point.state.grip
 
 
 def _stored(path: LoadingPath, point: PathPoint) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from sim.scene.pad import DiscPad
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Outcome
-from sim.studies.hard_cases.pads import DISC, HEIGHT_M, pad_model, round_mesh
+from sim.studies.hard_cases.pads import DISC, HEIGHT_M, grip_of, pad_model, round_mesh
 from sim.studies.modes.signatures import contact_signature
 
 FRICTION = 0.5
@@ -34,71 +35,62 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     options = ContactOptions(distance_m=2e-6, friction=FRICTION, slip_m=SLIP_M)
     mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
     path = LoadingPath(pad_model(mesh, contact_options=options), Sphere(diameter_m=10e-3))
-    path.advance(0.3e-3)
-    strokes = [
-        (1.0, 1),
-        (0.0, hold_count),
-        (1.0, step_count),
-        (0.0, hold_count),
-        (-1.0, step_count),
-    ]
-    moves = [sign * step_m for sign, count in strokes for _ in range(count)]
-    record = _SlipRecord(path)
-    for move in moves:
-        record.go(path.carry(shift_m=(move, 0.0)), driven=move != 0.0)
+    back_and_forth = ((1, 1), (0, hold_count), (1, step_count), (0, hold_count), (-1, step_count))
+    moves = [sign * step_m for sign, count in back_and_forth for _ in range(count)]
+    points = [path.advance(0.3e-3), *(path.carry(shift_m=(move, 0.0)) for move in moves)]
+    steps = [_drag_step(path, *pair) for pair in pairwise(points)]
+    dragged = [step for step, move in zip(steps, moves, strict=True) if move]
+    held = [step for step, move in zip(steps, moves, strict=True) if not move]
+    excess = max(step.excess for step in steps)
+    creep = max(step.creep_m for step in dragged)
+    creep_held = max(step.slip_m for step in held)
+    shares = [step.stuck_share for step in dragged]
     allowed = EPS_V_M_S * step_m / SPEED_M_S
     return Outcome(
-        passed=record.excess <= LIMIT_EXCESS
-        and max(record.creep_m, record.hold_creep_m) < allowed
-        and record.stuck_share_min < 0.05
-        and record.stuck_share_max > 0.5,
+        passed=excess <= LIMIT_EXCESS
+        and max(creep, creep_held) < allowed
+        and min(shares) < 0.05
+        and max(shares) > 0.5,
         measured={
             "steps": len(moves),
-            "excess_over_friction_limit_relative": record.excess,
-            "creep_m": record.creep_m,
-            "creep_held_still_m": record.hold_creep_m,
+            "excess_over_friction_limit_relative": excess,
+            "creep_m": creep,
+            "creep_held_still_m": creep_held,
             "eps_v_dt_m": allowed,
-            "stuck_share_min": record.stuck_share_min,
-            "stuck_share_max": record.stuck_share_max,
+            "stuck_share_min": min(shares),
+            "stuck_share_max": max(shares),
             "newton_iterations": path.counts.newton_iterations,
         },
     )
 
 
-@dataclass(slots=True)
-class _SlipRecord:
-    """The worst of a drag."""
+class _DragStep(NamedTuple):
+    """One step of a drag.
 
-    path: LoadingPath
-    excess: float = -1.0
-    creep_m: float = 0.0
-    hold_creep_m: float = 0.0
-    stuck_share_min: float = 1.0
-    stuck_share_max: float = 0.0
-    _before: PathPoint | None = None
+    Attributes:
+        excess: Tangential over normal forces over mu, less one.
+        creep_m: Farthest that a point which sticks moved along the indenter [m].
+        slip_m: Farthest that a point which touches did [m].
+        stuck_share: Of the points that touch, those that stick.
+    """
 
-    def __post_init__(self) -> None:
-        self._before = self.path.last
+    excess: float
+    creep_m: float
+    slip_m: float
+    stuck_share: float
 
-    def go(self, point: PathPoint, *, driven: bool) -> None:
-        """Take over a step."""
-        mobilised = contact_signature(self.path.model, point).sliding_friction / FRICTION
-        self.excess = max(self.excess, mobilised - 1.0)
-        before, self._before = self._before, point
-        if before is None or before.state.grip is None or point.state.grip is None:
-            return
-        old, new = before.state.grip, point.state.grip
-        touching = (old.held == 1) & (new.held == 1)
-        stuck = touching & np.all(old.anchors == new.anchors, axis=2)
-        slip = _along_indenter(self.path, before, point)
-        share = float(stuck.sum() / max(touching.sum(), 1))
-        creep = float(slip[stuck].max()) if stuck.any() else 0.0
-        if driven:
-            self.creep_m = max(self.creep_m, creep)
-            self.stuck_share_min = min(self.stuck_share_min, share)
-            self.stuck_share_max = max(self.stuck_share_max, share)
-        else:
-            self.hold_creep_m = max(self.hold_creep_m, float(slip[touching].max()))
+
+def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> _DragStep:
+    old, new = grip_of(before), grip_of(point)
+    touching = (old.held == 1) & (new.held == 1)
+    stuck = touching & np.all(old.anchors == new.anchors, axis=2)
+    slip = _along_indenter(path, before, point)
+    return _DragStep(
+        excess=contact_signature(path.model, point).sliding_friction / FRICTION - 1.0,
+        creep_m=float(slip[stuck].max(initial=0.0)),
+        slip_m=float(slip[touching].max(initial=0.0)),
+        stuck_share=float(stuck.sum() / max(touching.sum(), 1)),
+    )
 
 
 def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> FloatArray:
@@ -110,8 +102,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
         surface = np.einsum("pk,fkx->fpx", values, nodes) - point.state.tip
         places.append(surface @ point.state.rotation)
     motion = places[1] - places[0]
-    grip = after.state.grip
-    loads = np.zeros_like(motion) if grip is None else grip.loads
+    loads = grip_of(after).loads
     normals = loads / np.maximum(np.linalg.norm(loads, axis=2, keepdims=True), 1e-300)
     motion -= np.einsum("fpx,fpx->fp", motion, normals)[..., None] * normals
     return np.asarray(np.linalg.norm(motion, axis=2))
