@@ -120,6 +120,14 @@ class Device:
         )
 
 
+def filled(structure: Any, **members: Any) -> Any:
+    """Return a Warp structure with these members."""
+    made = structure()
+    for name, value in members.items():
+        setattr(made, name, value)
+    return made
+
+
 def on_host(array: Any) -> NDArray[Any]:
     """Return a device array on the host, its reals as float64; on the CPU this shares memory."""
     host = array.numpy()

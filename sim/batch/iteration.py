@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 
 from sim.batch.environment import BatchOptions, Environment, extrapolation, touch_point
-from sim.batch.kernels.contact_forces import batch_contact, batch_surface, contact_points, touchable
-from sim.batch.kernels.element_forces import batch_gel, new_tangents
+from sim.batch.kernels.contact_forces import BatchContact, batch_surface, contact_points, touchable
+from sim.batch.kernels.element_forces import TANGENT_SIZE, Tangents, batch_gel
 from sim.batch.kernels.evaluate import evaluate_kernel
 from sim.batch.kernels.gathering import evaluating, numbering, searching
 from sim.batch.kernels.search import search_kernel
@@ -27,7 +27,7 @@ from sim.batch.kernels.state import (
 from sim.batch.kernels.surface_stress import StressExtraction
 from sim.batch.kernels.turn import begin, turn
 from sim.batch.pilot import Pilot, preconditioner
-from sim.device import Device
+from sim.device import Device, filled
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
@@ -35,17 +35,18 @@ _FLOOR_SHARE = 1e-9
 
 def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
     """Return the limits as the kernels take them."""
-    limits: Any = Limits()
-    limits.residual = options.residual_relative
-    limits.floor = floor_n
-    limits.forcing = options.forcing
-    limits.searches = options.search_max
-    limits.newton = options.newton_max
-    limits.halvings = options.halving_max
-    limits.retries = options.retry_max
-    limits.lead = options.lead_max
-    limits.growth = options.growth_max
-    return limits
+    return filled(
+        Limits,
+        residual=options.residual_relative,
+        floor=floor_n,
+        forcing=options.forcing,
+        searches=options.search_max,
+        newton=options.newton_max,
+        halvings=options.halving_max,
+        retries=options.retry_max,
+        lead=options.lead_max,
+        growth=options.growth_max,
+    )
 
 
 class Iteration:
@@ -176,9 +177,9 @@ class Iteration:
 
     def _upload_pad(self) -> None:
         pilot, device = self._pilot, self._device
-        model, filled = pilot.model, self._environments
+        model, environments = pilot.model, self._environments
         pad = model.discretisation
-        centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in filled])
+        centres = np.array([np.add(pilot.centre_m, e.offset_m) for e in environments])
         kept = touchable(pad, pilot.indenter, np.unique(centres, axis=0))
         numbered = self._numbered = numbering(model.pattern, is_pushed=pilot.is_pushed)
         self._row_count = numbered.row_count
@@ -188,21 +189,25 @@ class Iteration:
             numbered.gathering(pad.elements, pad.faces[kept], chunk=layout.chunk, device=device)
             for layout in (self._evaluating, self._searching)
         )
-        materials = [(e.young_pa, e.poisson) for e in filled]
+        materials = [(e.young_pa, e.poisson) for e in environments]
         self._gel = batch_gel(pad, numbered, model.law, materials, device)
-        self._tangents = new_tangents(self._columns, self._gel, device)
+        tangent_count = TANGENT_SIZE * self._gel.weights.size
+        self._tangents = zeroed(Tangents, (self._columns, tangent_count), device)
         self._surface = batch_surface(
             pad,
             numbered,
             pilot.indenter,
-            rotations=np.stack([e.rotation for e in filled]),
-            young_pa=[e.young_pa for e in filled],
+            rotations=np.stack([e.rotation for e in environments]),
+            young_pa=[e.young_pa for e in environments],
             kept=kept,
             device=device,
         )
         self._contact = contact_points(self._columns, self._surface, device)
-        self._contact_settings = batch_contact(
-            model.contact_options, extension=self._options.extension
+        self._contact_settings = filled(
+            BatchContact,
+            distance=model.contact_options.distance_m,
+            stiffness_factor=model.contact_options.stiffness_factor,
+            extension=self._options.extension,
         )
         order = pad.reference.order
         self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)

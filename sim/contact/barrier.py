@@ -37,15 +37,6 @@ class ContactSettings:
     extension: wp.float64
 
 
-def contact_settings(*, distance_m: float, stiffness_j_m2: float, extension: float) -> Any:
-    """Return the settings as the kernels take them."""
-    settings = ContactSettings()
-    settings.distance = distance_m
-    settings.stiffness = stiffness_j_m2
-    settings.extension = extension
-    return settings
-
-
 @wp.func
 def surface_point(
     faces: wp.array2d(dtype=wp.int32),

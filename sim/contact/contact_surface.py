@@ -12,7 +12,7 @@ from sim.contact import barrier as contact
 from sim.contact import friction
 from sim.contact.indenter_distance import body_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
-from sim.device import KERNEL_EPSILON, Device, on_host
+from sim.device import KERNEL_EPSILON, Device, filled, on_host
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter
 
@@ -164,9 +164,10 @@ class ContactSurface:
 
     def _settings(self, extension: float) -> Any:
         options = self._options
-        return contact.contact_settings(
-            distance_m=options.distance_m,
-            stiffness_j_m2=options.stiffness_factor * self._young_pa * options.distance_m,
+        return filled(
+            contact.ContactSettings,
+            distance=options.distance_m,
+            stiffness=options.stiffness_factor * self._young_pa * options.distance_m,
             extension=extension,
         )
 
@@ -181,11 +182,12 @@ class ContactSurface:
 
     def _grip_model(self, indenter: Indenter, state: State) -> list[Any]:
         options = self._options
-        settings = friction.grip_settings(
-            reach_m=options.distance_m,
-            stiffness_pa_m=self._young_pa / options.distance_m if options.bonded else 0.0,
+        settings = filled(
+            friction.GripSettings,
+            reach=options.distance_m,
+            stiffness=self._young_pa / options.distance_m if options.bonded else 0.0,
             coefficient=options.friction,
-            slip_m=options.slip_m,
+            slip=options.slip_m,
         )
         return [*self._arrays, self._areas, settings, self._body(indenter, state)]
 

@@ -43,18 +43,6 @@ class GripSettings:
     slip: wp.float64
 
 
-def grip_settings(
-    *, reach_m: float, stiffness_pa_m: float, coefficient: float, slip_m: float
-) -> Any:
-    """Return the settings as the kernels take them."""
-    settings = GripSettings()
-    settings.reach = reach_m
-    settings.stiffness = stiffness_pa_m
-    settings.coefficient = coefficient
-    settings.slip = slip_m
-    return settings
-
-
 @wp.func
 def _offset(body: Any, anchor: wp.vec3d, load: wp.vec3d, x: wp.vec3d) -> wp.vec3d:
     """Return the tangential offset from the anchor in the pad's frame [m]."""

@@ -168,7 +168,7 @@ def _stress_on_faces(
     jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     deformed = np.einsum("fnx,fpny->fpxy", positions[nodes], gradients)
     deformations = deformed @ np.linalg.inv(jacobians)[:, None]
-    stress = model.stress_at(deformations.reshape(-1, 3, 3), np.repeat(parents, len(points)))
+    stress = model.gel.stress_at(deformations.reshape(-1, 3, 3), np.repeat(parents, len(points)))
     return stress.reshape(deformations.shape)
 
 

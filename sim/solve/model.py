@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 from sim.contact.contact_surface import ContactSurface, contact_rounding_n
 from sim.contact.state import ContactForces, ContactOptions, State
 from sim.device import Device, on_host
@@ -38,6 +36,8 @@ class Model:
         volume_m3: Of the tetrahedra at rest [m^3].
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
+        gel: Its elastic energy and derivatives on the device.
+        surface: Its contact on the device, and what that remembers of friction.
         relaxation: What the gel remembers; None for an elastic one.
     """
 
@@ -70,13 +70,13 @@ class Model:
         self.height_m = float(pad.nodes[:, 2].max())
         self.energy_scale_j = float(young @ pad.volumes)
         self._device = Device(device)
-        self._gel = ElasticBody(
+        self.gel = ElasticBody(
             pad, law=law, young_pa=young, poisson=ratio, prony=prony, device=self._device
         )
-        self._surface = ContactSurface(
+        self.surface = ContactSurface(
             pad, self.contact_options, young_pa=self.young_pa, device=self._device
         )
-        self.relaxation = self._gel.relaxation
+        self.relaxation = self.gel.relaxation
 
     def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
         """Return the undeformed state with the indenter's tip at ``tip`` [m]."""
@@ -84,41 +84,20 @@ class Model:
             positions=self.nodes.copy(),
             tip=np.array(tip, dtype=np.float64),
             rotation=np.eye(3) if rotation is None else np.array(rotation, dtype=np.float64),
-            grip=self._surface.free_grip(),
+            grip=self.surface.free_grip(),
         )
 
     def elastic_energy(self, positions: FloatArray) -> tuple[float, float]:
         """Return the elastic energy [J] and the smallest volume ratio J."""
-        return self._gel.energy(positions)
+        return self.gel.energy(positions)
 
     def elastic_gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
-        return self._gel.gradient(positions)
-
-    def recorded_gradient(self, positions: Any, out: Any) -> Any:
-        """Return a launch that adds the elastic gradient [N] at positions [m] on the device."""
-        return self._gel.recorded_gradient(positions, out)
-
-    def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
-        """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
-        return self._gel.recorded_ratios(positions)
-
-    def recorded_push(
-        self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
-    ) -> Any:
-        """Return a launch that adds what ``push_kernel`` gives at positions [m] on the device."""
-        return self._surface.recorded_push(positions, outputs, indenter, extension=extension)
+        return self.gel.gradient(positions)
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
-        return self._gel.cauchy_stress(positions)
-
-    def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
-        """Return the elastic Cauchy stress [Pa] of given deformation gradients [count, 3, 3].
-
-        What the gel remembers is left out. ``elements`` says whose material, shape [count].
-        """
-        return self._gel.stress_at(deformations, elements)
+        return self.gel.cauchy_stress(positions)
 
     def hessian_data(
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
@@ -130,8 +109,8 @@ class Model:
             projected: Make every point's tangent positive semidefinite.
         """
         values = self._device.zeros(self.pattern.block_count, wp.mat33d)
-        self._gel.add_hessian(positions, values, projected=projected)
-        self._surface.add_hessian(stiffness, values)
+        self.gel.add_hessian(positions, values, projected=projected)
+        self.surface.add_hessian(stiffness, values)
         return self.pattern.csr_data(on_host(values))
 
     def rest_hessian_data(self) -> FloatArray:
@@ -144,11 +123,11 @@ class Model:
 
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
-        return self._surface.gaps(positions, indenter, state)
+        return self.surface.gaps(positions, indenter, state)
 
     def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        return self._surface.energy(positions, indenter, state)
+        return self.surface.energy(positions, indenter, state)
 
     def contact_forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
@@ -157,32 +136,21 @@ class Model:
 
         The stiffness is exact if ``curved``, else positive semidefinite.
         """
-        return self._surface.forces(positions, indenter, state, curved=curved)
+        return self.surface.forces(positions, indenter, state, curved=curved)
 
     def rounding_n(self, found: ContactForces) -> float:
         """Return how much all nodal forces change by rounding [N]; no residual can be smaller."""
-        return float(np.hypot(self._gel.rounding_n, contact_rounding_n(found)))
+        return float(np.hypot(self.gel.rounding_n, contact_rounding_n(found)))
 
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
         """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
-        return self._surface.scatter(point_vectors)
-
-    def refresh_grip(self, indenter: Indenter, state: State) -> float:
-        """Hold the points that touch, free the others; return the friction limit's change.
-
-        That is summed over the points and relative to the new limit; zero where nothing slides.
-        """
-        return self._surface.refresh_grip(indenter, state)
-
-    def drag_anchors(self, indenter: Indenter, state: State) -> None:
-        """Let the anchors of sliding points follow; the state is then one to go on from."""
-        self._surface.drag_anchors(indenter, state)
+        return self.surface.scatter(point_vectors)
 
     def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
-        return self._surface.area_vectors(positions)
+        return self.surface.area_vectors(positions)
 
     @property
     def contact_areas(self) -> FloatArray:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
-        return self._surface.areas
+        return self.surface.areas

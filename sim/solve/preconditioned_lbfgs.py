@@ -67,10 +67,12 @@ class NodalForces:
         push, gap = cpu.zeros(1, wp.vec3d), cpu.zeros(1, wp.float64)
         self._at, self.elastic, self._contact = (a.numpy() for a in (positions, elastic, contact))
         self.push, self.gap = push.numpy()[0], gap.numpy()
-        self._ratios, self._find_ratios = model.recorded_ratios(positions)
+        self._ratios, self._find_ratios = model.gel.recorded_ratios(positions)
         self._launches = (
-            model.recorded_gradient(positions, elastic),
-            model.recorded_push(positions, [contact, push, gap], indenter, extension=extension),
+            model.gel.recorded_gradient(positions, elastic),
+            model.surface.recorded_push(
+                positions, [contact, push, gap], indenter, extension=extension
+            ),
         )
 
     def gradient(self, state: State) -> FloatArray:

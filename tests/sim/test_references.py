@@ -41,7 +41,7 @@ def test_flat_punch_on_a_bonded_layer(poisson: float, kappa: float) -> None:
 @pytest.mark.parametrize(
     ("name", "depth_mm", "force_n"),
     [
-        (LawName.NEO_HOOKEAN, 0.2, 0.73314),
+        pytest.param(LawName.NEO_HOOKEAN, 0.2, 0.73314, marks=pytest.mark.slow),
         pytest.param(LawName.NEO_HOOKEAN, 0.5, 1.89035, marks=pytest.mark.slow),
         (LawName.STABLE_NEO_HOOKEAN, 0.2, 0.72494),
         pytest.param(LawName.STABLE_NEO_HOOKEAN, 0.5, 1.83785, marks=pytest.mark.slow),

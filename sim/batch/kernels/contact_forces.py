@@ -16,8 +16,7 @@ from sim.arrays import FloatArray
 from sim.batch.kernels.gathering import Numbering
 from sim.contact.barrier import barrier_curvature, barrier_slope
 from sim.contact.indenter_distance import Body, body_at, distance_curvature, signed_distance
-from sim.contact.state import ContactOptions
-from sim.device import Device
+from sim.device import Device, filled
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter, MeshIndenter, Plane
 
@@ -35,15 +34,6 @@ class BatchContact:
     distance: wp.float64
     stiffness_factor: wp.float64
     extension: wp.float64
-
-
-def batch_contact(options: ContactOptions, *, extension: float) -> Any:
-    """Return the settings as the kernels take them."""
-    settings = BatchContact()
-    settings.distance = options.distance_m
-    settings.stiffness_factor = options.stiffness_factor
-    settings.extension = extension
-    return settings
 
 
 @wp.struct
@@ -88,18 +78,19 @@ def batch_surface(
         young_pa: E of every environment's gel [Pa].
         kept: Which faces.
     """
-    faces = pad.faces[kept]
-    surface = BatchSurface()
-    surface.rows = device.array(numbered.of_nodes(faces), wp.int32)
-    surface.rest = device.array(pad.nodes[faces].transpose(1, 0, 2), wp.vec3d)
-    surface.values = device.array(pad.reference.face_values, wp.float64)
-    surface.rough_values = device.array(pad.reference.face_values, wp.float32)
+    faces, values = pad.faces[kept], pad.reference.face_values
     areas = pad.reference.face_weights[:, None] * pad.face_areas[kept]
-    surface.areas = device.array(areas, wp.float64)
-    surface.body = body_at(indenter, np.zeros(3), np.eye(3), device=device.name)
-    surface.rotations = device.array(rotations, wp.mat33d)
-    surface.young = device.array(young_pa, wp.float64)
-    return surface
+    return filled(
+        BatchSurface,
+        rows=device.array(numbered.of_nodes(faces), wp.int32),
+        rest=device.array(pad.nodes[faces].transpose(1, 0, 2), wp.vec3d),
+        values=device.array(values, wp.float64),
+        rough_values=device.array(values, wp.float32),
+        areas=device.array(areas, wp.float64),
+        body=body_at(indenter, np.zeros(3), np.eye(3), device=device.name),
+        rotations=device.array(rotations, wp.mat33d),
+        young=device.array(young_pa, wp.float64),
+    )
 
 
 @wp.struct
@@ -123,13 +114,14 @@ class ContactPoints:
 def contact_points(environment_count: int, surface: Any, device: Device) -> Any:
     """Return the arrays for a surface."""
     point_count, face_count = surface.areas.size, surface.areas.shape[1]
-    points = ContactPoints()
-    points.touching = device.zeros((environment_count, point_count), wp.int32)
-    points.forces = device.zeros((environment_count, point_count), wp.vec3d)
-    points.stiffness = device.zeros((environment_count, point_count), wp.mat33f)
-    nodes = 3 * surface.rest.shape[0] * face_count
-    points.face_forces = device.zeros((environment_count, nodes), wp.float64)
-    return points
+    shape, nodes = (environment_count, point_count), 3 * surface.rest.shape[0] * face_count
+    return filled(
+        ContactPoints,
+        touching=device.zeros(shape, wp.int32),
+        forces=device.zeros(shape, wp.vec3d),
+        stiffness=device.zeros(shape, wp.mat33f),
+        face_forces=device.zeros((environment_count, nodes), wp.float64),
+    )
 
 
 @wp.func

@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from sim.batch.kernels.gathering import Gathering, Layout, Numbering
-from sim.device import Device, start_warp
+from sim.device import Device, filled, start_warp
 from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law, Tangent
 from sim.mesh.discretisation import Discretisation
@@ -74,13 +74,14 @@ def batch_gel(
 ) -> Any:
     """Upload a pad's gel: E [Pa] and nu of every environment."""
     parameters = [law.parameters(young_pa, poisson) for young_pa, poisson in materials]
-    gel = BatchGel()
-    gel.rows = device.array(numbered.of_nodes(pad.elements), wp.int32)
-    gel.inverse_jacobians = device.array(pad.inverse_jacobians.reshape(-1, 9).T, wp.float64)
-    gel.weights = device.array(pad.reference.weights[:, None] * pad.volumes, wp.float64)
-    gel.parameters = device.array(parameters, wp.vec4d)
-    gel.young = device.array([young_pa for young_pa, _ in materials], wp.float64)
-    return gel
+    return filled(
+        BatchGel,
+        rows=device.array(numbered.of_nodes(pad.elements), wp.int32),
+        inverse_jacobians=device.array(pad.inverse_jacobians.reshape(-1, 9).T, wp.float64),
+        weights=device.array(pad.reference.weights[:, None] * pad.volumes, wp.float64),
+        parameters=device.array(parameters, wp.vec4d),
+        young=device.array([young_pa for young_pa, _ in materials], wp.float64),
+    )
 
 
 @wp.func
@@ -91,6 +92,10 @@ def inverse_jacobian(e: wp.int32, gel: BatchGel) -> wp.mat33d:
         for j in range(3):
             m[i, j] = gel.inverse_jacobians[3 * i + j, e]
     return m
+
+
+# Numbers that are kept of a point's tangent.
+TANGENT_SIZE = 14
 
 
 @wp.struct
@@ -105,13 +110,6 @@ class Tangents:
     """
 
     values: wp.array2d(dtype=wp.float16)
-
-
-def new_tangents(environment_count: int, gel: Any, device: Device) -> Any:
-    """Return the array for a gel."""
-    tangents = Tangents()
-    tangents.values = device.zeros((environment_count, 14 * gel.weights.size), wp.float16)
-    return tangents
 
 
 @wp.func

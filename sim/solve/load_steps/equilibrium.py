@@ -113,14 +113,14 @@ class Settling:
         for _ in range(_GRIP_ROUNDS):
             found = equilibrate(problem, state, options=options)
             self.counts.newton_iterations += found.iterations
-            if self.model.refresh_grip(self.indenter, state) <= allowed:
+            if self.model.surface.refresh_grip(self.indenter, state) <= allowed:
                 break
         else:
             raise ConvergenceError(
                 f"friction did not settle in {_GRIP_ROUNDS} rounds",
                 remedy="move in smaller steps, or with less friction",
             )
-        self.model.drag_anchors(self.indenter, state)
+        self.model.surface.drag_anchors(self.indenter, state)
         # The last step's factor is one step old, and the barrier's stiffness has changed since.
         problem.factorise_safely(state, found.contact)
         self.counts.increments += 1

@@ -174,6 +174,7 @@ def test_an_abort_while_connecting_moves_nothing(make_store):
     assert store.attempts(1) == []
 
 
+@pytest.mark.slow
 def test_a_control_process_that_hangs_is_ended(make_store):
     """SIGSTOP instead of a kill: its silence is noticed and nothing waits for it for ever."""
     store = make_store(ONE)

@@ -56,7 +56,7 @@ def touching(model: Model, indenter: Indenter) -> State:
     state = model.rest_state(tip=np.array([1e-4, 0.0, HEIGHT + 2e-4]), rotation=turn)
     rng = np.random.default_rng(3)
     state.positions = state.positions + rng.normal(scale=2e-6, size=state.positions.shape)
-    model.refresh_grip(indenter, state)
+    model.surface.refresh_grip(indenter, state)
     return state
 
 

@@ -214,6 +214,7 @@ def test_every_preset_that_needs_one_has_a_resolution() -> None:
     assert edges == sorted(edges, reverse=True)
 
 
+@pytest.mark.slow
 def test_triangles_press_like_the_formula() -> None:
     """On one mesh a punch of 256 sides gives the round one's force within 0.5 %."""
     linear = ((Effect.LOCKING_FREE_ELEMENT, False),)

@@ -56,6 +56,7 @@ def _run(*words: object) -> str:
     return result.output
 
 
+@pytest.mark.slow
 def test_folder_becomes_a_calibration(tmp_path: Path) -> None:
     """The file renders, the scores are those of noise, and --check agrees with them."""
     folder = _folder(tmp_path / "presses", count=9)
@@ -81,7 +82,6 @@ def test_folder_becomes_a_calibration(tmp_path: Path) -> None:
         assert (cv2.imread(str(out.with_name(name))) < 250).any()
 
 
-@pytest.mark.slow
 def test_contacts_are_found_without_a_table(tmp_path: Path) -> None:
     """Without circles the contacts are found, and the scores hardly suffer."""
     folder = _folder(tmp_path / "presses", count=6, table=False)
