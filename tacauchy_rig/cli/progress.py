@@ -53,16 +53,14 @@ class SessionProgress:
             case "attempt-start":
                 target = detail["force_target_n"]
                 tries = f", attempt {event.attempt}" if event.attempt > 1 else ""
-                self._line(
-                    f"trial {event.trial} of {self._trial_count}{tries}: target {target:.4f} N"
-                )
+                say(f"trial {event.trial} of {self._trial_count}{tries}: target {target:.4f} N")
             case "attempt-end":
-                self._line(_ended(event))
+                say(_ended(event))
             case "fault" | "abort":
                 during = f" while {detail['during']}" if detail.get("during") else ""
-                self._line(f"  {event.name}{during}: {detail.get('reason', '')}")
+                say(f"  {event.name}{during}: {detail.get('reason', '')}")
             case "process-died":
-                self._line(f"  {detail.get('how', event.name)}")
+                say(f"  {detail.get('how', event.name)}")
             case _ if event.name == PROGRESS:
                 self._update(event)
             case _:
@@ -87,9 +85,6 @@ class SessionProgress:
         if height is not None:
             parts.append(f"tip at z = {height * 1e3:.3f} mm")
         self._live.update(Text("   ".join(parts)))
-
-    def _line(self, text: str) -> None:
-        say(text)
 
 
 def _ended(event: JournalEvent) -> str:

@@ -67,15 +67,7 @@ def _box(sizes: str) -> BoxPad:
         raise ConfigError(
             f"--pad box:{sizes}: needs three sizes", remedy="write box:20.75x25.25x4.5mm"
         )
-    unit = parts[2].lstrip("+-.0123456789 ")
-    x, y, height = (
-        parse_quantity(
-            part if part.endswith(unit) else part + unit,
-            dimension=Dimension.LENGTH,
-            field="--pad box",
-        )
-        for part in parts
-    )
+    x, y, height = _with_one_unit(parts, Dimension.LENGTH, "--pad box")
     return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
 
 
@@ -191,14 +183,15 @@ def parse_pair(text: str | None, dimension: Dimension, field: str) -> tuple[floa
     parts = [part.strip() for part in text.split(",")]
     if len(parts) > 2:
         raise ConfigError(f"{field} {text!r}: more than x and y", remedy="write 0.3,0.1mm")
+    values = [*_with_one_unit(parts, dimension, field), 0.0]
+    return values[0], values[1]
+
+
+def _with_one_unit(parts: list[str], dimension: Dimension, field: str) -> list[float]:
+    """Read numbers of which only the last must say its unit."""
     unit = parts[-1].lstrip("+-.0123456789eE ")
-    values = [
-        parse_quantity(
-            part if part.endswith(unit) else part + unit, dimension=dimension, field=field
-        )
-        for part in parts
-    ]
-    return values[0], values[1] if len(values) == 2 else 0.0
+    given = [part if part.endswith(unit) else part + unit for part in parts]
+    return [parse_quantity(part, dimension=dimension, field=field) for part in given]
 
 
 def parse_switch(text: str) -> tuple[Effect, bool]:
