@@ -46,12 +46,12 @@ _OWN: dict[Kind, dict[str, str]] = {
     Kind.FORCE_SENSOR: {
         "m3733c": "drivers.force_sensor.sri_m3733c:SriM3733c.from_config",
         "emulated": "drivers.force_sensor.sri_m3733c:SriM3733c.from_config",
-        "mock": "drivers.mock.force_sensor:MockForceSensor.from_config",
+        "mock": "drivers.mock.streams:MockForceSensor.from_config",
     },
     Kind.CAMERA: {
         "uvc": "drivers.camera.uvc:UvcCamera.from_config",
         "emulated": "drivers.camera.uvc:UvcCamera.from_config",
-        "mock": "drivers.mock.camera:MockCamera.from_config",
+        "mock": "drivers.mock.streams:MockCamera.from_config",
     },
     Kind.LAW: {
         "stable-neo-hookean": "sim.material.laws.stable_neo_hookean:LAW",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from drivers.arm.interface import Arm
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
+from tacauchy_rig.doctor.result import CheckResult, failed, judged, passed, skipped
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.registry import Kind, load
 
@@ -57,12 +57,10 @@ def _home_check(config: RigConfig, pose: Sequence[float]) -> CheckResult:
     distance_m = math.dist(pose[:3], config.robot.home)
     position = ", ".join(f"{value * 1e3:.1f}" for value in pose[:3])
     finding = f"the tip is at ({position}) mm, {distance_m * 1e3:.1f} mm from home"
-    if distance_m <= config.workspace.home_radius:
-        return passed("robot.home", finding, value=distance_m * 1e3, unit="mm")
-    return CheckResult(
-        name="robot.home",
-        status=CheckStatus.WARN,
-        finding=finding,
+    return judged(
+        "robot.home",
+        finding,
+        is_good=distance_m <= config.workspace.home_radius,
         value=distance_m * 1e3,
         unit="mm",
         remedy=f"jog the tip to within {config.workspace.home_radius * 1e3:g} mm of robot.home, or "

@@ -47,7 +47,6 @@ class ControllerReport:
         remote_control: False when the pendant is in local control; None where the software has
             no such mode.
         in_use: True when another client owns the command registers.
-        data_period_s: Time between the data packets that were seen, by the controller's clock.
         probe_s: How long the probe took.
     """
 
@@ -60,7 +59,6 @@ class ControllerReport:
     runtime_state: int
     safety_bits: int
     pose: tuple[float, ...]
-    data_period_s: float
     probe_s: float
 
     @property
@@ -100,7 +98,7 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
         # Another client owns the register that takes commands.
         in_use = b"IN_USE" in rtde.ask(PacketKind.SETUP_INPUTS, _COMMAND_REGISTER)
         states = rtde.watch()
-    first, last = states[0], states[-1]
+    last = states[-1]
     return ControllerReport(
         host=host,
         version=version,
@@ -111,7 +109,6 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
         runtime_state=int(last["runtime_state"][0]),
         safety_bits=int(last["safety_status_bits"][0]),
         pose=last["actual_TCP_pose"],
-        data_period_s=(last["timestamp"][0] - first["timestamp"][0]) / (len(states) - 1),
         probe_s=time.monotonic() - start_s,
     )
 

@@ -8,7 +8,7 @@ from drivers.camera.interface import Camera
 from drivers.camera.uvc import MANUAL_EXPOSURE
 from drivers.device.interface import StreamHealth
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
+from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, judged, passed, skipped
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.run import ImageFrame
@@ -69,11 +69,11 @@ def exposure_check(settings: dict[str, str]) -> CheckResult:
     name = "camera.exposure"
     if "auto_exposure" not in settings:
         return skipped(name, "a stream has no exposure to set")
-    if float(settings["auto_exposure"]) == MANUAL_EXPOSURE:
-        return passed(name, f"locked at {settings['exposure']}, gain {settings['gain']}")
-    return CheckResult(
-        name=name,
-        status=CheckStatus.WARN,
-        finding=f"is automatic (now {settings['exposure']}, gain {settings['gain']})",
+    is_locked = float(settings["auto_exposure"]) == MANUAL_EXPOSURE
+    found = f"{settings['exposure']}, gain {settings['gain']}"
+    return judged(
+        name,
+        f"locked at {found}" if is_locked else f"is automatic (now {found})",
+        is_good=is_locked,
         remedy="set camera.exposure, camera.gain and camera.white_balance to fixed values",
     )

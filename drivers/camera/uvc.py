@@ -118,11 +118,7 @@ class UvcCamera:
         )
 
     def connect(self) -> DeviceIdentity:
-        """Open, set the mode, read it back, and see the first frame before the deadline.
-
-        Raises:
-            DeviceError: Absent, no permission, in use, silent, or in another mode than asked.
-        """
+        """Open, set the mode, read it back, see the first frame; see ``StreamingDevice``."""
         deadline = time.monotonic() + self._connect_timeout_s
         found = self._find()
         _quiet_opencv()
@@ -146,11 +142,7 @@ class UvcCamera:
         )
 
     def drain(self) -> list[ImageFrame]:
-        """Return every frame that arrived since the last call, oldest first; never blocks.
-
-        Raises:
-            DeviceError: The camera is gone; raised once all frames before that were returned.
-        """
+        """Return every frame that arrived since the last call; see ``StreamingDevice``."""
         return self._buffer.drain()
 
     def health(self) -> StreamHealth:

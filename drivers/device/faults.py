@@ -37,31 +37,12 @@ class FaultKind(StrEnum):
     STALL = "stall"
 
 
-_STREAM_FAULTS = frozenset(
-    {
-        FaultKind.FREEZE,
-        FaultKind.DROP,
-        FaultKind.GARBLE,
-        FaultKind.DELAY,
-        FaultKind.UNPLUG,
-        FaultKind.SATURATE,
-        FaultKind.STALL,
-    }
-)
+_STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
 
 FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
-    Device.ROBOT: frozenset(
-        {
-            FaultKind.FREEZE,
-            FaultKind.DROP,
-            FaultKind.DELAY,
-            FaultKind.PROTECTIVE_STOP,
-            FaultKind.EMERGENCY_STOP,
-            FaultKind.STALL,
-        }
-    ),
-    Device.FORCE_SENSOR: _STREAM_FAULTS,
-    Device.CAMERA: _STREAM_FAULTS,
+    Device.ROBOT: frozenset(FaultKind) - {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE},
+    Device.FORCE_SENSOR: frozenset(FaultKind) - _STOPS,
+    Device.CAMERA: frozenset(FaultKind) - _STOPS,
 }
 
 _PLAN = re.compile(r"^\s*([^:@+\s]+):([^:@+\s]+)(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")

@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.device.interface import StreamHealth
 from drivers.force_sensor.interface import ForceTorqueSensor
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed, skipped
+from tacauchy_rig.doctor.result import CheckResult, failed, judged, passed, skipped
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.run import FZ, ForceSample
@@ -54,14 +54,12 @@ def latency_timer_check(port: str, *, sys_folder: Path) -> CheckResult:
         timer_ms = int(path.read_text("ascii"))
     except (OSError, ValueError):
         return skipped(name, f"{port} is no USB adapter with such a timer")
-    if timer_ms <= _GOOD_TIMER_MS:
-        return passed(
-            name, f"{adapter} passes data on after {timer_ms} ms", value=timer_ms, unit="ms"
-        )
-    return CheckResult(
-        name=name,
-        status=CheckStatus.WARN,
-        finding=f"{adapter} holds data back for up to {timer_ms} ms, which bunches the frames",
+    is_good = timer_ms <= _GOOD_TIMER_MS
+    late = f"{adapter} holds data back for up to {timer_ms} ms, which bunches the frames"
+    return judged(
+        name,
+        f"{adapter} passes data on after {timer_ms} ms" if is_good else late,
+        is_good=is_good,
         value=timer_ms,
         unit="ms",
         remedy=f"echo {_GOOD_TIMER_MS} | sudo tee {path}",
@@ -77,12 +75,10 @@ def rate_check(samples: list[ForceSample], health: StreamHealth, *, asked_hz: fl
         f"{health.lost_count} lost and {health.corrupt_count} damaged of {health.received_count}"
     )
     wrong = abs(health.rate_hz / asked_hz - 1.0) > _RATE_TOLERANCE
-    if not (wrong or health.lost_count or health.corrupt_count):
-        return passed("force_sensor.rate", finding, value=health.rate_hz, unit="Hz")
-    return CheckResult(
-        name="force_sensor.rate",
-        status=CheckStatus.WARN,
-        finding=finding,
+    return judged(
+        "force_sensor.rate",
+        finding,
+        is_good=not (wrong or health.lost_count or health.corrupt_count),
         value=health.rate_hz,
         unit="Hz",
         remedy="check cable and shield, the adapter's latency timer, and the rate set in the box",
@@ -107,11 +103,4 @@ def noise_check(samples: list[ForceSample], config: RigConfig) -> CheckResult:
         remedy += "zero it in the box (AT+ADJZF)"
     elif deviation == 0.0:
         remedy = "a live sensor has noise: switch the box off and on"
-    return CheckResult(
-        name=name,
-        status=CheckStatus.WARN if remedy else CheckStatus.OK,
-        finding=finding,
-        value=deviation,
-        unit="N",
-        remedy=remedy,
-    )
+    return judged(name, finding, is_good=not remedy, value=deviation, unit="N", remedy=remedy)

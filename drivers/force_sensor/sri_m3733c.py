@@ -100,11 +100,7 @@ class SriM3733c:
         )
 
     def connect(self) -> DeviceIdentity:
-        """Open the port, configure the box, start the stream and see the first frame.
-
-        Raises:
-            DeviceError: Absent, no permission, in use, silent, or speaking something else.
-        """
+        """Open the port, configure the box, start the stream; see ``StreamingDevice``."""
         deadline = time.monotonic() + self._connect_timeout_s
         self._check_bandwidth()
         self._port = _open_port(self._path, baud_rate=self._baud_rate)
@@ -131,11 +127,7 @@ class SriM3733c:
         )
 
     def drain(self) -> list[ForceSample]:
-        """Return every sample that arrived since the last call, oldest first; never blocks.
-
-        Raises:
-            DeviceError: The port is gone; raised once everything that came before was returned.
-        """
+        """Return every sample that arrived since the last call; see ``StreamingDevice``."""
         return self._buffer.drain()
 
     def health(self) -> StreamHealth:

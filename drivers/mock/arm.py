@@ -27,17 +27,14 @@ class MockArm:
     ``arm-ignores-moves``.
 
     Attributes:
-        protective_stops: How often a protective stop was triggered.
         fastest_m_s: Highest tool speed so far.
         watchdog_stops: How often the watchdog had to stop the arm.
     """
 
     def __init__(self, world: MockWorld) -> None:
         self.world = world
-        self.protective_stops = 0
         self.watchdog_stops = 0
         self.fastest_m_s = 0.0
-        self.stopped_by_program_count = 0
         self._target: Pose | None = None
         self._speed = 0.0
         self._acceleration = world.config.robot.acceleration
@@ -138,14 +135,12 @@ class MockArm:
 
     def stop(self) -> None:
         """End any motion after the world's motion delay."""
-        self.stopped_by_program_count += 1
         delay_ns = round(self.world.motion_delay_s * 1e9)
         self._commands.append((self.world.clock.now_ns() + delay_ns, Still))
         self._target = None
 
     def protective_stop(self) -> None:
         """Lock the arm; nothing here unlocks it."""
-        self.protective_stops += 1
         self._lock()
 
     def close(self) -> None:

@@ -8,8 +8,7 @@ from drivers.arm.ur5 import Ur5
 from drivers.camera.uvc import UvcCamera
 from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.mock.arm import MockArm
-from drivers.mock.camera import MockCamera
-from drivers.mock.force_sensor import MockForceSensor
+from drivers.mock.streams import MockCamera, MockForceSensor
 from drivers.rig import build_arm_and_force_sensor, build_camera
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError

@@ -10,9 +10,7 @@ from typing import Any
 import pytest
 
 from drivers.device.interface import StreamHealth
-from drivers.mock.bench import MockBench
-from drivers.mock.camera import MockCamera
-from drivers.mock.clock import SimulatedClock
+from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
 from drivers.rig import FrameMark, Rig
 from protocols.control.cycle import Cycle
@@ -23,6 +21,7 @@ from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
+from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')

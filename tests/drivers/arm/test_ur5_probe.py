@@ -36,7 +36,6 @@ def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: 
     assert report.remote_control is (True if model is RobotModel.E_SERIES else None)
     assert report.runtime_state == RuntimeState.STOPPED
     assert report.safety_bits == SafetyBit.NORMAL
-    assert report.data_period_s > 0.0
     assert report.pose[2] == pytest.approx(0.2)
     assert not report.in_use
     require_ready(report, model=model)

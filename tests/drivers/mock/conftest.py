@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.mock.bench import MockBench
-from drivers.mock.clock import SimulatedClock
 from drivers.mock.world import MockWorld
 from tacauchy_rig.config.load import load_config
+from tests.mock_bench import MockBench, SimulatedClock
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.mock.gel import Gel
+from drivers.mock.world import Gel
 
 
 def test_a_step_relaxes_by_the_fraction_with_the_time_constant():

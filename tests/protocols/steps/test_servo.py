@@ -8,7 +8,7 @@ from collections import deque
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.mock.gel import Gel
+from drivers.mock.world import Gel
 from protocols.steps.servo import ForceServo
 
 PERIOD_S = 0.01

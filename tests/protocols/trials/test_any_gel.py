@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.mock.gel import Gel
+from drivers.mock.world import Gel
 from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.run import Outcome
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from drivers.mock.gel import Gel
+from drivers.mock.world import Gel
 from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.run import Outcome
 

@@ -1,4 +1,4 @@
-"""All mock devices on one mock world."""
+"""All mock devices on one mock world, and a clock that advances only when someone sleeps."""
 
 from __future__ import annotations
 
@@ -6,9 +6,28 @@ from dataclasses import dataclass
 from typing import Self
 
 from drivers.mock.arm import MockArm
-from drivers.mock.camera import MockCamera
-from drivers.mock.force_sensor import MockForceSensor
+from drivers.mock.streams import MockCamera, MockForceSensor
 from drivers.mock.world import MockWorld
+
+STEP_NS = 1_000
+"""Reading the clock costs a microsecond, so that a loop that forgets to sleep still ends."""
+
+
+class SimulatedClock:
+    """Nanoseconds since the start, moved on by ``sleep``."""
+
+    def __init__(self, *, start_ns: int = 1_000_000_000) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Return the simulated time [ns]."""
+        self._now_ns += STEP_NS
+        return self._now_ns
+
+    def sleep(self, duration_s: float) -> None:
+        """Move the time on by ``duration_s`` [s]."""
+        if duration_s > 0.0:
+            self._now_ns += round(duration_s * 1e9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
