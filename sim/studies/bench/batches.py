@@ -32,7 +32,7 @@ _SPREAD = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchPartsRow:
-    """Times of a tick's launches, all environments doing the same.
+    """Times of an iteration's launches, all environments doing the same.
 
     Attributes:
         doing: Evaluating forces, or searching by conjugate gradients.
@@ -72,7 +72,7 @@ def stress_times(batch: Batch, *, repeats: int = _LAUNCHES) -> StressTimes:
 
 
 def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> list[BatchPartsRow]:
-    """Time the launches of a tick on the untouched gel; the batch is reset."""
+    """Time the launches of an iteration on the untouched gel; the batch is reset."""
     rows = []
     for doing, phase, act in (("forces", EVALUATE, START), ("search", SEARCH, ADVANCE_SEARCH)):
         parts = {}
@@ -121,7 +121,7 @@ class BatchRow:
         gap_m: The smallest [m].
         failed_count: Environments that did not reach their last frame.
         stress: What taking the stress off the surface takes.
-        parts: What each launch of a tick takes.
+        parts: What each launch of an iteration takes.
     """
 
     device: str
