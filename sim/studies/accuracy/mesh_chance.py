@@ -16,20 +16,12 @@ EDGE_SHIFT = 0.07
 _SHARE_MIN, _SHARE_MAX = 0.25, 1.0
 
 Errors = Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class MeshKey:
-    """What of a configuration decides its mesh and element."""
-
-    preset: Preset
-    refinement: float
-    element: ElementOrder
+MeshKey = tuple[ElementOrder, Preset, float]
 
 
 def mesh_key(configuration: Configuration) -> MeshKey:
     """Return what decides a configuration's mesh and element."""
-    return MeshKey(configuration.preset, configuration.refinement, configuration.element)
+    return configuration.element, configuration.preset, configuration.refinement
 
 
 def neighbours(configuration: Configuration) -> tuple[Configuration, Configuration]:
@@ -74,7 +66,7 @@ def chances(
     if configuration.preset is Preset.PAPER:
         return dict.fromkeys(errors, 0.0)
     key = mesh_key(configuration)
-    alike = [found for other, found in measured.items() if other.element is key.element]
+    alike = [found for other, found in measured.items() if other[0] is key[0]]
     near = measured.get(key) or max(alike, key=lambda found: found.tet_count, default=None)
     shares = dict.fromkeys(errors, _SHARE_MIN) if near is None else _shares(near)
     scaled = {name: shares[name] * abs(error) for name, error in errors.items()}

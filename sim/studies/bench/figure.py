@@ -13,14 +13,14 @@ from matplotlib.ticker import NullFormatter
 
 from sim.studies.bench.batches import BatchRow
 from sim.studies.bench.press_parts import EXPONENT_WANTED, GrowthRow, PartRow, exponent
-from sim.studies.bench.suite import Bench
+from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
 
 _COLOURS = (BLUE, ORANGE, GREEN)
 _ALONE_SHARE = 0.6
 
 
-def draw_bench(found: Bench, *, folder: Path, name: str = "bench") -> list[Path]:
+def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[Path]:
     """Draw what was measured of parts, growth and batches, and write ``name`` as PDF and PNG.
 
     Returns:

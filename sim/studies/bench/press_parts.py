@@ -18,7 +18,7 @@ from sim.scene.scene import Preset, Scene
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 
-_REPEATS = 30
+_REPEATS, _REPEATS_LEAST = 30, 3
 _BUDGET_S = 3.0
 Render = Callable[[HeightMaps], ImageArray]
 REFINEMENTS = (0.7, 1.0, 1.4, 2.0, 2.5)
@@ -92,12 +92,7 @@ def _solver_parts(path: LoadingPath, point: PathPoint) -> dict[str, Callable[[],
 
 
 def _timed(preset: Preset, name: str, part: Callable[[], object]) -> PartRow:
-    part()
-    times: list[float] = []
-    while len(times) < _REPEATS and (len(times) < 3 or sum(times) < _BUDGET_S):
-        started = time.perf_counter()
-        part()
-        times.append(time.perf_counter() - started)
+    times = times_of(part, most=_REPEATS, least=_REPEATS_LEAST, budget_s=_BUDGET_S)
     return PartRow(
         preset=preset.value,
         name=name,
@@ -105,6 +100,23 @@ def _timed(preset: Preset, name: str, part: Callable[[], object]) -> PartRow:
         least_s=min(times),
         repeats=len(times),
     )
+
+
+def times_of(act: Callable[[], object], *, most: int, least: int, budget_s: float) -> list[float]:
+    """Repeat something after once to warm up, and return how long each time took [s].
+
+    Args:
+        most: Repeats.
+        least: Repeats that are made however long they take.
+        budget_s: Begin no more once so much was spent [s].
+    """
+    act()
+    times: list[float] = []
+    while len(times) < most and (len(times) < least or sum(times) < budget_s):
+        started = time.perf_counter()
+        act()
+        times.append(time.perf_counter() - started)
+    return times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench.batches import batch_device
+from sim.studies.bench.press_parts import times_of
 from tacauchy_rig.errors import ConfigError
 
 SENSORS = ("gelsight-mini", "digit")
@@ -34,7 +35,7 @@ _BATCH_ON_CPU = 2
 SAMPLES, BLUR_PX = 2, 0.75
 _DEPTH_M = 0.5e-3
 _GREY = 118
-_REPEATS = 50
+_REPEATS, _REPEATS_LEAST = 50, 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +68,8 @@ class RenderingRow:
     median_s: float
     least_s: float
     repeats: int
-    apart_levels: int
-    apart_share: float
+    apart_levels: int = 0
+    apart_share: float = 0.0
 
     @property
     def image_ms(self) -> float:
@@ -78,14 +79,25 @@ class RenderingRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Look:
-    """What a renderer is made of, and dents [m] for it, shape [batch, height, width]."""
+    """What a renderer is made of, dents [m] for it, [batch, height, width], and a row for both."""
 
-    title: str
     arguments: tuple[Any, ...]
     options: dict[str, Any]
     rest_m: FloatArray
     dents_m: FloatArray
-    row: dict[str, Any]
+    row: Callable[..., RenderingRow]
+
+    def alone(self) -> TactileRenderer:
+        """Return the renderer that a replay uses."""
+        return TactileRenderer(*self.arguments, **self.options)
+
+    def timed_alone(self, budget_s: float) -> RenderingRow:
+        """Time the deepest dent's image, rendered by itself."""
+        single, height = self.alone(), self.rest_m - self.dents_m[-1]
+        times_s = times_of(
+            lambda: single.render(height), most=_REPEATS, least=_REPEATS_LEAST, budget_s=budget_s
+        )
+        return self.row(renderer="one by one", device="cpu", image_count=1, **_facts(times_s))
 
 
 def measure_rendering(
@@ -108,10 +120,9 @@ def measure_rendering(
 def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRow]:
     device = batch_device()
     surface = _pressed(scene, name)
-    plain = _look(name, surface, samples=1, count=1)
-    yield _row(plain, "one by one", "cpu", 1, _timed(_alone(plain), budget_s), apart=(0, 0.0))
+    yield _look(name, surface, samples=1, count=1).timed_alone(budget_s)
     look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
-    yield _row(look, "one by one", "cpu", 1, _timed(_alone(look), budget_s), apart=(0, 0.0))
+    yield look.timed_alone(budget_s)
     batch = TactileRenderer(*look.arguments, **look.options, device=device)
     dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
@@ -120,17 +131,17 @@ def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRo
         wp.synchronize_device(device)
         return images
 
-    single = TactileRenderer(*look.arguments, **look.options)
+    single = look.alone()
     expected = np.stack([single.render(look.rest_m - dent) for dent in look.dents_m])
-    apart = _apart(together().numpy(), expected)
-    shown = wp.get_device(device).name if device != "cpu" else device
-    yield _row(look, "batch", shown, len(look.dents_m), _timed(together, budget_s), apart=apart)
-
-
-def _alone(look: _Look) -> Callable[[], object]:
-    single = TactileRenderer(*look.arguments, **look.options)
-    height = look.rest_m - look.dents_m[-1]
-    return lambda: single.render(height)
+    apart = np.abs(together().numpy().astype(np.int16) - expected.astype(np.int16))
+    yield look.row(
+        renderer="batch",
+        device=wp.get_device(device).name if device != "cpu" else device,
+        image_count=len(look.dents_m),
+        apart_levels=int(apart.max()),
+        apart_share=float(np.mean(apart > 0)),
+        **_facts(times_of(together, most=_REPEATS, least=_REPEATS_LEAST, budget_s=budget_s)),
+    )
 
 
 def _pressed(scene: Scene, name: str) -> SurfaceState:
@@ -157,18 +168,20 @@ def _look(name: str, surface: SurfaceState, *, samples: int, count: int) -> _Loo
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
     depths = np.arange(1, count + 1) / count
     return _Look(
-        title=sensor.title,
         arguments=(grey, maps.rest, model, geometry),
         options={"shadows": shadows, "samples": samples, "blur_px": BLUR_PX},
         rest_m=maps.rest,
         dents_m=depths[:, None, None] * (maps.rest - maps.loaded),
-        row={
-            "width_px": geometry.width,
-            "height_px": geometry.height,
-            "samples": samples,
-            "shadow_count": 0 if shadows is None else len(shadows.lamps),
-            "term_count": len(model.exponents) + len(model.term_coefficients),
-        },
+        row=partial(
+            RenderingRow,
+            sensor=sensor.title,
+            width_px=geometry.width,
+            height_px=geometry.height,
+            samples=samples,
+            blur_px=BLUR_PX,
+            shadow_count=0 if shadows is None else len(shadows.lamps),
+            term_count=len(model.exponents) + len(model.term_coefficients),
+        ),
     )
 
 
@@ -209,40 +222,9 @@ def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
     )
 
 
-def _row(
-    look: _Look,
-    renderer: str,
-    device: str,
-    count: int,
-    times_s: list[float],
-    *,
-    apart: tuple[int, float],
-) -> RenderingRow:
-    return RenderingRow(
-        sensor=look.title,
-        renderer=renderer,
-        device=device,
-        image_count=count,
-        blur_px=BLUR_PX,
-        median_s=float(np.median(times_s)),
-        least_s=min(times_s),
-        repeats=len(times_s),
-        apart_levels=apart[0],
-        apart_share=apart[1],
-        **look.row,
-    )
-
-
-def _apart(images: Any, expected: Any) -> tuple[int, float]:
-    difference = np.abs(images.astype(np.int16) - expected.astype(np.int16))
-    return int(difference.max()), float(np.mean(difference > 0))
-
-
-def _timed(render: Callable[[], object], budget_s: float) -> list[float]:
-    render()
-    times: list[float] = []
-    while len(times) < _REPEATS and (len(times) < 5 or sum(times) < budget_s):
-        started = time.perf_counter()
-        render()
-        times.append(time.perf_counter() - started)
-    return times
+def _facts(times_s: list[float]) -> dict[str, Any]:
+    return {
+        "median_s": float(np.median(times_s)),
+        "least_s": min(times_s),
+        "repeats": len(times_s),
+    }

@@ -24,7 +24,7 @@ from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, pa
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
 
-PRESETS = (Preset.FAST, Preset.BALANCED)
+_PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
 
@@ -56,7 +56,7 @@ _NO_GPU = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bench:
+class Benchmark:
     """What was measured; what was not asked for is empty.
 
     Attributes:
@@ -82,11 +82,10 @@ def run_bench(
     forces_n: Sequence[float],
     *,
     parts: Collection[Part] = tuple(Part),
-    presets: Sequence[Preset] = PRESETS,
     against: Preset = Preset.ACCURATE,
     peer: Peer | None = None,
     on_progress: Progress = lambda _text: None,
-) -> Bench:
+) -> Benchmark:
     """Measure everything that this machine can.
 
     Args:
@@ -96,7 +95,6 @@ def run_bench(
         image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
         parts: What to measure.
-        presets: For the parts of the work and the replay.
         against: Whose force at the end of the travel is taken for exact.
         peer: Run the batches' press by this engine too, after the batches.
 
@@ -116,7 +114,7 @@ def run_bench(
         reuse += measure_reuse(scene, forces_n)
     part_rows: list[PartRow] = []
     replays: list[ReplayRow] = []
-    for preset in presets:
+    for preset in _PRESETS:
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")
             part_rows += part_times(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
@@ -133,7 +131,7 @@ def run_bench(
         on_progress(f"rendering, batches on {batch_device()}")
         rendering += measure_rendering(scene)
     absent += _without_gpu(parts)
-    return Bench(
+    return Benchmark(
         frames=tuple(frames),
         reuse=tuple(reuse),
         batches=tuple(batches),

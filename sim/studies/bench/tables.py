@@ -13,7 +13,7 @@ from sim.studies.bench.press_parts import EXPONENT_WANTED, PartRow, exponent, lo
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
-from sim.studies.bench.suite import Bench
+from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.page import prose
 from tacauchy_rig.tables import Table, table_of
 
@@ -27,9 +27,9 @@ _TIMES = "none: a time belongs to the machine and what else it does"
 _note = partial(prose, "sim.studies.bench", "notes.md.jinja")
 
 
-def bench_tables(found: Bench) -> list[Table]:
+def bench_tables(found: Benchmark) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
-    tables: dict[Callable[[Bench], Table], Sequence[object]] = {
+    tables: dict[Callable[[Benchmark], Table], Sequence[object]] = {
         _frames: found.frames,
         _reuse: found.reuse,
         _batches: found.batches,
@@ -44,7 +44,7 @@ def bench_tables(found: Bench) -> list[Table]:
     return [table(found) for table, rows in tables.items() if rows]
 
 
-def _frames(found: Bench) -> Table:
+def _frames(found: Benchmark) -> Table:
     close = [row for row in found.frames if abs(row.force_error) <= FORCE_ERROR_MAX]
     return table_of(
         found.frames,
@@ -72,7 +72,7 @@ def _frames(found: Bench) -> Table:
     )
 
 
-def _reuse(found: Bench) -> Table:
+def _reuse(found: Benchmark) -> Table:
     first = found.reuse[0]
     return table_of(
         found.reuse,
@@ -90,7 +90,7 @@ def _reuse(found: Bench) -> Table:
     )
 
 
-def _batches(found: Bench) -> Table:
+def _batches(found: Benchmark) -> Table:
     rows = found.batches
     few = [row for row in rows if row.environments <= _FEW]
     power = None
@@ -131,7 +131,7 @@ def _batches(found: Bench) -> Table:
     )
 
 
-def _stress(found: Bench) -> Table:
+def _stress(found: Benchmark) -> Table:
     judged = [row for row in found.batches if row.environments == 1 and row.device != "cpu"]
     limit = f"for one environment on a GPU less than {_STRESS_MS:g} ms"
     return table_of(
@@ -153,7 +153,7 @@ def _stress(found: Bench) -> Table:
     )
 
 
-def _launches(found: Bench) -> Table:
+def _launches(found: Benchmark) -> Table:
     rows = [row for batch in found.batches for row in batch.parts]
 
     def time_us(row: BatchPartsRow, name: str) -> float:
@@ -173,11 +173,11 @@ def _launches(found: Bench) -> Table:
     )
 
 
-def _peers(found: Bench) -> Table:
+def _peers(found: Benchmark) -> Table:
     return peer_table(found.batches, found.peers)
 
 
-def _parts(found: Bench) -> Table:
+def _parts(found: Benchmark) -> Table:
     rows = {(row.name, row.preset): row for row in found.phases}
     presets = dict.fromkeys(row.preset for row in found.phases)
 
@@ -202,7 +202,7 @@ def _parts(found: Bench) -> Table:
     )
 
 
-def _rendering(found: Bench) -> Table:
+def _rendering(found: Benchmark) -> Table:
     limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS}
     judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
     return table_of(
@@ -234,7 +234,7 @@ def _rendering(found: Bench) -> Table:
     )
 
 
-def _replays(found: Bench) -> Table:
+def _replays(found: Benchmark) -> Table:
     within = [row for row in found.replays if row.is_within]
     return table_of(
         found.replays,
@@ -258,7 +258,7 @@ def _replays(found: Bench) -> Table:
     )
 
 
-def _growth(found: Bench) -> Table:
+def _growth(found: Benchmark) -> Table:
     sizes = [float(row.tet_count) for row in found.growth]
     spent = [row.cpu_s for row in found.growth]
     each = [row.cpu_s / row.newton_iterations for row in found.growth]

@@ -44,9 +44,7 @@ def draw_modes(
         RecordError: The files cannot be written.
     """
 
-    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
-        maps, section = _maps_and_section(run)
-        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, section: PlaneCut) -> str:
         _draw_pressure(row[1], run, maps)
         _draw_traction(row[2], run, maps)
         name, i, j = _SHEARS[run.name]
@@ -70,9 +68,7 @@ def draw_sensors(
         RecordError: The files cannot be written.
     """
 
-    def draw(run: ModeRun, row: Sequence[Axes]) -> str:
-        maps, section = _maps_and_section(run)
-        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, _section: PlaneCut) -> str:
         _draw_mesh(row[1], maps)
         _draw_pressure(row[2], run, maps)
         _draw_traction(row[3], run, maps)
@@ -85,23 +81,26 @@ def draw_sensors(
 
 def _drawn(
     runs: Sequence[ModeRun],
-    draw: Callable[[ModeRun, Sequence[Axes]], str],
+    draw: Callable[[ModeRun, Sequence[Axes], SurfaceMaps, PlaneCut], str],
     *,
     height_in: float,
     widths: tuple[float, ...],
 ) -> Figure:
-    """Return a figure of one row a run; ``draw`` fills a row's axes and returns its title."""
+    """Return a figure of one row a run, which begins with the stress along z in a section.
+
+    Args:
+        draw: Fills a row's other axes and returns its title.
+    """
     figure = Figure(figsize=(PAGE_IN, height_in * len(runs)), layout="constrained")
     parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]
     for part, run in zip(parts, runs, strict=True):
-        title = draw(run, part.subplots(1, len(widths), width_ratios=widths))
+        row = part.subplots(1, len(widths), width_ratios=widths)
+        section = cut(run.path.model, run.point.state.positions)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        title = draw(run, row, surface_maps(run.path, run.point), section)
         force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
         part.suptitle(f"{title}, {force}", x=0.01, ha="left")
     return figure
-
-
-def _maps_and_section(run: ModeRun) -> tuple[SurfaceMaps, PlaneCut]:
-    return surface_maps(run.path, run.point), cut(run.path.model, run.point.state.positions)
 
 
 def _reach(run: ModeRun) -> float:
@@ -131,9 +130,7 @@ def _draw_section(
     height = run.path.model.height_m * _MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(0.0, 1.35 * height)
-    axes.set_aspect("equal")
-    axes.set_xlabel("$x$ (mm)")
-    axes.set_ylabel("$z$ (mm)")
+    _label(axes, "z")
     _bar(axes, shown, f"{name} (kPa)", extend="both")
 
 
@@ -175,9 +172,7 @@ def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
     low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
     axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
     axes.set_ylim(low[1] - 0.3, high[1] + 0.3)
-    axes.set_aspect("equal")
-    axes.set_xlabel("$x$ (mm)")
-    axes.set_ylabel("$y$ (mm)")
+    _label(axes, "y")
 
 
 def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
@@ -225,10 +220,14 @@ def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, n
     reach, tip = _reach(run), run.point.state.tip * _MM
     axes.set_xlim(tip[0] - reach, tip[0] + reach)
     axes.set_ylim(tip[1] - reach, tip[1] + reach)
+    _label(axes, "y")
+    _bar(axes, shown, name, extend="max")
+
+
+def _label(axes: Axes, upwards: str) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("$x$ (mm)")
-    axes.set_ylabel("$y$ (mm)")
-    _bar(axes, shown, name, extend="max")
+    axes.set_ylabel(f"${upwards}$ (mm)")
 
 
 def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:

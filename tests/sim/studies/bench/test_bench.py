@@ -29,7 +29,7 @@ from sim.studies.bench.frames import (
 from sim.studies.bench.press_parts import exponent, growth, local_exponents, part_times
 from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay
-from sim.studies.bench.suite import Bench, Part, run_bench
+from sim.studies.bench.suite import Benchmark, Part, run_bench
 from sim.studies.bench.tables import bench_tables
 
 _SCENE = Scene(
@@ -92,12 +92,12 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Bench:
+def found() -> Benchmark:
     """Return a benchmark of a coarse ball press; its replay is made up."""
     exact_n = exact_force(_SCENE, preset=Preset.FAST)
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = part_times(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
-    return Bench(
+    return Benchmark(
         frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
         reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
         batches=tuple(batches),
@@ -109,7 +109,7 @@ def found() -> Bench:
     )
 
 
-def test_frames_and_their_time_fit(found: Bench) -> None:
+def test_frames_and_their_time_fit(found: Benchmark) -> None:
     """Twenty frames in the time of all."""
     (alone,) = found.frames
     assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
@@ -139,7 +139,7 @@ def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
 )
 def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
     """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
-    (table,) = bench_tables(Bench(replays=(row,)))
+    (table,) = bench_tables(Benchmark(replays=(row,)))
     assert table.passed is met
 
 
@@ -156,7 +156,7 @@ def test_a_replay_makes_an_image_of_every_press() -> None:
     assert row.wall_s == row.presses_s + row.images_s
 
 
-def test_batches_are_counted_over_all_environments(found: Bench) -> None:
+def test_batches_are_counted_over_all_environments(found: Benchmark) -> None:
     """Three environments: three times the frames of one in that time; the first is the scene."""
     alone, three = found.batches
     assert three.frames_per_s == pytest.approx(3 * FRAME_COUNT / three.wall_s)
@@ -166,7 +166,7 @@ def test_batches_are_counted_over_all_environments(found: Bench) -> None:
     assert alone.failed_count == three.failed_count == 0
 
 
-def test_what_reuse_saves_changes_no_force(found: Bench) -> None:
+def test_what_reuse_saves_changes_no_force(found: Benchmark) -> None:
     """The travel ends with the same F_z, the replay with the same; a kept factor is kept."""
     quick, newton, together, anew = found.reuse
     assert quick.force_n == pytest.approx(newton.force_n, rel=1e-5)
@@ -175,7 +175,7 @@ def test_what_reuse_saves_changes_no_force(found: Bench) -> None:
     assert together.factorisations < anew.factorisations
 
 
-def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
+def test_every_launch_of_a_tick_is_timed(found: Benchmark) -> None:
     """For forces and search, in the order of the launches, and none takes no time."""
     for batch in found.batches:
         assert [row.doing for row in batch.parts] == ["forces", "search"]
@@ -184,7 +184,7 @@ def test_every_launch_of_a_tick_is_timed(found: Bench) -> None:
             assert min(row.parts_s.values()) > 0.0
 
 
-def test_taking_the_stress_off_is_timed(found: Bench) -> None:
+def test_taking_the_stress_off_is_timed(found: Benchmark) -> None:
     """On the device and to the host, with the number of faces that each environment has."""
     alone, three = (batch.stress for batch in found.batches)
     assert alone.face_count == three.face_count > 0
@@ -201,7 +201,7 @@ def test_environments_differ_but_the_first() -> None:
     assert all(0.9 <= other.load_history[-1] / first.load_history[-1] <= 1.0 for other in others)
 
 
-def test_every_part_is_timed(found: Bench) -> None:
+def test_every_part_is_timed(found: Benchmark) -> None:
     """The least time is not above the median, and each part was repeated."""
     assert [row.name for row in found.phases] == [
         "assembly",
@@ -217,7 +217,7 @@ def test_every_part_is_timed(found: Bench) -> None:
         assert row.repeats >= 3
 
 
-def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
+def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
     """With samples, shadows and blur, no value is more than one grey level apart."""
     plain, alone, together = found.rendering
     assert (plain.samples, alone.samples, together.samples) == (1, 2, 2)
@@ -229,7 +229,7 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Bench) -> None:
     assert 0.0 < together.least_s <= together.median_s
 
 
-def test_tables_hold_every_row(found: Bench) -> None:
+def test_tables_hold_every_row(found: Benchmark) -> None:
     """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
     tables = bench_tables(found)
     assert [len(table.rows) for table in tables] == [1, 4, 2, 2, 4, 7, 3, 1, 2]
@@ -239,7 +239,7 @@ def test_tables_hold_every_row(found: Bench) -> None:
     assert "exponent" in tables[8].columns[-1]
 
 
-def test_only_what_was_asked_for_is_measured(found: Bench) -> None:
+def test_only_what_was_asked_for_is_measured(found: Benchmark) -> None:
     """One part: its table and no other."""
     only = run_bench(
         _SCENE,

@@ -8,7 +8,7 @@ import cv2
 
 from sim.studies.bench.figure import draw_bench
 from sim.studies.bench.press_parts import GrowthRow, PartRow
-from sim.studies.bench.suite import Bench
+from sim.studies.bench.suite import Benchmark
 
 _GROWTH = tuple(
     GrowthRow(
@@ -34,7 +34,7 @@ _PARTS = tuple(
 
 def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
     """Both files, wide enough to print, with something on them."""
-    files = draw_bench(Bench(phases=_PARTS, growth=_GROWTH), folder=tmp_path)
+    files = draw_bench(Benchmark(phases=_PARTS, growth=_GROWTH), folder=tmp_path)
     assert [file.name for file in files] == ["bench.pdf", "bench.png"]
     picture = cv2.imread(str(files[1]))
     assert picture is not None
@@ -44,5 +44,5 @@ def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
 
 def test_what_has_no_figure_draws_none(tmp_path: Path) -> None:
     """Without parts, growth and batches there is nothing to see, and no file."""
-    assert draw_bench(Bench(), folder=tmp_path) == []
+    assert draw_bench(Benchmark(), folder=tmp_path) == []
     assert not list(tmp_path.iterdir())
