@@ -181,7 +181,9 @@ class _Images:
 
     def take(self, indentation_m: Any) -> None:
         """Take the indentations of the samples [m], shape [count, height, width]."""
-        if isinstance(indentation_m, np.ndarray):
+        if isinstance(indentation_m, np.ndarray) and self._dent.device.is_cpu:
+            self._dent.numpy()[...] = indentation_m
+        elif isinstance(indentation_m, np.ndarray):
             self._dent.assign(indentation_m.astype(np.float32))
         else:
             wp.copy(self._dent, indentation_m)
