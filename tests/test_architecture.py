@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+from tacauchy_rig.registry import Kind
 from tests.architecture import FOLDERS, PAGE, ROOT, arrows, circles, reduced, with_drawing
 
 
@@ -56,7 +57,9 @@ def _missing_names(text: str) -> Iterator[str]:
 
 
 def _exists(name: str) -> bool:
-    """Return whether a dotted name is a module, or something in one."""
+    """Return whether a dotted name is a module, something in one, or a group of entry points."""
+    if name in {kind.group for kind in Kind}:
+        return True
     parent, _, last = name.rpartition(".")
     if importlib.util.find_spec(parent) is None:
         return False
