@@ -133,8 +133,11 @@ def _contact_height(trial: TrialEvidence, touched_m: float | None) -> Uncertaint
     curve, value = trial.force_depth_simulated, None
     depth = None if trial.record is None else trial.record.depth_measured_m
     if curve is not None and depth is not None and touched_m is not None and len(curve) > 1:
-        stiffness = np.interp(depth, curve[:, 0], np.gradient(curve[:, 1], curve[:, 0]))
-        value = 0.5 * touched_m * float(stiffness)
+        # Over the whole depth in doubt: a slope between two evaluations that lie a nanometre apart
+        # is that of the solver's tolerance.
+        deepest = min(depth, curve[-1, 0])
+        deep_n, shallow_n = np.interp([deepest, deepest - touched_m], curve[:, 0], curve[:, 1])
+        value = 0.5 * float(deep_n - shallow_n)
     return UncertaintyTerm(
         name="height of first contact",
         group=TermGroup.INPUTS,

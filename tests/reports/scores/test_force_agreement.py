@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from reports.evidence.evidence import RunEvidence
@@ -25,6 +26,22 @@ def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
     assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
     height = next(t for t in force.budget if t.name == "height of first contact")
     assert height.value_n == pytest.approx(0.5 * 0.0707)
+
+
+def test_contact_height_ignores_evaluations_that_lie_side_by_side(evidence: RunEvidence) -> None:
+    """Two trials that evaluate almost one depth, 0.1 mN apart, leave the uncertainty as it was."""
+    trial = evidence.trials[2]
+    curve, depth = trial.force_depth_simulated, trial.record.depth_measured_m
+    beside = np.array([[depth, 7070.0 * depth], [depth + 2e-9, 7070.0 * depth + 1e-4]])
+    doubled = np.array(sorted(np.concatenate([curve, beside]).tolist()))
+    found = [
+        next(t for t in force.budget if t.name == "height of first contact").value_n
+        for force in (
+            compare_force(t, tolerance_n=0.08, model=None, contact_force_n=0.0707)
+            for t in (trial, replace(trial, force_depth_simulated=doubled))
+        )
+    ]
+    assert found[1] == pytest.approx(found[0], abs=1e-4)
 
 
 def test_both_claims_of_a_trial(evidence: RunEvidence) -> None:
