@@ -13,7 +13,6 @@ from reports.figures.trials import shown
 from reports.scores.metrics import to_grey
 from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
 
-ROWS = ("Real", "Simulated", "Difference")
 SCALE_BAR_M = 5e-3
 MARGINS_IN = 0.9
 LIMIT_PERCENTILE = 99.8
@@ -33,7 +32,8 @@ def draw_images(evidence: RunEvidence) -> Figure:
     for column, trial in enumerate(trials):
         mapped = _draw_column(grid[:, column], trial, limit) or mapped
         grid[0, column].set_title(f"$F_z$ = {trial.force_target_n:.2f} N", fontsize=7.5, pad=3)
-    for row, name in enumerate(ROWS):
+    rows = ("Emulated" if evidence.simulated else "Real", "Simulated", "Difference")
+    for row, name in enumerate(rows):
         grid[row, 0].set_ylabel(name)
     _draw_scale_bar(grid[0, 0], geometry)
     if mapped is not None:

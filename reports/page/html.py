@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -15,7 +14,16 @@ from reports.comparison.sentences import MINUS, NAMES
 from reports.scores.metrics import Metric
 
 ABSENT = "\u2013"
-KEY_UNITS = {"hz": "Hz", "ms": "ms", "s": "s", "n": "N", "m": "m", "mm": "mm", "pa": "Pa"}
+KEY_UNITS = {
+    "hz": "Hz",
+    "ms": "ms",
+    "s": "s",
+    "n": "N",
+    "m": "m",
+    "mm": "mm",
+    "pa": "Pa",
+    "px": "px",
+}
 DECIMALS = {
     Metric.SSIM.value: 4,
     Metric.NCC.value: 4,
@@ -76,20 +84,24 @@ def signed(value: float | None, digits: int = 3, factor: float = 1.0, unit: str 
 
 
 def plain(value: object) -> str:
-    """Show a JSON value in a table cell: text as it is, numbers short, the rest as JSON."""
+    """Show a JSON value in a table cell: numbers short, tables as words with their values."""
     if value is None:
         return ABSENT
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.6g}".replace("-", MINUS)
-    if isinstance(value, str | int):
-        return str(value)
-    return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return "; ".join(f"{words(key)} {plain(item)}" for key, item in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(plain, value)) or "none"
+    return str(value)
 
 
 def words(name: str) -> str:
     """Turn a key such as ``force_rate_hz`` into words with its unit, "force rate (Hz)"."""
+    if name.endswith("_m_px"):
+        return f"{words(name.removesuffix('_m_px'))} (m/px)"
     parts = name.replace("-", "_").split("_")
     for index, part in enumerate(parts[1:], start=1):
         if part in KEY_UNITS:

@@ -65,6 +65,12 @@ def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
     assert "alternatives" not in page.replace(table, "")
 
 
+def test_the_page_shows_no_code(written: ReportPaths) -> None:
+    """Neither JSON nor powers of ten of what is nothing in newtons."""
+    text = re.sub(r"<style>.*?</style>|<[^>]+>", " ", written.html.read_text("utf-8"), flags=re.S)
+    assert not re.search(r'\[\]|\{"|\[\[|null|e−\d+ N', text)
+
+
 def test_incomplete_run_is_written_without_nan(
     incomplete: ValidationReport, tmp_path: Path
 ) -> None:
@@ -116,6 +122,16 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     assert body.index("SIMULATED") < body.index("Passed: all 6") < body.index("<img")
     assert page.count("SIMULATED: this run used emulated devices") == 2
     assert page.count('<img src="data:image/png') == 18 + 8
+
+
+def test_what_was_emulated_is_not_called_real(
+    written: ReportPaths, incomplete: ValidationReport, tmp_path: Path
+) -> None:
+    """The row of recorded images says whose they are."""
+    assert "<th>Emulated</th>" in written.html.read_text("utf-8")
+    page = write_report(incomplete, tmp_path / "report").html.read_text("utf-8")
+    assert "<th>Real</th>" in page
+    assert "Emulated" not in page
 
 
 def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths) -> None:
@@ -184,5 +200,8 @@ def test_numbers_are_written_for_people() -> None:
     assert number(-1.5, 1) == "−1.5"
     assert signed(0.25, 2) == "+0.25"
     assert signed(None) == number(None) == plain(None) == "–"
+    assert plain([]) == plain({}) == "none"
+    assert plain({"ball_m": 0.5, "at": [1.0, -2.0]}) == "ball (m) 0.5; at 1, −2"
+    assert words("scale_x_m_px") == "scale x (m/px)"
     assert words("force_rate_hz") == "force rate (Hz)"
     assert words("control_loop_ms_p99") == "control loop p99 (ms)"
