@@ -8,7 +8,8 @@ than wrinkles, scratches and uneven light do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ _GENTLE = polynomial_exponents(
 )
 REFERENCE = 128.0
 RIDGE = 1e-5
+_BY_COLUMN = {"tilt", "position", "rest_tilt"}  # arrays with a column for each point
 BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 _GROUPS = 6
@@ -50,14 +52,6 @@ class SurfacePoints:
     tilt: FloatArray
     indentation_m: FloatArray
     curvature: FloatArray
-
-    def thinned(self, step: int) -> SurfacePoints:
-        """Return every ``step``-th point."""
-        return SurfacePoints(
-            tilt=self.tilt[:, ::step],
-            indentation_m=self.indentation_m[::step],
-            curvature=self.curvature[::step],
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,17 +90,8 @@ class PhotometricSamples:
 
     def thinned(self, step: int) -> PhotometricSamples:
         """Return every ``step``-th sample."""
-        curvature, rest, weights = self.curvature, self.rest_tilt, self.weights
-        return PhotometricSamples(
-            tilt=self.tilt[:, ::step],
-            position=self.position[:, ::step],
-            indentation_m=self.indentation_m[::step],
-            change=self.change[::step],
-            counts=self.counts[::step],
-            curvature=None if curvature is None else curvature[::step],
-            rest_tilt=None if rest is None else rest[:, ::step],
-            weights=None if weights is None else weights[::step],
-            around=tuple(points.thinned(step) for points in self.around),
+        return _each_array(
+            [self], lambda arrays, axis: arrays[0][:, ::step] if axis else arrays[0][::step]
         )
 
     def features(self, exponents: IntArray, terms: ShadingTerms | None) -> FloatArray:
@@ -147,31 +132,30 @@ class PhotometricSamples:
         return np.asarray(found, dtype=np.float64)
 
 
+_Points = TypeVar("_Points", "SurfacePoints", "PhotometricSamples")
+
+
 def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
     """Return the samples of several presses as one; what one of them lacks, all lack."""
+    return _each_array(parts, lambda arrays, axis: np.concatenate(arrays, axis=axis))
 
-    def along(axis: int, values: list[FloatArray | None]) -> FloatArray | None:
-        known = [value for value in values if value is not None]
-        return np.concatenate(known, axis=axis) if len(known) == len(parts) else None
 
-    return PhotometricSamples(
-        tilt=np.concatenate([part.tilt for part in parts], axis=1),
-        position=np.concatenate([part.position for part in parts], axis=1),
-        indentation_m=np.concatenate([part.indentation_m for part in parts]),
-        change=np.concatenate([part.change for part in parts]),
-        counts=np.concatenate([part.counts for part in parts]),
-        curvature=along(0, [part.curvature for part in parts]),
-        rest_tilt=along(1, [part.rest_tilt for part in parts]),
-        weights=along(0, [part.weights for part in parts]),
-        around=tuple(
-            SurfacePoints(
-                tilt=np.concatenate([points.tilt for points in beside], axis=1),
-                indentation_m=np.concatenate([points.indentation_m for points in beside]),
-                curvature=np.concatenate([points.curvature for points in beside]),
+def _each_array(
+    parts: Sequence[_Points], made_of: Callable[[list[FloatArray], int], FloatArray]
+) -> _Points:
+    """Return points whose arrays are made of the parts' arrays along the axis of the points."""
+    found: dict[str, Any] = {}
+    for field in fields(parts[0]):
+        values = [getattr(part, field.name) for part in parts]
+        if field.name == "around":
+            found["around"] = tuple(
+                _each_array(beside, made_of) for beside in zip(*values, strict=True)
             )
-            for beside in zip(*(part.around for part in parts), strict=True)
-        ),
-    )
+        elif any(value is None for value in values):
+            found[field.name] = None
+        else:
+            found[field.name] = made_of(values, 1 if field.name in _BY_COLUMN else 0)
+    return replace(parts[0], **found)
 
 
 def fit_photometric(
