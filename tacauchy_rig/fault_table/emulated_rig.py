@@ -17,8 +17,7 @@ from drivers.emulators.arm.trace import TraceRow, read_trace
 from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
-from drivers.emulators.plant.gel import Geometry, Plant
-from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from tacauchy_rig.config.load import load_config
@@ -123,8 +122,7 @@ class EmulatedRig:
         """Return a fresh gel like the one that is pressed."""
         indenter, truth = self.config.indenter, read_truth(self.emulation / TRUTH_FILE)
         tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
-        surface = Geometry(surface=self.config.sensor.surface, pad_size_m=truth.unit.pad_size_m)
-        return Plant(truth, case_for(tip, truth.poisson, gel=truth.unit.gel), surface)
+        return Plant(truth, tip, self.config.sensor.surface)
 
     def without_places(self, text: str) -> str:
         """Return a message without addresses and paths that are this case's alone."""

@@ -136,7 +136,7 @@ class FrameFactory:
         self._factor = rendering_factor(width, height)
         self._camera = GelCamera(
             plant.truth,
-            view_of(plant.truth, width, height).scaled(self._factor),
+            view_of(plant.truth, (width, height)).scaled(self._factor),
             markers=MarkerGrid() if markers else None,
         )
         self._random = random.Random(plant.truth.seed)  # noqa: S311 - noise, not a secret

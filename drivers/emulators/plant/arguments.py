@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from drivers.emulators.plant.gel import Geometry, Plant
-from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import draw_truth, read_truth
 from tacauchy_rig.run import Vector3
@@ -37,9 +36,7 @@ def plant_from_arguments(arguments: argparse.Namespace) -> Plant:
     tip: Tip = SphereTip(diameter_m=arguments.diameter_m)
     if arguments.tip == "cylinder":
         tip = CylinderTip(diameter_m=arguments.diameter_m, fillet_m=arguments.fillet_m)
-    unit = truth.unit
-    surface = Geometry(surface=arguments.surface_m, pad_size_m=unit.pad_size_m)
-    return Plant(truth, case_for(tip, truth.poisson, gel=unit.gel), surface)
+    return Plant(truth, tip, arguments.surface_m)
 
 
 def _point(text: str) -> Vector3:

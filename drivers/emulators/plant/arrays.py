@@ -8,4 +8,5 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 SingleArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.int32]
 ImageArray = npt.NDArray[np.uint8]

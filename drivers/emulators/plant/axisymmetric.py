@@ -34,13 +34,11 @@ class Equilibrium:
         displacement: (u_r, u_z) [m], shape [node_count, 2].
         force: Force on the tip along the axis, over Young's modulus [m^2].
         contact_radius_m: Largest deformed radius in contact [m]; 0 out of contact.
-        iterations: Newton steps taken.
     """
 
     displacement: FloatArray
     force: float
     contact_radius_m: float
-    iterations: int
 
 
 class GelSolver:
@@ -67,50 +65,13 @@ class GelSolver:
         Raises:
             ConvergenceError: Newton's method did not converge from ``start``.
         """
-        solution, iterations = self._newton(start.ravel(), self._clamped, tip, tip_z_m)
+        solution = self._newton(start.ravel(), self._clamped, tip, tip_z_m)
         force, radius = self._contact_force(solution, tip, tip_z_m)
         return Equilibrium(
-            displacement=solution.reshape(-1, 2),
-            force=force,
-            contact_radius_m=radius,
-            iterations=iterations,
+            displacement=solution.reshape(-1, 2), force=force, contact_radius_m=radius
         )
 
-    def press_tied(self, patch: IntArray, depth_m: float, start: FloatArray) -> Equilibrium:
-        """Return the equilibrium with top nodes ``patch`` moved straight down by ``depth_m`` [m].
-
-        This is the bonded punch of reference solutions; the force is the patch's reaction.
-
-        Raises:
-            ConvergenceError: Newton's method did not converge from ``start``.
-        """
-        held = np.union1d(self._clamped, np.concatenate([2 * patch, 2 * patch + 1]))
-        u = self._carry_along(start.ravel(), held, patch, depth_m)
-        solution, iterations = self._newton(u, held, None, 0.0)
-        reaction = float(self._internal_force(solution)[2 * patch + 1].sum())
-        displacement = solution.reshape(-1, 2)
-        radius = float((self.mesh.nodes + displacement)[patch, 0].max())
-        return Equilibrium(
-            displacement=displacement,
-            force=-reaction,
-            contact_radius_m=radius,
-            iterations=iterations,
-        )
-
-    def _carry_along(
-        self, u: FloatArray, held: IntArray, patch: IntArray, depth_m: float
-    ) -> FloatArray:
-        """Move the patch and let the rest follow linearly, so that no element folds."""
-        step = np.zeros_like(u)
-        step[2 * patch], step[2 * patch + 1] = -u[2 * patch], -depth_m - u[2 * patch + 1]
-        free = np.setdiff1d(np.arange(u.size), held)
-        residual, stiffness = self._linearise(u, None, 0.0)
-        step[free] = -_factor(stiffness, free).solve((residual + stiffness @ step)[free])
-        return u + step
-
-    def _newton(
-        self, u: FloatArray, held: IntArray, tip: Tip | None, tip_z: float
-    ) -> tuple[FloatArray, int]:
+    def _newton(self, u: FloatArray, held: IntArray, tip: Tip, tip_z: float) -> FloatArray:
         free = np.setdiff1d(np.arange(u.size), held)
         energy = self._energy(u, tip, tip_z)
         iteration = 0
@@ -125,7 +86,7 @@ class GelSolver:
             u, energy, taken = self._search(u, step, (energy, slope), tip, tip_z)
             iteration += 1
             if taken * np.abs(step).max() < _STEP_TOLERANCE_M:
-                return u, iteration
+                return u
         raise ConvergenceError(
             f"emulated gel: no equilibrium after {iteration} Newton steps with the tip at "
             f"{tip_z * 1e3:.3f} mm above the base",
@@ -143,7 +104,7 @@ class GelSolver:
         u: FloatArray,
         step: FloatArray,
         start: tuple[float, float],
-        tip: Tip | None,
+        tip: Tip,
         tip_z: float,
     ) -> tuple[FloatArray, float, float]:
         """Halve the step until the energy falls enough (Armijo)."""
@@ -164,10 +125,8 @@ class GelSolver:
         deformation: FloatArray = strain.reshape(*self._weights.shape, 5) + identity
         return deformation
 
-    def _energy(self, u: FloatArray, tip: Tip | None, tip_z: float) -> float:
+    def _energy(self, u: FloatArray, tip: Tip, tip_z: float) -> float:
         energy = float(np.sum(self._weights * self.law.energy(self._deformation(u))))
-        if tip is None:
-            return energy
         depth = np.minimum(tip.distance(*self._surface_points(u, tip_z)).value, 0.0)
         return energy + 0.5 * _PENALTY_PER_M * float(self._edge_weights.ravel() @ depth**2)
 
@@ -178,20 +137,16 @@ class GelSolver:
         return _assemble(self._dofs, local, u.size)
 
     def _linearise(
-        self, u: FloatArray, tip: Tip | None, tip_z: float, *, curvature: float = 1.0
+        self, u: FloatArray, tip: Tip, tip_z: float, *, curvature: float = 1.0
     ) -> tuple[FloatArray, csc_matrix]:
         tangent = self.law.tangent(self._deformation(u)) * self._weights[..., None, None]
         element_count, point_count = self._weights.shape
         operator = self._gradients.reshape(element_count, point_count, 5, 18)
         scaled = np.matmul(tangent, operator).reshape(element_count, -1, 18)
         stiffness = np.matmul(np.swapaxes(self._gradients, 1, 2), scaled)
-        force = self._internal_force(u)
-        contact = np.zeros((self._edge_dofs.shape[0], 6, 6))
-        if tip is not None:
-            contact_force, contact = self._contact(u, tip, tip_z, curvature)
-            force = force + contact_force
+        contact_force, contact = self._contact(u, tip, tip_z, curvature)
         values = np.concatenate([stiffness.ravel(), contact.ravel()])
-        return force, self._pattern.matrix(values)
+        return self._internal_force(u) + contact_force, self._pattern.matrix(values)
 
     def _contact(
         self, u: FloatArray, tip: Tip, tip_z: float, curvature: float

@@ -20,10 +20,11 @@ import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.plant.view import view_of
 
 BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0
@@ -77,7 +78,7 @@ def write_ball_presses(
     """
     folder.mkdir(parents=True, exist_ok=True)
     table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
-    view = gel_view(truth, _RAW_SIZE)
+    view = view_of(truth, _RAW_SIZE)
     clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
     unloaded = _noise_free(truth, None) if noise_free else _averaged(truth)
     cv2.imwrite(str(folder / NO_CONTACT), unloaded)
@@ -105,7 +106,7 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         first: Number of the first press.
     """
     table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
-    view = gel_view(truth, _RAW_SIZE)
+    view = view_of(truth, _RAW_SIZE)
     noise, recorded = [], []
     for press in _presses(truth, count, first):
         radius = float(np.interp(press.depth_m, table.depths, table.contact_radius))

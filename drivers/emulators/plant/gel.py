@@ -9,7 +9,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.arrays import FloatArray
-from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
+from drivers.emulators.plant.press_table import case_for, press_table
+from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
 from tacauchy_rig.run import Pose, Vector3
 
@@ -42,19 +43,6 @@ _STIFFENING_M = 3e-4  # beyond the table the stiffness doubles every so much dep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Geometry:
-    """Where things are said to be, and the pad's size.
-
-    Attributes:
-        surface: Expected highest point of the gel in the robot's base frame [m].
-        pad_size_m: Length along x and y [m]; outside there is nothing to press.
-    """
-
-    surface: Vector3
-    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceProfile:
     """The deformed surface around the indenter's axis.
 
@@ -81,14 +69,19 @@ class Plant:
     """One gel under one indenter.
 
     ``wrench`` remembers what it was asked before (relaxation): one process, one caller, rising
-    stamps. ``surface`` and ``depth`` remember nothing.
+    stamps. ``surface_at`` and ``depth`` remember nothing.
+
+    Args:
+        truth: The emulated world.
+        tip: The indenter's.
+        surface: Where the gel's highest point is expected, in the robot's base frame [m].
     """
 
-    def __init__(self, truth: PlantTruth, case: PressCase, geometry: Geometry) -> None:
+    def __init__(self, truth: PlantTruth, tip: Tip, surface: Vector3 = (0.0, 0.0, 0.0)) -> None:
         self.truth = truth
-        self.case = case
-        self.geometry = geometry
-        self.table: PressTable = press_table(case)
+        self.tip = tip
+        self.expected_surface = surface
+        self.table = press_table(case_for(tip, truth.poisson, gel=truth.unit.gel))
         self._force = CubicSpline(self.table.depths, self.table.force)
         self._stiffness = self._force.derivative()
         self._relaxation = Relaxation(truth.relaxation_weights, truth.relaxation_times_s)
@@ -122,18 +115,18 @@ class Plant:
     def depth(self, pose: Pose) -> float:
         """Return how far the tip is below the undeformed surface under it [m]; negative above."""
         x, y = self.centre(pose)
-        length, width = self.geometry.pad_size_m
+        length, width = self.truth.unit.pad_size_m
         if abs(x) > 0.5 * length or abs(y) > 0.5 * width:
             return -math.inf
-        surface_z = self.geometry.surface[2] + self.truth.surface_error_m
-        sag = 0.5 * (x * x + y * y) / self.case.gel.dome_radius_m
+        surface_z = self.expected_surface[2] + self.truth.surface_error_m
+        sag = 0.5 * (x * x + y * y) / self.truth.unit.gel.dome_radius_m
         return surface_z - sag - pose.position[2]
 
     def centre(self, pose: Pose) -> tuple[float, float]:
         """Return where the indenter's axis really is, from the gel's centre, x and y [m]."""
         return (
-            pose.position[0] - self.geometry.surface[0] + self.truth.pose_error_m[0],
-            pose.position[1] - self.geometry.surface[1] + self.truth.pose_error_m[1],
+            pose.position[0] - self.expected_surface[0] + self.truth.pose_error_m[0],
+            pose.position[1] - self.expected_surface[1] + self.truth.pose_error_m[1],
         )
 
     def lean(self, pose: Pose) -> tuple[float, float]:
@@ -164,10 +157,6 @@ class Plant:
         warmth = -math.expm1(-elapsed_s / self.truth.light_drift_time_s)
         return 1.0 + self.truth.light_drift_ratio * warmth
 
-    def surface(self, pose: Pose) -> SurfaceProfile:
-        """Return the surface around the indenter's axis."""
-        return self.surface_at(self.depth(pose), self.centre(pose), self.lean(pose))
-
     def surface_at(
         self, depth: float, centre: tuple[float, float], tilt: tuple[float, float] = (0.0, 0.0)
     ) -> SurfaceProfile:
@@ -184,7 +173,7 @@ class Plant:
         height = table.height_rest + moved[:, 1]
         if depth > 0.0:
             # The penalty let the tip sink in by some tenths of a micrometre: take that back.
-            face = self.case.tip.height(radius) - depth
+            face = self.tip.height(radius) - depth
             height = np.minimum(height, face)
         return SurfaceProfile(
             depth_m=depth,

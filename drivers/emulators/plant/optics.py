@@ -18,12 +18,16 @@ import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.markers import marker_reflectance
-from drivers.emulators.plant.relief import STEP_M, Relief, relief_of
-from drivers.emulators.plant.shading import gel_texture, scattered_light, visible_share
+from drivers.emulators.plant.relief import (
+    Relief,
+    gel_texture,
+    relief_of,
+    scattered_light,
+    visible_share,
+)
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
-from drivers.emulators.plant.view import View
+from drivers.emulators.plant.view import View, marker_reflectance
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
 _LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle
@@ -205,10 +209,7 @@ class GelCamera:
         dome_x, dome_y = (np.float32(bend) for bend in self._unit.dome_curvatures)
         if relief is None:
             return dome_x * x, dome_y * y, np.zeros_like(x)
-        dx, dy = x - np.float32(relief.centre[0]), y - np.float32(relief.centre[1])
-        radius = np.sqrt(dx * dx + dy * dy)
-        last = relief.slope.size - 1
-        index = np.minimum(radius * np.float32(1.0 / STEP_M), last).astype(np.int32)
+        dx, dy, radius, index = relief.places(x, y)
         radial = relief.slope[index] / np.maximum(radius, np.float32(1e-9))
         inside = relief.inside[index]
         outside = np.float32(1.0) - inside

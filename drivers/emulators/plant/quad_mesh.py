@@ -72,11 +72,6 @@ class QuadMesh:
     axis_nodes: IntArray
     stiffness: FloatArray
 
-    @property
-    def top_nodes(self) -> IntArray:
-        """Nodes of the free surface from the axis outwards."""
-        return np.append(self.top_edges[:, :2].ravel(), self.top_edges[-1, 2])
-
 
 def mesh_disc(disc: GelDisc, grading: Grading) -> QuadMesh:
     """Mesh ``disc``; element boundaries fall on both ends of the fine band."""

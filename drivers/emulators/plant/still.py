@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.arrays import ImageArray
-from drivers.emulators.plant.gel import Geometry, Plant
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera
-from drivers.emulators.plant.press_table import case_for
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import MarkerGrid
-from drivers.emulators.plant.view import View, view_of
+from drivers.emulators.plant.view import view_of
 
 _LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
 
@@ -74,19 +73,12 @@ def render_press(
     return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
-def gel_view(truth: PlantTruth, size: tuple[int, int]) -> View:
-    """Return the true mapping between raw pixels and the gel, to judge a calibration by."""
-    return view_of(truth, *size)
-
-
 @lru_cache(maxsize=4)
 def _camera(truth: PlantTruth, size: tuple[int, int], markers: bool) -> GelCamera:
-    view = view_of(truth, *size).scaled(rendering_factor(*size))
+    view = view_of(truth, size).scaled(rendering_factor(*size))
     return GelCamera(truth, view, markers=MarkerGrid() if markers else None)
 
 
 @lru_cache(maxsize=8)
 def _plant(truth: PlantTruth, tip: Tip) -> Plant:
-    unit = truth.unit
-    surface = Geometry(surface=(0.0, 0.0, 0.0), pad_size_m=unit.pad_size_m)
-    return Plant(truth, case_for(tip, truth.poisson, gel=unit.gel), surface)
+    return Plant(truth, tip)

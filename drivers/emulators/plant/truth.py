@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from drivers.emulators.plant.unit import EmulatedUnit, unit_from_plain
-from tacauchy_rig.errors import ConfigError, RecordError
+from drivers.emulators.plant.unit import EmulatedUnit
+from tacauchy_rig.errors import RecordError
 
 TRUTH_FILE = "truth.json"
 _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs a press table
@@ -68,44 +67,30 @@ class PlantTruth:
     cross_talk: tuple[float, float]
     force_latency_s: float
     camera_latency_s: float
+    # Absent in worlds from before there was a choice.
     unit: EmulatedUnit = field(default_factory=EmulatedUnit)
 
 
-def draw_truth(
-    seed: int,
-    overrides: Mapping[str, Any] | None = None,
-    *,
-    unit: EmulatedUnit | None = None,
-) -> PlantTruth:
+_TRUTH = TypeAdapter(PlantTruth)
+
+
+def draw_truth(seed: int, *, unit: EmulatedUnit | None = None) -> PlantTruth:
     """Draw a world; the same seed gives the same world in every process.
 
     Args:
         seed: Any non-negative integer.
-        overrides: Field values that replace drawn ones, whatever the seed.
         unit: The make of sensor; a GelSight Mini if None.
-
-    Raises:
-        ConfigError: An override names no field.
     """
     drawn = _drawn(seed, unit or EmulatedUnit())
     # Plain floats, so that a truth read back from its file is equal to the one drawn.
-    drawn = _from_plain(json.loads(json.dumps(_to_plain(drawn))))
-    if not overrides:
-        return drawn
-    unknown = sorted(set(overrides) - {field.name for field in fields(PlantTruth)})
-    if unknown:
-        raise ConfigError(
-            f"emulated world: {', '.join(unknown)} is no property of it",
-            remedy=f"one of: {', '.join(field.name for field in fields(PlantTruth))}",
-        )
-    return replace(drawn, **overrides)
+    return _TRUTH.validate_json(json.dumps(asdict(drawn)))
 
 
 def write_truth(folder: Path, truth: PlantTruth) -> Path:
     """Write ``truth.json`` into ``folder`` and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / TRUTH_FILE
-    path.write_text(json.dumps(_to_plain(truth), indent=2) + "\n")
+    path.write_text(json.dumps(asdict(truth), indent=2) + "\n")
     return path
 
 
@@ -116,22 +101,9 @@ def read_truth(path: Path) -> PlantTruth:
         RecordError: Absent or not such a file.
     """
     try:
-        return _from_plain(json.loads(path.read_text()))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return _TRUTH.validate_json(path.read_text())
+    except (OSError, ValueError) as error:
         raise RecordError(f"truth of the emulated world {path}: {error}") from error
-
-
-def _to_plain(truth: PlantTruth) -> dict[str, Any]:
-    return asdict(truth)
-
-
-def _from_plain(content: dict[str, Any]) -> PlantTruth:
-    values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
-    }
-    if "unit" in content:  # absent in worlds from before there was a choice
-        values["unit"] = unit_from_plain(content["unit"])
-    return PlantTruth(**values)
 
 
 def _normal(seed: int, name: str) -> float:

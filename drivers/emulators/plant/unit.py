@@ -6,10 +6,8 @@ and what its camera sees are the emulator's own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 
@@ -77,21 +75,3 @@ class EmulatedUnit:
         """Curvature of the unloaded top along x and y [1/m]."""
         radii = self.dome_radii_m or (self.gel.dome_radius_m, self.gel.dome_radius_m)
         return 1.0 / radii[0], 1.0 / radii[1]
-
-
-def unit_from_plain(content: Mapping[str, Any]) -> EmulatedUnit:
-    """Read what ``dataclasses.asdict`` and JSON made of a unit.
-
-    Raises:
-        KeyError, TypeError, ValueError: It is not one.
-    """
-    values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in content.items()
-    }
-    gel = dict(content["gel"])
-    gel["layers"] = tuple((float(share), float(ratio)) for share, ratio in gel["layers"])
-    values["gel"], values["light"] = GelDisc(**gel), GelLight(content["light"])
-    dots = content["markers"]
-    if dots is not None:
-        values["markers"] = MarkerGrid(**{**dots, "pitch_m": tuple(dots["pitch_m"])})
-    return EmulatedUnit(**values)

@@ -1,4 +1,4 @@
-"""Which point of the gel each pixel of the emulated camera sees."""
+"""Which point of the gel each pixel of the emulated camera sees, and the dots printed there."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import SingleArray
+from drivers.emulators.plant.arrays import FloatArray, SingleArray
+from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.truth import PlantTruth
+from drivers.emulators.plant.unit import MarkerGrid
 from tacauchy_rig.errors import ConfigError
 
 
@@ -56,12 +58,13 @@ class View:
         )
 
 
-def view_of(truth: PlantTruth, width: int, height: int) -> View:
-    """Return how the emulated camera sees the gel.
+def view_of(truth: PlantTruth, size: tuple[int, int]) -> View:
+    """Return the true mapping between the gel and raw frames of ``size`` (columns, rows) [px].
 
     Raises:
         ConfigError: The size is not one that such a camera has.
     """
+    width, height = size
     if not (320 <= width <= 3280 and 240 <= height <= 2464):
         raise ConfigError(
             f"emulated camera: {width}x{height} px is not between 320x240 and 3280x2464",
@@ -81,3 +84,34 @@ def view_of(truth: PlantTruth, width: int, height: int) -> View:
         rotation_rad=truth.image_rotation_rad,
         shift_m=truth.image_shift_m,
     )
+
+
+_REFLECTANCE = 0.12  # of a printed dot, over the paint's
+_EDGE_M = 4e-5  # over which a dot's edge is blurred
+
+
+def moved_dots(grid: MarkerGrid, profile: SurfaceProfile | None) -> FloatArray:
+    """Return the centres on the pressed surface [m], shape [rows * columns, 2]."""
+    rest = grid.rest()
+    if profile is None or profile.depth_m <= 0.0:
+        return rest
+    arm = rest - np.asarray(profile.centre)
+    radius = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-12)
+    shift = np.interp(radius, profile.radius_rest, profile.radius - profile.radius_rest)
+    moved: FloatArray = rest + arm / radius * shift
+    return moved
+
+
+def marker_reflectance(grid: MarkerGrid, profile: SurfaceProfile | None, view: View) -> SingleArray:
+    """Return what the dots leave of the paint's reflectance, shape [height, width]."""
+    reflectance = np.ones((view.height, view.width), np.float32)
+    x, y = view.gel_points()
+    for centre_x, centre_y in moved_dots(grid, profile):
+        column, row = view.pixel(float(centre_x), float(centre_y))
+        reach = (grid.radius_m + 3 * _EDGE_M) / min(view.m_per_px)
+        rows = slice(max(0, int(row - reach)), max(0, int(row + reach) + 2))
+        columns = slice(max(0, int(column - reach)), max(0, int(column + reach) + 2))
+        distance = np.hypot(x[rows, columns] - centre_x, y[rows, columns] - centre_y)
+        cover = np.clip((grid.radius_m - distance) / _EDGE_M + 0.5, 0.0, 1.0)
+        reflectance[rows, columns] *= 1.0 - (1.0 - _REFLECTANCE) * cover
+    return reflectance

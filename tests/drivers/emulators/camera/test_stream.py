@@ -28,8 +28,7 @@ from drivers.emulators.camera.frames import FrameFactory, PressKey, draw_number,
 from drivers.emulators.camera.jpeg import JpegMosaic
 from drivers.emulators.camera.stream import FaultyOutput
 from drivers.emulators.faults import send_fault
-from drivers.emulators.plant.gel import Geometry, Plant
-from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
@@ -73,7 +72,7 @@ def test_a_spliced_frame_decodes_like_a_whole_one(width: int, height: int) -> No
 @pytest.fixture(scope="module")
 def factory() -> FrameFactory:
     """Return a factory of 640x480 frames."""
-    plant = Plant(TRUTH, case_for(PUNCH, TRUTH.poisson), Geometry(surface=(0.0, 0.0, SURFACE_Z)))
+    plant = Plant(TRUTH, PUNCH, (0.0, 0.0, SURFACE_Z))
     return FrameFactory(plant, 640, 480)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from drivers.emulators.force_sensor.source import TRACE_FILE, ForceChannel, PlantSource, open_trace
-from drivers.emulators.plant.gel import Geometry, Plant
-from drivers.emulators.plant.press_table import PressCase
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from drivers.force_sensor.sri_m3733c import SriM3733c
@@ -25,7 +25,7 @@ SURFACE = (0.0, -0.4, 0.2)
 def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path) -> None:
     """Free before any pose and above the gel; pressed, Fz rises by the true force."""
     truth = draw_truth(7)
-    plant = Plant(truth, PressCase(poisson=truth.poisson), Geometry(surface=SURFACE))
+    plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
     world = SharedWorld.create(tmp_path / "world")
     source = PlantSource(plant, ForceChannel(truth, start_ns=0), world)
     free = source.read(0)

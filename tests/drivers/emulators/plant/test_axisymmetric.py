@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
+from drivers.emulators.plant.arrays import FloatArray, IntArray
 from drivers.emulators.plant.axisymmetric import GelSolver
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
@@ -18,20 +20,38 @@ LAYER = GelDisc(radius_m=12e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)
 RIM = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=2.5e-5)
 
 
+class BondedPunch(GelSolver):
+    """A patch of the top that is glued to a punch: the reference solutions' other way to press."""
+
+    def press_tied(self, patch: IntArray, depth_m: float, start: FloatArray) -> tuple[float, Any]:
+        """Return the reaction over Young's modulus [m^2] and the displacement [m]."""
+        far = (SphereTip(diameter_m=1e-3), 1.0)
+        held = np.union1d(self._clamped, np.concatenate([2 * patch, 2 * patch + 1]))
+        u = start.ravel()
+        step = np.zeros_like(u)
+        step[2 * patch], step[2 * patch + 1] = -u[2 * patch], -depth_m - u[2 * patch + 1]
+        free = np.setdiff1d(np.arange(u.size), held)
+        # The rest follows linearly first, so that no element is turned inside out.
+        residual, stiffness = self._linearise(u, *far)
+        step += self._direction(residual + stiffness @ step, stiffness, free)
+        solution = self._newton(u + step, held, *far)
+        reaction = float(self._internal_force(solution)[2 * patch + 1].sum())
+        return -reaction, solution.reshape(-1, 2)
+
+
 def test_bonded_punch_agrees_with_two_other_codes() -> None:
     """Finite strain, E 0.3 MPa, nu 0.45: felupe 11.3 and CalculiX 2.20, extrapolated in h."""
     reference = {0.1e-3: 0.36350, 0.3e-3: 1.11033, 0.6e-3: 2.29093}  # depth [m]: force [N]
     coarse = Grading(fine_from_m=2.3e-3, fine_to_m=2.7e-3, fine_size_m=4e-5)
     mesh = mesh_disc(LAYER, coarse)
-    solver = GelSolver(mesh, NeoHookean(poisson=0.45))
-    top = mesh.top_nodes
+    solver = BondedPunch(mesh, NeoHookean(poisson=0.45))
+    top = np.unique(mesh.top_edges)
     patch = top[mesh.nodes[top, 0] <= PUNCH_RADIUS + 1e-9]
     state = np.zeros_like(mesh.nodes)
     for depth in (0.1e-3, 0.2e-3, 0.3e-3, 0.4e-3, 0.5e-3, 0.6e-3):
-        found = solver.press_tied(patch, depth, state)
-        state = found.displacement
+        force, state = solver.press_tied(patch, depth, state)
         if depth in reference:
-            assert found.force * 0.3e6 == pytest.approx(reference[depth], rel=0.008)
+            assert force * 0.3e6 == pytest.approx(reference[depth], rel=0.008)
 
 
 @pytest.mark.parametrize(("poisson", "kappa"), [(0.45, 1.930), (0.49, 2.048)])

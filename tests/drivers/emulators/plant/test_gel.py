@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.force_sensor.source import ForceChannel
-from drivers.emulators.plant.gel import Geometry, Plant, Relaxation
-from drivers.emulators.plant.press_table import case_for
+from drivers.emulators.plant.gel import Plant, Relaxation
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from tacauchy_rig.run import Pose
@@ -23,9 +22,7 @@ TRUTH = draw_truth(7)
 
 
 def _plant(truth: PlantTruth = TRUTH) -> Plant:
-    return Plant(
-        truth, case_for(CylinderTip(diameter_m=5e-3), truth.poisson), Geometry(surface=SURFACE)
-    )
+    return Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
 
 
 def _pose(depth: float, *, x: float = 0.0, y: float = 0.0) -> Pose:
@@ -41,7 +38,7 @@ def test_zero_force_out_of_contact(height: float) -> None:
     """Above the gel there is exactly nothing, and the surface is the gel at rest."""
     plant = _plant()
     assert plant.wrench(_pose(-height), 0) == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert plant.surface(_pose(-height)).contact_radius == 0.0
+    assert plant.surface_at(plant.depth(_pose(-height)), (0.0, 0.0)).contact_radius == 0.0
 
 
 def test_beside_the_pad_there_is_nothing_to_press() -> None:
@@ -108,7 +105,7 @@ def test_the_surface_follows_the_flat_face() -> None:
 
 def test_a_lying_robot_presses_beside_the_spot() -> None:
     """The contact is seen where the indenter really is, not where the robot says."""
-    assert _plant().surface(_pose(1e-4)).centre == pytest.approx(TRUTH.pose_error_m)
+    assert _plant().centre(_pose(1e-4)) == pytest.approx(TRUTH.pose_error_m)
 
 
 def test_the_sensor_reads_compression_as_positive() -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.plant.unit import MarkerGrid
+from drivers.emulators.plant.view import view_of
 from tacauchy_rig.errors import ConfigError
 
 TRUTH = draw_truth(7)
@@ -29,7 +30,7 @@ def change() -> np.ndarray:
 
 def _ring(change: np.ndarray, angle_deg: float, radius_m: float, channel: int) -> float:
     angle = np.radians(angle_deg)
-    column, row = gel_view(TRUTH, SIZE).pixel(radius_m * np.cos(angle), radius_m * np.sin(angle))
+    column, row = view_of(TRUTH, SIZE).pixel(radius_m * np.cos(angle), radius_m * np.sin(angle))
     patch = change[round(row) - 1 : round(row) + 2, round(column) - 1 : round(column) + 2, channel]
     return float(patch.mean())
 
@@ -71,12 +72,12 @@ def test_the_contact_sits_where_it_was_pressed() -> None:
     strong = np.abs(pressed - rest).max(axis=-1) > 15.0
     rows, columns = np.nonzero(strong)
     middle = 0.5 * (columns.min() + columns.max()), 0.5 * (rows.min() + rows.max())
-    assert middle == pytest.approx(gel_view(still, SIZE).pixel(*centre), abs=3.0)
+    assert middle == pytest.approx(view_of(still, SIZE).pixel(*centre), abs=3.0)
 
 
 def test_view_maps_points_to_pixels_and_back() -> None:
     """The true mapping is its own inverse, to judge a scale calibration by."""
-    view = gel_view(TRUTH, (1640, 1232))
+    view = view_of(TRUTH, (1640, 1232))
     x, y = view.gel_points()
     column, row = view.pixel(float(x[300, 700]), float(y[300, 700]))
     assert (column, row) == pytest.approx((700, 300), abs=1e-2)
@@ -122,7 +123,7 @@ def test_markers_move_outwards_with_the_surface() -> None:
     """Dots are absent by default, dark when asked for, and pushed away from a press."""
     plain = render_press(TRUTH, PUNCH, 0.0, SIZE, noise_seed=None).astype(float)
     dotted = render_press(TRUTH, PUNCH, 0.0, SIZE, markers=True, noise_seed=None)
-    column, row = gel_view(TRUTH, SIZE).pixel(*MarkerGrid().rest()[0])
+    column, row = view_of(TRUTH, SIZE).pixel(*MarkerGrid().rest()[0])
     at = round(row), round(column)
     assert dotted[at].mean() < 0.6 * plain[at].mean()
     assert MarkerGrid().rest().shape == (63, 2)

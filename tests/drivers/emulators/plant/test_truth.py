@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.plant.truth import PlantTruth, draw_truth, read_truth, write_truth
-from tacauchy_rig.errors import ConfigError, RecordError
+from tacauchy_rig.errors import RecordError
 
 
 def test_another_process_draws_the_same_world(tmp_path: Path) -> None:
@@ -41,19 +41,6 @@ def test_units_are_in_the_keys(tmp_path: Path) -> None:
     """Whoever opens truth.json needs no manual."""
     content = json.loads(write_truth(tmp_path, draw_truth(1)).read_text())
     assert {"young_pa", "surface_error_m", "force_latency_s", "tilt_rad"} <= set(content)
-
-
-def test_overrides_win_over_the_seed() -> None:
-    """A value can be fixed whatever the seed; everything else stays as drawn."""
-    fixed = draw_truth(3, {"young_pa": 0.5e6})
-    assert fixed.young_pa == 0.5e6
-    assert fixed.tilt_rad == draw_truth(3).tilt_rad
-
-
-def test_an_unknown_override_is_refused() -> None:
-    """The message lists what there is."""
-    with pytest.raises(ConfigError, match="young is no property"):
-        draw_truth(3, {"young": 0.5e6})
 
 
 def test_a_broken_truth_file_is_refused(tmp_path: Path) -> None:

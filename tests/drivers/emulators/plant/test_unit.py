@@ -12,12 +12,12 @@ import pytest
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.press_table import PressCase, compute_table
 from drivers.emulators.plant.quad_mesh import GelDisc
-from drivers.emulators.plant.relief import relief_of
-from drivers.emulators.plant.shading import visible_share
-from drivers.emulators.plant.still import gel_view, render_press
+from drivers.emulators.plant.relief import relief_of, visible_share
+from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import draw_truth, read_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
+from drivers.emulators.plant.view import view_of
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.emulation import emulated_unit
 
@@ -70,7 +70,7 @@ def test_a_translucent_gel_is_grey_and_darkens_under_a_ball() -> None:
     ]
     assert np.ptp(still[1], axis=2).max() == 0
     change = (still[1] - still[0])[..., 0]
-    column, row = (round(p) for p in gel_view(truth, (320, 240)).pixel(0.0, 0.0))
+    column, row = (round(p) for p in view_of(truth, (320, 240)).pixel(0.0, 0.0))
     assert change[row, column] == change.min() < -15
 
 
