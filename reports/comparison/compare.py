@@ -16,17 +16,17 @@ from reports.evidence.evidence import (
     RunEvidence,
     StreamTiming,
     TrialEvidence,
-    TrialImages,
 )
 from reports.scores.contact import score_contact
 from reports.scores.correction import correct
 from reports.scores.floors import (
     Ceiling,
+    CrossScores,
     Floors,
     Skill,
     WrongForceMatrix,
     contact_residuals,
-    press_over,
+    cross_scores,
     score_noise,
     skill,
     trial_ceiling,
@@ -44,8 +44,9 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     Raises:
         RecordError: Images of one trial differ in shape.
     """
-    matrices = wrong_force_matrices(evidence.trials)
-    trials = tuple(_compare_trial(trial, evidence, matrices) for trial in evidence.trials)
+    crossed = cross_scores(evidence.trials)
+    matrices = wrong_force_matrices(evidence.trials, crossed)
+    trials = tuple(_compare_trial(trial, evidence, crossed, matrices) for trial in evidence.trials)
     statistics = _statistics(trials)
     passed = bool(trials) and all(trial.passed for trial in trials)
     return ValidationReport(
@@ -62,7 +63,10 @@ def compare(evidence: RunEvidence) -> ValidationReport:
 
 
 def _compare_trial(
-    trial: TrialEvidence, evidence: RunEvidence, matrices: Sequence[WrongForceMatrix]
+    trial: TrialEvidence,
+    evidence: RunEvidence,
+    crossed: CrossScores,
+    matrices: Sequence[WrongForceMatrix],
 ) -> TrialResult:
     others = [t for t in evidence.trials if t.index != trial.index]
     images, simulated, record, replay = (
@@ -74,11 +78,15 @@ def _compare_trial(
     scale = _scale_mm_px(evidence.geometry)
     scores = grey = contact = corrections = None
     if images is not None and simulated is not None:
-        scores = score(images.real, simulated)
+        scores = crossed[trial.index][trial.index]
         grey = score(to_grey(images.real), to_grey(simulated))
         contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
         corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
-    floors = None if images is None else _floors(trial, images, others)
+    floors = None
+    if images is not None:
+        wrong = {t.index for t in others if t.force_target_n != trial.force_target_n}
+        own = crossed[trial.index]
+        floors = trial_floors(images, [own[index] for index in own if index in wrong])
     ceiling = trial_ceiling(trial, others)
     discriminates = {
         m.metric: m.diagonal_wins[m.trials.index(trial.index)]
@@ -124,12 +132,6 @@ def _compare_trial(
         dwell_frame_count=0 if images is None else images.frame_count,
         replay=_replay_facts(trial),
     )
-
-
-def _floors(trial: TrialEvidence, images: TrialImages, others: Sequence[TrialEvidence]) -> Floors:
-    wrong = [t for t in others if t.force_target_n != trial.force_target_n]
-    shown = [press_over(images, t) for t in wrong]
-    return trial_floors(images, [image for image in shown if image is not None])
 
 
 def _skills(

@@ -26,6 +26,8 @@ from reports.scores.metrics import ImageScores, Metric, score
 NOISE_MULTIPLE = 3.0
 CONTACT_RESIDUAL = "contact_relative_residual"
 
+CrossScores = dict[int, dict[int, ImageScores]]
+
 
 class CeilingKind(StrEnum):
     """Where the ceiling comes from; only a repeated press is a ceiling for a simulator."""
@@ -105,12 +107,12 @@ def flat_mean_image(image: ColorImage) -> ColorImage:
     return np.broadcast_to(mean, image.shape).copy()
 
 
-def trial_floors(images: TrialImages, wrong: Sequence[ColorImage]) -> Floors:
-    """Score the floors of one trial; ``wrong`` are the other trials' simulated images."""
+def trial_floors(images: TrialImages, wrong: Sequence[ImageScores]) -> Floors:
+    """Score the floors of one trial; ``wrong`` are the scores of wrong forces' simulated images."""
     return Floors(
         no_contact=score(images.real, images.reference),
         flat_mean=score(images.real, flat_mean_image(images.real)),
-        wrong_force=_best_of([score(images.real, image) for image in wrong]),
+        wrong_force=_best_of(wrong),
     )
 
 
@@ -201,30 +203,50 @@ def press_over(images: TrialImages, other: TrialEvidence) -> ColorImage | None:
     return np.asarray(np.clip(images.reference + change, 0, 255), dtype=np.uint8)
 
 
-def wrong_force_matrices(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:
-    """Score every real press against every simulated one, for the five scores and the contact.
+def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:
+    """Score every real press against every simulated one, laid over the real one's own frame.
 
-    Each simulated press is laid over the real press's own no-contact frame.
+    Returns:
+        By the trial of the real image, then by that of the simulated one.
+    """
+    return {
+        row.index: {
+            column.index: score(row.images.real, image)
+            for column in trials
+            if (image := press_over(row.images, column)) is not None
+        }
+        for row in trials
+        if row.images is not None
+    }
+
+
+def wrong_force_matrices(
+    trials: Sequence[TrialEvidence], scores: CrossScores
+) -> tuple[WrongForceMatrix, ...]:
+    """Set every real press against every simulated one, for the five scores and the contact.
+
+    Args:
+        trials: Those without images have neither row nor column.
+        scores: Their ``cross_scores``.
     """
     complete = [t for t in trials if t.images is not None and t.simulated_image is not None]
     if len({t.force_target_n for t in complete}) < 2:
         return ()
-    rows = [_score_row(trial.images, complete) for trial in complete if trial.images is not None]
-    names = [*((m.value, m.larger_is_better) for m in Metric), (CONTACT_RESIDUAL, False)]
-    return tuple(
-        _matrix(name, larger, complete, [[cell[name] for cell in row] for row in rows])
-        for name, larger in names
-    )
-
-
-def _score_row(images: TrialImages, others: Sequence[TrialEvidence]) -> list[dict[str, float]]:
-    shown = [image for image in (press_over(images, t) for t in others) if image is not None]
-    scores = [score(images.real, image) for image in shown]
-    residuals = contact_residuals(images, shown)
-    return [
-        {**{m.value: s.value(m) for m in Metric}, CONTACT_RESIDUAL: residual}
-        for s, residual in zip(scores, residuals, strict=True)
+    matrices = [
+        _matrix(
+            m.value,
+            m.larger_is_better,
+            complete,
+            [[scores[row.index][column.index].value(m) for column in complete] for row in complete],
+        )
+        for m in Metric
     ]
+    residuals = []
+    for row in complete:
+        if row.images is not None:
+            shown = [press_over(row.images, column) for column in complete]
+            residuals.append(contact_residuals(row.images, [s for s in shown if s is not None]))
+    return (*matrices, _matrix(CONTACT_RESIDUAL, False, complete, residuals))
 
 
 def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> list[float]:

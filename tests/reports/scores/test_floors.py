@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,11 +12,13 @@ import pytest
 
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
-from reports.evidence.evidence import RunEvidence
+from reports.evidence.evidence import RunEvidence, TrialEvidence
 from reports.scores.floors import (
     CONTACT_RESIDUAL,
     CeilingKind,
     SkillStatus,
+    WrongForceMatrix,
+    cross_scores,
     flat_mean_image,
     skill,
     trial_ceiling,
@@ -23,6 +26,11 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.metrics import Metric, score
+
+
+def matrices_of(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]:
+    """Score trials against one another."""
+    return wrong_force_matrices(trials, cross_scores(trials))
 
 
 def test_no_contact_is_scored_like_any_image(evidence: RunEvidence) -> None:
@@ -83,7 +91,7 @@ def test_diagonal_wins_for_a_perfect_simulator(
     evidence: RunEvidence, made: SimpleNamespace
 ) -> None:
     """With the right images the right force wins every row of every score."""
-    matrices = wrong_force_matrices(clean(evidence, made).trials)
+    matrices = matrices_of(clean(evidence, made).trials)
     assert [m.metric for m in matrices] == [*(m.value for m in Metric), CONTACT_RESIDUAL]
     for matrix in matrices:
         assert all(matrix.diagonal_wins), matrix.metric
@@ -99,7 +107,7 @@ def test_diagonal_loses_when_the_images_are_swapped(
         replace(trials[0], simulated_image=last),
         replace(trials[5], simulated_image=first),
     )
-    for matrix in wrong_force_matrices(trials):
+    for matrix in matrices_of(trials):
         assert matrix.diagonal_wins == (False, True, True, True, True, False)
 
 
@@ -107,7 +115,7 @@ def test_ties_do_not_win(evidence: RunEvidence) -> None:
     """The same simulated image for every force wins no row."""
     third = evidence.trials[2]
     trials = [replace(third, index=k, force_target_n=float(k)) for k in (1, 2, 3)]
-    for matrix in wrong_force_matrices(trials):
+    for matrix in matrices_of(trials):
         assert not any(matrix.diagonal_wins)
 
 
@@ -127,7 +135,7 @@ def test_light_between_trials_does_not_pass_for_force(
                 simulated_image=made.to_image(reference + simulated),
             )
         )
-    for matrix in wrong_force_matrices(trials):
+    for matrix in matrices_of(trials):
         assert not any(matrix.diagonal_wins), matrix.metric
 
 
@@ -135,7 +143,7 @@ def test_repeats_are_not_wrong_forces(evidence: RunEvidence) -> None:
     """A repeat of the press may score as well; only other targets can beat it."""
     first = evidence.trials[0]
     repeat = replace(first, index=7)
-    for matrix in wrong_force_matrices([first, repeat, evidence.trials[5]]):
+    for matrix in matrices_of([first, repeat, evidence.trials[5]]):
         if matrix.metric != "histogram_correlation":
             assert matrix.diagonal_wins[:2] == (True, True), matrix.metric
 
