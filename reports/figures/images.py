@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from reports.arrays import FloatArray
+from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
 from reports.figures.trials import shown
 from reports.scores.metrics import to_grey
@@ -19,8 +20,9 @@ LIMIT_PERCENTILE = 99.8
 DIFFERENCE_COLORS = "PuOr_r"
 
 
-def draw_images(evidence: RunEvidence) -> Figure:
+def draw_images(report: ValidationReport) -> Figure:
     """Draw three rows of images, one column a trial; differences share one scale."""
+    evidence = report.evidence
     trials = shown(evidence.trials)
     geometry = evidence.geometry
     panel = (PAGE_IN - MARGINS_IN) / max(len(trials), 3)

@@ -6,14 +6,19 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib as mpl
+import numpy as np
+
+from reports.arrays import ColorImage, FloatArray
 from reports.comparison.results import ValidationReport
+from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
+from reports.figures.images import DIFFERENCE_COLORS, difference_limit, luminance_difference
 from reports.page.html import render_html
-from reports.page.pictures import write_pictures
 from reports.page.summary import build_summary
 from reports.page.tables import junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.codec import to_plain
+from tacauchy_rig.store.replay_files import encode_png
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +59,9 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
 
 def _write(report: ValidationReport, paths: ReportPaths) -> None:
     figures = draw_figures(report, paths.figures)
-    pictures = write_pictures(report.evidence, paths.images)
+    pictures = _write_pictures(report.evidence, paths.images)
     summary = build_summary(report)
-    summary["figures"] = to_plain(figures)
+    summary["figures"] = figures
     for trial in summary["trials"]:
         trial["images"] = pictures.get(trial["index"], {})
     # allow_nan=False: a NaN that slipped through is a bug of ours and must not reach a reader.
@@ -67,3 +72,37 @@ def _write(report: ValidationReport, paths: ReportPaths) -> None:
     paths.html.write_text(
         render_html(summary, figures=paths.figures, images=paths.images), encoding="utf-8"
     )
+
+
+def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, str]]:
+    """Write the images of every trial.
+
+    Returns:
+        Per trial, file names by kind: ``real``, ``reference``, ``simulated``, ``difference``.
+
+    Raises:
+        RecordError: A file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    limit = difference_limit(evidence)
+    names: dict[int, dict[str, str]] = {}
+    for trial in evidence.trials:
+        difference = luminance_difference(trial)
+        images = {
+            "real": None if trial.images is None else trial.images.real,
+            "reference": None if trial.images is None else trial.images.reference,
+            "simulated": trial.simulated_image,
+            "difference": None if difference is None else color_difference(difference, limit),
+        }
+        for kind, image in images.items():
+            if image is not None:
+                name = f"{trial.index:02d}-{kind}.png"
+                (folder / name).write_bytes(encode_png(image))
+                names.setdefault(trial.index, {})[kind] = name
+    return names
+
+
+def color_difference(difference: FloatArray, limit: float) -> ColorImage:
+    """Map -limit..limit [grey level] to a diverging colour map, white at zero."""
+    colors = mpl.colormaps[DIFFERENCE_COLORS](0.5 + 0.5 * difference / limit)
+    return np.rint(255.0 * np.asarray(colors)[..., :3]).astype(np.uint8)

@@ -16,7 +16,6 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import ImageFrame, JournalEvent
 from tacauchy_rig.store.durable import read_error
 from tacauchy_rig.store.layout import run_root_of
-from tacauchy_rig.store.recording.mcap_chunk import Entry
 from tacauchy_rig.store.recording.mcap_file import RawMessage
 from tacauchy_rig.store.recording.messages import (
     ARM_STATES,
@@ -29,7 +28,7 @@ from tacauchy_rig.store.recording.messages import (
     decode_event,
     decode_jpeg,
 )
-from tacauchy_rig.store.recording.scan import Scan, scan_file
+from tacauchy_rig.store.recording.scan import Entry, Scan, scan_file
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

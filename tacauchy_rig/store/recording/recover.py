@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import heapq
 import logging
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +15,10 @@ from pathlib import Path
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.durable import read_error, sync_folder, write_error
 from tacauchy_rig.store.layout import RECORDING_NAME, SPILL_PATTERN, RunPaths
+from tacauchy_rig.store.recording.mcap_file import McapFile, RawMessage
 from tacauchy_rig.store.recording.reading import Recording
-from tacauchy_rig.store.recording.repack import repack
+
+_CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it is written
 
 logger = logging.getLogger(__name__)
 
@@ -117,7 +120,7 @@ def _repacked(
     temporary = path.with_name(f".{path.name}.recovered")
     temporary.unlink(missing_ok=True)
     try:
-        counts = repack([*recording, *spills], temporary)
+        counts = _repack([*recording, *spills], temporary)
     except RecordError as error:
         temporary.unlink(missing_ok=True)
         size = sum(source.path.stat().st_size for source in (*recording, *spills))
@@ -145,6 +148,50 @@ def _repacked(
         original=original,
         problems=tuple(problems),
     )
+
+
+def _repack(recordings: Sequence[Recording], path: Path) -> list[int]:
+    """Write the messages of ``recordings`` to ``path``, in order of arrival, each once.
+
+    Returns:
+        How many messages each recording gave; one that an earlier one held already counts there.
+
+    Raises:
+        RecordError: ``path`` exists, or the disk is full.
+    """
+    metadata: dict[str, str] = {}
+    for recording in recordings:
+        metadata = {**recording.metadata, **metadata}
+    counts = [0] * len(recordings)
+    file = McapFile(path, metadata=metadata, chunk_size=_CHUNK_SIZE)
+    try:
+        for index, message in _merged(recordings):
+            file.add(message)
+            file.commit()
+            counts[index] += 1
+    finally:
+        file.close()
+    return counts
+
+
+def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]:
+    """Yield (index of the recording, message) by arrival, without what two of them hold.
+
+    Equal messages have equal stamps, so only those of one stamp have to be remembered.
+    """
+    streams = [_tagged(index, recording) for index, recording in enumerate(recordings)]
+    stamp, holders = -1, dict[RawMessage, int]()
+    for index, message in heapq.merge(*streams, key=lambda item: item[1].log_time):
+        if message.log_time != stamp:
+            stamp = message.log_time
+            holders.clear()
+        if holders.setdefault(message, index) == index:
+            yield index, message
+
+
+def _tagged(index: int, recording: Recording) -> Iterator[tuple[int, RawMessage]]:
+    for message in recording.raw_messages():
+        yield index, message
 
 
 def _keep(path: Path) -> Path:

@@ -7,8 +7,10 @@ the first damaged byte.
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 
@@ -19,10 +21,47 @@ from mcap.reader import FOOTER_SIZE
 from mcap.records import Channel, Footer, Header, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from tacauchy_rig.store.recording.mcap_chunk import RECORD_HEADER, Entry, find_chunk, read_chunk
-
-_DATA_END_SIZE = RECORD_HEADER.size + 4
+_RECORD_HEADER = struct.Struct("<BQ")
+_CHUNK_HEADER = struct.Struct("<BQQQQIIQ")
+_MESSAGE_HEADER = struct.Struct("<HIQQ")
+# A chunk record whose sizes are below 2^40 and whose compression is the empty text.
+_CHUNK_START = re.compile(rb"(?=\x06.{5}\x00{3}.{28}\x00{4}.{5}\x00{3})", re.DOTALL)
+_SEARCH_BLOCK = 4 << 20
+_DATA_END_SIZE = _RECORD_HEADER.size + 4
 _MESSAGE_INDEX = struct.Struct("<HI")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """Where one message lies.
+
+    Attributes:
+        log_time: Arrival stamp [ns].
+        publish_time: The device's stamp [ns], or ``log_time``.
+        sequence: The device's counter, modulo 2^32.
+        offset: Of the message's data in the file [bytes].
+        length: Of the message's data [bytes].
+    """
+
+    channel: int
+    log_time: int
+    publish_time: int
+    sequence: int
+    offset: int
+    length: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _WholeChunk:
+    """A chunk whose checksum agrees.
+
+    Attributes:
+        end: Offset of the first byte after it.
+    """
+
+    end: int
+    channels: tuple[Channel, ...]
+    entries: tuple[Entry, ...]
 
 
 @dataclass(slots=True)
@@ -78,7 +117,7 @@ def _walk(descriptor: int, scan: Scan, *, limit: int) -> None:
         if end is not None:
             offset = end
             continue
-        following = find_chunk(descriptor, offset + 1, limit)
+        following = _find_chunk(descriptor, offset + 1, limit)
         if following is None and not scan.finished:
             scan.torn_bytes = limit - offset
             return
@@ -89,15 +128,15 @@ def _walk(descriptor: int, scan: Scan, *, limit: int) -> None:
 
 def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | None:
     """Take in the record at ``offset`` and return its end, or None if it is not whole."""
-    header = os.pread(descriptor, RECORD_HEADER.size, offset)
-    if len(header) < RECORD_HEADER.size:
+    header = os.pread(descriptor, _RECORD_HEADER.size, offset)
+    if len(header) < _RECORD_HEADER.size:
         return None
-    opcode, length = RECORD_HEADER.unpack(header)
+    opcode, length = _RECORD_HEADER.unpack(header)
     start, end = offset + len(header), offset + len(header) + length
     if end > limit:
         return None
     if opcode == Opcode.CHUNK:
-        chunk = read_chunk(descriptor, offset, limit)
+        chunk = _read_chunk(descriptor, offset, limit)
         if chunk is None:
             return None
         scan.entries.extend(chunk.entries)
@@ -109,7 +148,7 @@ def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | 
         return end if is_whole else None
     if opcode in (Opcode.METADATA, Opcode.HEADER):
         return end if _read_description(os.pread(descriptor, length, start), scan, opcode) else None
-    if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - RECORD_HEADER.size:
+    if opcode == Opcode.DATA_END and length == _DATA_END_SIZE - _RECORD_HEADER.size:
         scan.problems.append("the index at its end is damaged")
         return limit
     return None
@@ -135,9 +174,9 @@ def _read_summary(descriptor: int, size: int) -> _Summary | None:
     tail = os.pread(descriptor, size - end, end)
     if tail[FOOTER_SIZE:] != MCAP0_MAGIC:
         return None
-    if RECORD_HEADER.unpack_from(tail) != (Opcode.FOOTER, FOOTER_SIZE - RECORD_HEADER.size):
+    if _RECORD_HEADER.unpack_from(tail) != (Opcode.FOOTER, FOOTER_SIZE - _RECORD_HEADER.size):
         return None
-    footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEADER.size :])))
+    footer = Footer.read(ReadDataStream(BytesIO(tail[_RECORD_HEADER.size :])))
     if not 0 < footer.summary_start <= end:
         return None
     body = os.pread(descriptor, end - footer.summary_start, footer.summary_start)
@@ -150,8 +189,8 @@ def _parse_summary(body: bytes, *, data_end: int) -> _Summary:
     channels: dict[int, Channel] = {}
     message_count = position = 0
     while position < len(body):
-        opcode, length = RECORD_HEADER.unpack_from(body, position)
-        position += RECORD_HEADER.size
+        opcode, length = _RECORD_HEADER.unpack_from(body, position)
+        position += _RECORD_HEADER.size
         stream = ReadDataStream(BytesIO(body[position : position + length]))
         if opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
@@ -160,3 +199,68 @@ def _parse_summary(body: bytes, *, data_end: int) -> _Summary:
             message_count = Statistics.read(stream).message_count
         position += length
     return _Summary(data_end=data_end, channels=channels, message_count=message_count)
+
+
+def _read_chunk(descriptor: int, offset: int, limit: int) -> _WholeChunk | None:
+    """Read the chunk at ``offset``, or return None if no whole one ends before ``limit``."""
+    header = os.pread(descriptor, _CHUNK_HEADER.size, offset)
+    if len(header) < _CHUNK_HEADER.size:
+        return None
+    opcode, length, _, _, size, checksum, compression, stored = _CHUNK_HEADER.unpack(header)
+    end = offset + _RECORD_HEADER.size + length
+    is_consistent = (
+        opcode == Opcode.CHUNK
+        and compression == 0
+        and size == stored
+        and length == stored + _CHUNK_HEADER.size - _RECORD_HEADER.size
+        and end <= limit
+    )
+    if not is_consistent:
+        return None
+    data = os.pread(descriptor, stored, offset + _CHUNK_HEADER.size)
+    if len(data) != stored or zlib.crc32(data) != checksum:
+        return None
+    return _contents(data, start=offset + _CHUNK_HEADER.size, end=end)
+
+
+def _find_chunk(descriptor: int, offset: int, limit: int) -> int | None:
+    """Return where the next whole chunk at or after ``offset`` starts, or None."""
+    for candidate in _candidates(descriptor, offset, limit):
+        if _read_chunk(descriptor, candidate, limit) is not None:
+            return candidate
+    return None
+
+
+def _candidates(descriptor: int, offset: int, limit: int) -> Iterator[int]:
+    while offset < limit:
+        block = os.pread(descriptor, _SEARCH_BLOCK + _CHUNK_HEADER.size - 1, offset)
+        for match in _CHUNK_START.finditer(block):
+            if match.start() < _SEARCH_BLOCK:
+                yield offset + match.start()
+        offset += _SEARCH_BLOCK
+
+
+def _contents(data: bytes, *, start: int, end: int) -> _WholeChunk | None:
+    channels, entries, position = [], [], 0
+    while position + _RECORD_HEADER.size <= len(data):
+        opcode, length = _RECORD_HEADER.unpack_from(data, position)
+        position += _RECORD_HEADER.size
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_time, publish_time = _MESSAGE_HEADER.unpack_from(data, position)
+            entry = Entry(
+                channel=channel,
+                log_time=log_time,
+                publish_time=publish_time,
+                sequence=sequence,
+                offset=start + position + _MESSAGE_HEADER.size,
+                length=length - _MESSAGE_HEADER.size,
+            )
+            entries.append(entry)
+        elif opcode == Opcode.CHANNEL:
+            channels.append(
+                Channel.read(ReadDataStream(BytesIO(data[position : position + length])))
+            )
+        position += length
+    if position != len(data):
+        return None
+    return _WholeChunk(end=end, channels=tuple(channels), entries=tuple(entries))
