@@ -37,6 +37,8 @@ from reports.scores.force_agreement import compare_force
 from reports.scores.metrics import ImageScores, Metric, score, to_grey
 from reports.scores.statistics import psnr_of_mean_mse, t_interval
 
+_MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
+
 
 def compare(evidence: RunEvidence) -> ValidationReport:
     """Score, judge and explain every trial of a run.
@@ -69,12 +71,8 @@ def _compare_trial(
     matrices: Sequence[WrongForceMatrix],
 ) -> TrialResult:
     others = [t for t in evidence.trials if t.index != trial.index]
-    images, simulated, record, replay = (
-        trial.images,
-        trial.simulated_image,
-        trial.record,
-        trial.replay,
-    )
+    images, simulated = trial.images, trial.simulated_image
+    record, replay = trial.record, trial.replay
     scale = _scale_mm_px(evidence.geometry)
     scores = grey = contact = corrections = None
     if images is not None and simulated is not None:
@@ -107,12 +105,9 @@ def _compare_trial(
         reason="" if record is None else record.reason,
         passed=all(criterion.passed for criterion in criteria),
         force_target_n=trial.force_target_n,
-        force_measured_n=None if record is None else record.force_measured_n,
-        force_deviation_n=None if record is None else record.force_deviation_n,
-        force_drift_n=None if record is None else record.force_drift_n,
         force_simulated_n=None if replay is None else replay.force_simulated_n,
         force_mismatch_n=force.mismatch_n,
-        depth_measured_m=None if record is None else record.depth_measured_m,
+        **{name: getattr(record, name, None) for name in _MEASURED},
         depth_simulated_m=None if replay is None else replay.depth_simulated_m,
         force=force,
         metrics=scores,

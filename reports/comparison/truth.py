@@ -31,26 +31,21 @@ def recover_truth(
 
 
 def _dwell_means(world: EmulatedWorld, trials: Sequence[TrialResult]) -> Iterator[TruthComparison]:
-    for trial in trials:
-        true = world.dwells.get(trial.index)
-        if true is not None and trial.force_measured_n is not None:
-            yield TruthComparison(
-                name="mean force in the dwell",
-                true=true.force_n,
-                recovered=trial.force_measured_n,
-                unit="N",
-                trial=trial.index,
-            )
-    for trial in trials:
-        true = world.dwells.get(trial.index)
-        if true is not None and trial.depth_measured_m is not None:
-            yield TruthComparison(
-                name="mean depth in the dwell",
-                true=true.depth_m * 1e3,
-                recovered=trial.depth_measured_m * 1e3,
-                unit="mm",
-                trial=trial.index,
-            )
+    """Yield the forces of all trials, then their depths."""
+    dwells = [(trial, world.dwells[trial.index]) for trial in trials if trial.index in world.dwells]
+    for name, unit, factor, pairs in (
+        ("force", "N", 1.0, [(t, true.force_n, t.force_measured_n) for t, true in dwells]),
+        ("depth", "mm", 1e3, [(t, true.depth_m, t.depth_measured_m) for t, true in dwells]),
+    ):
+        for trial, true, measured in pairs:
+            if measured is not None:
+                yield TruthComparison(
+                    name=f"mean {name} in the dwell",
+                    true=true * factor,
+                    recovered=measured * factor,
+                    unit=unit,
+                    trial=trial.index,
+                )
 
 
 def _surface(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:

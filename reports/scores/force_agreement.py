@@ -121,96 +121,84 @@ def uncertainty_budget(
         model: The replay's model.
         touched_m: Depth of the simulator at the contact force [m].
     """
-    return (
-        *_numerics(trial),
-        *_inputs(trial, model),
-        _contact_height(trial, touched_m),
-        *_data(trial),
-    )
-
-
-def _contact_height(trial: TrialEvidence, touched_m: float | None) -> UncertaintyTerm:
-    curve, value = trial.force_depth_simulated, None
-    depth = None if trial.record is None else trial.record.depth_measured_m
-    if curve is not None and depth is not None and touched_m is not None and len(curve) > 1:
-        # Over the whole depth in doubt: a slope between two evaluations that lie a nanometre apart
-        # is that of the solver's tolerance.
-        deepest = min(depth, curve[-1, 0])
-        deep_n, shallow_n = np.interp([deepest, deepest - touched_m], curve[:, 0], curve[:, 1])
-        value = 0.5 * float(deep_n - shallow_n)
-    return UncertaintyTerm(
-        name="height of first contact",
-        group=TermGroup.INPUTS,
-        value_n=value,
-        basis="half of the simulator's depth at the contact force, times its stiffness"
-        if value is not None
-        else "unknown: no simulated curve",
-    )
-
-
-def _numerics(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
-    replay = trial.replay
-    error = None if replay is None else replay.force_error_estimate
-    return (
-        UncertaintyTerm(
-            name="mesh, element and barrier of the simulator",
-            group=TermGroup.NUMERICS,
-            value_n=abs(error * replay.force_simulated_n)
-            if replay is not None and error is not None
-            else None,
-            basis=replay.force_error_basis if replay is not None else "no replay",
-        ),
-    )
-
-
-def _inputs(trial: TrialEvidence, model: ReplayModel | None) -> tuple[UncertaintyTerm, ...]:
-    relative = None if model is None else model.young_uncertainty_relative
-    replay = trial.replay
-    stated = isinstance(relative, int | float) and replay is not None
-    return (
-        UncertaintyTerm(
-            name="modulus of the gel",
-            group=TermGroup.INPUTS,
-            value_n=abs(float(relative) * replay.force_simulated_n)
-            if isinstance(relative, int | float) and replay is not None
-            else None,
-            basis="stated with the material"
-            if stated
-            else "unknown: the material states no uncertainty for this unit",
-        ),
-        UncertaintyTerm(
-            name="tilt and place of the indenter",
-            group=TermGroup.INPUTS,
-            value_n=None,
-            basis="unknown: not measured",
-        ),
-    )
-
-
-def _data(trial: TrialEvidence) -> tuple[UncertaintyTerm, ...]:
-    record = trial.record
-    deviation = None if record is None else record.force_deviation_n
+    record, replay = trial.record, trial.replay
+    simulated = None if replay is None else replay.force_simulated_n
     drift = None if record is None else record.force_drift_n
+    numerics = "no replay" if replay is None else replay.force_error_basis
     return (
-        UncertaintyTerm(
-            name="scatter of the force in the dwell",
-            group=TermGroup.DATA,
-            value_n=deviation,
-            basis="standard deviation over the dwell" if deviation is not None else "not recorded",
+        _term(
+            TermGroup.NUMERICS,
+            "mesh, element and barrier of the simulator",
+            _share(None if replay is None else replay.force_error_estimate, simulated),
+            known=numerics,
+            unknown=numerics,
         ),
-        UncertaintyTerm(
-            name="drift of the force sensor's zero",
-            group=TermGroup.DATA,
-            value_n=None if drift is None else abs(drift),
-            basis="unloaded after minus before" if drift is not None else "not recorded",
+        _term(
+            TermGroup.INPUTS,
+            "modulus of the gel",
+            _share(None if model is None else model.young_uncertainty_relative, simulated),
+            known="stated with the material",
+            unknown="unknown: the material states no uncertainty for this unit",
         ),
-        UncertaintyTerm(
-            name="repeatability of the press",
-            group=TermGroup.DATA,
-            value_n=None,
-            basis="unknown: needs at least five presses at one force",
+        _term(
+            TermGroup.INPUTS,
+            "tilt and place of the indenter",
+            None,
+            unknown="unknown: not measured",
+        ),
+        _term(
+            TermGroup.INPUTS,
+            "height of first contact",
+            _contact_height(trial, touched_m),
+            known="half of the simulator's depth at the contact force, times its stiffness",
+            unknown="unknown: no simulated curve",
+        ),
+        _term(
+            TermGroup.DATA,
+            "scatter of the force in the dwell",
+            None if record is None else record.force_deviation_n,
+            known="standard deviation over the dwell",
+            unknown="not recorded",
+        ),
+        _term(
+            TermGroup.DATA,
+            "drift of the force sensor's zero",
+            None if drift is None else abs(drift),
+            known="unloaded after minus before",
+            unknown="not recorded",
+        ),
+        _term(
+            TermGroup.DATA,
+            "repeatability of the press",
+            None,
+            unknown="unknown: needs at least five presses at one force",
         ),
     )
+
+
+def _term(
+    group: TermGroup, name: str, value_n: float | None, *, unknown: str, known: str = ""
+) -> UncertaintyTerm:
+    basis = unknown if value_n is None else known
+    return UncertaintyTerm(name=name, group=group, value_n=value_n, basis=basis)
+
+
+def _share(relative: float | None, force_n: float | None) -> float | None:
+    return None if relative is None or force_n is None else abs(relative * force_n)
+
+
+def _contact_height(trial: TrialEvidence, touched_m: float | None) -> float | None:
+    """Return half of the force [N] over the depth in doubt.
+
+    Not from a slope: between two evaluations a nanometre apart it is the solver's tolerance.
+    """
+    curve = trial.force_depth_simulated
+    depth = None if trial.record is None else trial.record.depth_measured_m
+    if curve is None or depth is None or touched_m is None or len(curve) < 2:
+        return None
+    deepest = min(depth, curve[-1, 0])
+    deep_n, shallow_n = np.interp([deepest, deepest - touched_m], curve[:, 0], curve[:, 1])
+    return 0.5 * float(deep_n - shallow_n)
 
 
 def _difference(first: float | None, second: float | None) -> float | None:
