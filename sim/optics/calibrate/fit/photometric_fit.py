@@ -189,9 +189,13 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    normal, load = samples.normal_equations(features)
-    held = normal + ridge * count * np.eye(unknowns)
-    coefficients = np.linalg.solve(held, load[..., None])[..., 0].T
+    coefficients = np.empty((unknowns, 3))
+    for channel in range(3):
+        counts, weights = samples.counts[:, channel], samples.weighed(channel)
+        known = features[:, counts] * weights[counts]
+        wanted = samples.change[counts, channel] * weights[counts]
+        normal = known @ known.T + ridge * count * np.eye(unknowns)
+        coefficients[:, channel] = np.linalg.solve(normal, known @ wanted)
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
