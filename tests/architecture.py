@@ -15,9 +15,10 @@ PAGE = ROOT / "docs" / "architecture.md"
 FOLDERS = ("tacauchy_rig", "protocols", "drivers", "sim", "reports")
 BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the imports: end -->"
 
-# Plain types and units that every room may use; arrows to them would hide all others.
+# Plain types, units and writers that every room may use; arrows to them would hide all others.
+_SPINE = "errors|quantities|run|registry|versions|tables|page|figure_style"
 EVERYWHERE = re.compile(
-    r"(tacauchy_rig|tacauchy_rig\.(errors|quantities|run|json_values)|sim\.(arrays|device|warp_start))$"
+    rf"({'|'.join(FOLDERS)}|tacauchy_rig\.({_SPINE})|sim\.(arrays|device)|reports\.arrays)$"
 )
 
 Arrows = dict[str, set[str]]
