@@ -41,7 +41,7 @@ def _texts() -> list[Path]:
     return [ROOT / name for name in listed.stdout.split()]
 
 
-_MODULE = re.compile(rf"``?((?:{'|'.join(FOLDERS)})(?:\.[a-z_0-9]+)+)``?")
+_MODULE = re.compile(rf"``?((?:{'|'.join(FOLDERS)})(?:\.(?!py\b)[a-z_0-9]+)+)``?")
 _FILE = re.compile(rf"[`( ]((?:{'|'.join(FOLDERS)}|tests)(?:/[\w.]+)+\.(?:py|toml|json))[`) ,.;]")
 
 
