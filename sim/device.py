@@ -128,6 +128,11 @@ def filled(structure: Any, **members: Any) -> Any:
     return made
 
 
+def replaced(structure: Any, made: Any, **members: Any) -> Any:
+    """Return a copy of a Warp structure with other values of these members."""
+    return filled(structure, **{name: getattr(made, name) for name in structure.vars} | members)
+
+
 def on_host(array: Any) -> NDArray[Any]:
     """Return a device array on the host, its reals as float64; on the CPU this shares memory."""
     host = array.numpy()

@@ -263,13 +263,13 @@ def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     """Sum moment, area and pressure over the contact points."""
     model, contact = path.model, point.equilibrium.contact
     symmetry = model.mesh.symmetry
-    normals = model.deformed_area_vectors(point.state.positions)
+    normals = model.surface.area_vectors(point.state.positions)
     areas = np.linalg.norm(normals, axis=2)
     strength = np.linalg.norm(contact.forces, axis=2)
     touching = strength > 0.0
     arms = contact.points - point.state.tip
     pressure = strength[touching] / areas[touching]
-    gaps = model.gaps(point.state.positions, path.indenter, point.state)
+    gaps = model.surface.gaps(point.state.positions, path.indenter, point.state)
     return ContactMeasures(
         moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
         area_m2=symmetry.copies * float(areas[touching].sum()),

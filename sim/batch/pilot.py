@@ -175,8 +175,8 @@ class Pilot:
 
     def _stiffness(self, point: PathPoint) -> PilotStiffness:
         model, state = self.model, point.state
-        forces = model.contact_forces(state.positions, self.indenter, state, curved=False)
-        border = model.pattern.unknowns(model.scatter(-forces.stiffness[..., 2]))
+        forces = model.surface.forces(state.positions, self.indenter, state, curved=False)
+        border = model.pattern.unknowns(model.surface.scatter(-forces.stiffness[..., 2]))
         return PilotStiffness(
             data=model.hessian_data(state.positions, forces.stiffness, projected=True),
             border=border if self.is_pushed else None,

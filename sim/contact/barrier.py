@@ -23,33 +23,50 @@ from sim.contact.indenter_distance import Body, BodyKernel, distance_curvature, 
 
 
 @wp.struct
-class ContactSettings:
-    """Numbers of the contact model.
+class TouchedSurface:
+    """The faces that may be touched, and the numbers of the contact model.
 
     Attributes:
+        faces: Nodes of every face, shape [face_count, face_node_count].
+        values: Of the shape functions, shape [point_count, face_node_count].
+        areas: At rest, of every contact point [m^2], shape [face_count, point_count].
         distance: d_hat [m].
         stiffness: kappa [J/m^2].
         extension: Share of d_hat below which the barrier goes on as a parabola.
+        bond: k [Pa/m]; positive only where points are bonded.
+        friction: mu.
+        slip: s [m], the offset at which sticking has become sliding.
     """
 
+    faces: wp.array2d(dtype=wp.int32)
+    values: wp.array2d(dtype=wp.float64)
+    areas: wp.array2d(dtype=wp.float64)
     distance: wp.float64
     stiffness: wp.float64
     extension: wp.float64
+    bond: wp.float64
+    friction: wp.float64
+    slip: wp.float64
 
 
 @wp.func
 def surface_point(
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
-    positions: wp.array(dtype=wp.vec3d),
-    face: wp.int32,
-    point: wp.int32,
+    surface: TouchedSurface, positions: wp.array(dtype=wp.vec3d), face: wp.int32, point: wp.int32
 ) -> wp.vec3d:
     """Return the position of a contact point [m]."""
     x = wp.vec3d()
-    for k in range(faces.shape[1]):
-        x += positions[faces[face, k]] * face_values[point, k]
+    for k in range(surface.faces.shape[1]):
+        x += positions[surface.faces[face, k]] * surface.values[point, k]
     return x
+
+
+@wp.func
+def add_to_nodes(
+    v: wp.vec3d, surface: TouchedSurface, f: wp.int32, q: wp.int32, out: wp.array(dtype=wp.vec3d)
+):
+    """Share a vector at a contact point among the nodes of its face."""
+    for k in range(surface.faces.shape[1]):
+        wp.atomic_add(out, surface.faces[f, k], v * surface.values[q, k])
 
 
 @wp.func
@@ -84,8 +101,7 @@ def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
 @wp.kernel(enable_backward=False)
 def gap(
     # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
+    surface: TouchedSurface,
     body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -94,7 +110,7 @@ def gap(
 ):
     """Measure the gap of every contact point [m]."""
     f, q = wp.tid()
-    distance, _ = signed_distance(body, surface_point(faces, face_values, positions, f, q))
+    distance, _ = signed_distance(body, surface_point(surface, positions, f, q))
     gap_out[f, q] = distance
 
 
@@ -102,10 +118,7 @@ def gap(
 @wp.kernel(enable_backward=False)
 def energy(
     # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
-    areas: wp.array2d(dtype=wp.float64),
-    settings: ContactSettings,
+    surface: TouchedSurface,
     body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -114,22 +127,19 @@ def energy(
 ):
     """Evaluate the contact energy of every point [J]."""
     f, q = wp.tid()
-    x = surface_point(faces, face_values, positions, f, q)
+    x = surface_point(surface, positions, f, q)
     distance, _ = signed_distance(body, x)
     total = wp.float64(0.0)
-    if distance < settings.distance:
-        total = settings.stiffness * _barrier(distance / settings.distance, settings.extension)
-    energy_out[f, q] = areas[f, q] * total
+    if distance < surface.distance:
+        total = surface.stiffness * _barrier(distance / surface.distance, surface.extension)
+    energy_out[f, q] = surface.areas[f, q] * total
 
 
 @BodyKernel
 @wp.kernel(enable_backward=False)
 def force(
     # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
-    areas: wp.array2d(dtype=wp.float64),
-    settings: ContactSettings,
+    surface: TouchedSurface,
     body: Any,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -145,18 +155,18 @@ def force(
     indenter's curvature is left out, which keeps it positive semidefinite.
     """
     f, q = wp.tid()
-    x = surface_point(faces, face_values, positions, f, q)
+    x = surface_point(surface, positions, f, q)
     distance, n = signed_distance(body, x)
     pull = wp.vec3d()
     stiffness = wp.mat33d()
-    if distance < settings.distance:
-        s = distance / settings.distance
-        scale = areas[f, q] * settings.stiffness / settings.distance
-        pull = n * (scale * barrier_slope(s, settings.extension))
-        along = scale / settings.distance * barrier_curvature(s, settings.extension)
+    if distance < surface.distance:
+        s = distance / surface.distance
+        scale = surface.areas[f, q] * surface.stiffness / surface.distance
+        pull = n * (scale * barrier_slope(s, surface.extension))
+        along = scale / surface.distance * barrier_curvature(s, surface.extension)
         stiffness = wp.outer(n, n) * along
         if curved:
-            slope = scale * barrier_slope(s, settings.extension)
+            slope = scale * barrier_slope(s, surface.extension)
             stiffness += distance_curvature(body, x) * slope
     point_out[f, q] = x
     force_out[f, q] = pull
@@ -166,8 +176,7 @@ def force(
 @wp.kernel(enable_backward=False)
 def scatter(
     # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
+    surface: TouchedSurface,
     # Data in:
     point_vectors: wp.array2d(dtype=wp.vec3d),
     # Data out:
@@ -177,8 +186,7 @@ def scatter(
     f, q = wp.tid()
     v = point_vectors[f, q]
     if wp.dot(v, v) > wp.float64(0.0):
-        for k in range(faces.shape[1]):
-            wp.atomic_add(nodes_out, faces[f, k], v * face_values[q, k])
+        add_to_nodes(v, surface, f, q, nodes_out)
 
 
 @wp.kernel(enable_backward=False)
@@ -210,10 +218,7 @@ def hessian(
 @wp.kernel(enable_backward=False)
 def push(
     # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    face_values: wp.array2d(dtype=wp.float64),
-    areas: wp.array2d(dtype=wp.float64),
-    settings: ContactSettings,
+    surface: TouchedSurface,
     body: Body,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -227,11 +232,10 @@ def push(
     Its sum is the force on the indenter; the smallest gap is that of the points that touch [m].
     """
     f, q = wp.tid()
-    distance, n = signed_distance(body, surface_point(faces, face_values, positions, f, q))
-    if distance < settings.distance:
-        scale = areas[f, q] * settings.stiffness / settings.distance
-        v = n * (scale * barrier_slope(distance / settings.distance, settings.extension))
-        for k in range(faces.shape[1]):
-            wp.atomic_add(nodes_out, faces[f, k], v * face_values[q, k])
+    distance, n = signed_distance(body, surface_point(surface, positions, f, q))
+    if distance < surface.distance:
+        scale = surface.areas[f, q] * surface.stiffness / surface.distance
+        v = n * (scale * barrier_slope(distance / surface.distance, surface.extension))
+        add_to_nodes(v, surface, f, q, nodes_out)
         wp.atomic_add(push_out, 0, v)
         wp.atomic_min(gap_out, 0, distance)

@@ -8,11 +8,10 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.contact import barrier as contact
-from sim.contact import friction
+from sim.contact import barrier, friction
 from sim.contact.indenter_distance import body_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
-from sim.device import KERNEL_EPSILON, Device, filled, on_host
+from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter
 
@@ -28,17 +27,25 @@ class ContactSurface:
         self, pad: Discretisation, options: ContactOptions, *, young_pa: float, device: Device
     ) -> None:
         self._pad, self._options, self._device = pad, options, device
-        self._young_pa = young_pa
         self._shape = (len(pad.faces), len(pad.reference.face_weights))
         self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
-        self._values = device.array(pad.reference.face_values, wp.float64)
-        self._arrays = [device.array(pad.faces, wp.int32), self._values]
-        self._areas = device.array(pad.face_areas[:, None] * pad.reference.face_weights, wp.float64)
+        areas = pad.face_areas[:, None] * pad.reference.face_weights
+        self._surface = filled(
+            barrier.TouchedSurface,
+            faces=device.array(pad.faces, wp.int32),
+            values=device.array(pad.reference.face_values, wp.float64),
+            areas=device.array(areas, wp.float64),
+            distance=options.distance_m,
+            stiffness=options.stiffness_factor * young_pa * options.distance_m,
+            bond=young_pa / options.distance_m if options.bonded else 0.0,
+            friction=options.friction,
+            slip=options.slip_m,
+        )
 
     @property
     def areas(self) -> FloatArray:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
-        return on_host(self._areas)
+        return on_host(self._surface.areas)
 
     def free_grip(self) -> Grip | None:
         """Return the memory of a surface that nothing has touched; None if nothing is kept."""
@@ -53,27 +60,27 @@ class ContactSurface:
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
         out = self._points(wp.float64)
-        inputs = [*self._arrays, self._body(indenter, state), self._device.vectors(positions)]
-        self._device.launch(contact.gap.of(indenter), self._shape, inputs, [out])
+        inputs = self._inputs(positions, indenter, state)
+        self._device.launch(barrier.gap.of(indenter), self._shape, inputs, [out])
         return on_host(out)
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
         out = self._points(wp.float64)
-        inputs = self._barrier_inputs(positions, indenter, state)
-        self._device.launch(contact.energy.of(indenter), self._shape, inputs, [out])
+        inputs = self._inputs(positions, indenter, state)
+        self._device.launch(barrier.energy.of(indenter), self._shape, inputs, [out])
         if state.grip is not None:
-            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            inputs.append(self._grip(state.grip))
             self._device.launch(friction.add_energy.of(indenter), self._shape, inputs, [out])
         return float(on_host(out).sum())
 
     def forces(
-        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool
+        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
-        """Return the contact at every point, its stiffness exact if ``curved``."""
+        """Return the contact at every point; its stiffness is exact, or semidefinite."""
         out = self._barrier_forces(positions, indenter, state, curved=curved)
         if state.grip is not None:
-            inputs = self._grip_inputs(positions, indenter, state, state.grip)
+            inputs = [*self._inputs(positions, indenter, state), self._grip(state.grip)]
             self._device.launch(friction.add_force.of(indenter), self._shape, inputs, out[1:])
         points, forces, stiffness = (on_host(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
@@ -83,23 +90,24 @@ class ContactSurface:
     ) -> Any:
         """Return a launch of ``barrier.push`` at positions [m] on the device."""
         body = body_at(indenter, np.zeros(3), np.eye(3), device=self._device.name)
-        inputs = [*self._arrays, self._areas, self._settings(extension), body, positions]
-        return self._device.record(contact.push, self._shape, inputs, outputs)
+        surface = replaced(barrier.TouchedSurface, self._surface, extension=extension)
+        inputs = [surface, body, positions]
+        return self._device.record(barrier.push, self._shape, inputs, outputs)
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
         self._device.launch(
-            contact.hessian,
+            barrier.hessian,
             (self._shape[0], self._pad.reference.face_node_count),
-            [self._slots, self._values, self._device.array(stiffness, wp.mat33d)],
+            [self._slots, self._surface.values, self._device.array(stiffness, wp.mat33d)],
             [values],
         )
 
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
         """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
         out = self._device.zeros(len(self._pad.nodes), wp.vec3d)
-        inputs = [*self._arrays, self._device.array(point_vectors, wp.vec3d)]
-        self._device.launch(contact.scatter, self._shape, inputs, [out])
+        inputs = [self._surface, self._device.array(point_vectors, wp.vec3d)]
+        self._device.launch(barrier.scatter, self._shape, inputs, [out])
         return on_host(out)
 
     def area_vectors(self, positions: FloatArray) -> FloatArray:
@@ -121,15 +129,13 @@ class ContactSurface:
             return 0.0
         before = grip.loads
         _, forces, _ = self._barrier_forces(state.positions, indenter, state, curved=True)
-        held = self._device.array(grip.held, wp.int32)
-        anchors = self._device.array(grip.anchors, wp.vec3d)
-        loads = self._points(wp.vec3d)
-        inputs = [*self._grip_model(indenter, state), self._device.vectors(state.positions), forces]
-        self._device.launch(
-            friction.refresh.of(indenter), self._shape, inputs, [held, anchors, loads]
-        )
+        held_on = self._grip(grip)
+        inputs = [*self._inputs(state.positions, indenter, state), forces]
+        self._device.launch(friction.refresh.of(indenter), self._shape, inputs, [held_on])
         state.grip = Grip(
-            held=on_host(held).copy(), anchors=on_host(anchors).copy(), loads=on_host(loads).copy()
+            held=on_host(held_on.held).copy(),
+            anchors=on_host(held_on.anchors).copy(),
+            loads=on_host(held_on.loads).copy(),
         )
         if self._options.bonded:
             return 0.0
@@ -142,65 +148,35 @@ class ContactSurface:
         grip = state.grip
         if grip is None or self._options.bonded:
             return
-        anchors = self._device.array(grip.anchors, wp.vec3d)
-        faces, values, _, settings, body = self._grip_model(indenter, state)
-        inputs = [faces, values, settings, body, self._device.vectors(state.positions)]
-        inputs += [
-            self._device.array(grip.held, wp.int32),
-            self._device.array(grip.loads, wp.vec3d),
-        ]
-        self._device.launch(friction.drag.of(indenter), self._shape, inputs, [anchors])
-        grip.anchors = on_host(anchors).copy()
+        held_on = self._grip(grip)
+        inputs = self._inputs(state.positions, indenter, state)
+        self._device.launch(friction.drag.of(indenter), self._shape, inputs, [held_on])
+        grip.anchors = on_host(held_on.anchors).copy()
 
     def _points(self, kind: Any) -> Any:
         return self._device.empty(self._shape, kind)
 
-    def _body(self, indenter: Indenter, state: State) -> Any:
-        return body_at(indenter, state.tip, state.rotation, device=self._device.name)
-
-    def _barrier_inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
-        settings, body = self._settings(state.extension), self._body(indenter, state)
-        return [*self._arrays, self._areas, settings, body, self._device.vectors(positions)]
-
-    def _settings(self, extension: float) -> Any:
-        options = self._options
-        return filled(
-            contact.ContactSettings,
-            distance=options.distance_m,
-            stiffness=options.stiffness_factor * self._young_pa * options.distance_m,
-            extension=extension,
-        )
+    def _inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
+        surface = replaced(barrier.TouchedSurface, self._surface, extension=state.extension)
+        body = body_at(indenter, state.tip, state.rotation, device=self._device.name)
+        return [surface, body, self._device.vectors(positions)]
 
     def _barrier_forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool
     ) -> list[Any]:
         """Return points [m], forces [N] and their stiffness [N/m] without grip, on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
-        inputs = [*self._barrier_inputs(positions, indenter, state), curved]
-        self._device.launch(contact.force.of(indenter), self._shape, inputs, out)
+        inputs = [*self._inputs(positions, indenter, state), curved]
+        self._device.launch(barrier.force.of(indenter), self._shape, inputs, out)
         return out
 
-    def _grip_model(self, indenter: Indenter, state: State) -> list[Any]:
-        options = self._options
-        settings = filled(
-            friction.GripSettings,
-            reach=options.distance_m,
-            stiffness=self._young_pa / options.distance_m if options.bonded else 0.0,
-            coefficient=options.friction,
-            slip=options.slip_m,
+    def _grip(self, grip: Grip) -> Any:
+        return filled(
+            friction.GripArrays,
+            held=self._device.array(grip.held, wp.int32),
+            anchors=self._device.array(grip.anchors, wp.vec3d),
+            loads=self._device.array(grip.loads, wp.vec3d),
         )
-        return [*self._arrays, self._areas, settings, self._body(indenter, state)]
-
-    def _grip_inputs(
-        self, positions: FloatArray, indenter: Indenter, state: State, grip: Grip
-    ) -> list[Any]:
-        return [
-            *self._grip_model(indenter, state),
-            self._device.vectors(positions),
-            self._device.array(grip.held, wp.int32),
-            self._device.array(grip.anchors, wp.vec3d),
-            self._device.array(grip.loads, wp.vec3d),
-        ]
 
 
 def contact_rounding_n(found: ContactForces) -> float:

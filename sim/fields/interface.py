@@ -181,7 +181,8 @@ def _nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]
     deformed = np.einsum("enx,qny->eqxy", positions[nodes], model.reference.gradients)
     inverse = np.swapaxes(np.linalg.inv(deformed), 2, 3)
     cofactors = np.linalg.det(deformed)[..., None, None] * inverse
-    weighted = model.cauchy_stress(positions)[chosen] * model.reference.weights[:, None, None] / 6.0
+    shares = model.reference.weights[:, None, None]
+    weighted = model.gel.cauchy_stress(positions)[chosen] * shares / 6.0
     forces = np.einsum("eqik,qnk->eni", weighted @ cofactors, model.reference.gradients)
     total = np.zeros_like(positions)
     np.add.at(total, nodes, forces)
@@ -242,7 +243,7 @@ def _layer_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]
         (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))),
         shape=(len(vertices), len(vertices)),
     )
-    stress = model.cauchy_stress(positions)[chosen].reshape(*blocks.shape[:1], len(weights), 9)
+    stress = model.gel.cauchy_stress(positions)[chosen].reshape(*blocks.shape[:1], len(weights), 9)
     loads = np.einsum("e,q,qa,eqs->eas", volumes, weights, values, stress)
     right = np.zeros((len(vertices), 9))
     np.add.at(right, local, loads)

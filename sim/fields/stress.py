@@ -56,13 +56,13 @@ def element_stress(model: Model, positions: FloatArray) -> FloatArray:
     Returns:
         Shape [element_count, 3, 3].
     """
-    stress = model.cauchy_stress(positions)
+    stress = model.gel.cauchy_stress(positions)
     return np.asarray(np.einsum("eqij,q->eij", stress, model.reference.weights))
 
 
 def surface_stress(model: Model, positions: FloatArray) -> SurfaceStress:
     """Project the elements' stress onto the surface (paper, Algorithm 1, Eq. 5-7)."""
-    vectors = model.deformed_area_vectors(positions).sum(axis=1)
+    vectors = model.surface.area_vectors(positions).sum(axis=1)
     areas = np.linalg.norm(vectors, axis=1)
     normals = vectors / areas[:, None]
     stress = element_stress(model, positions)[model.face_parents]
@@ -79,10 +79,10 @@ def surface_stress(model: Model, positions: FloatArray) -> SurfaceStress:
 
 def nodal_contact(model: Model, point: PathPoint) -> NodalContact:
     """Split the contact forces at the nodes (paper, Algorithm 2)."""
-    forces = -model.scatter(point.equilibrium.contact.forces)
-    vectors = model.deformed_area_vectors(point.state.positions)
+    forces = -model.surface.scatter(point.equilibrium.contact.forces)
+    vectors = model.surface.area_vectors(point.state.positions)
     areas = np.linalg.norm(vectors, axis=2)
-    outward = model.scatter(vectors / areas[..., None] * model.contact_areas[..., None])
+    outward = model.surface.scatter(vectors / areas[..., None] * model.surface.areas[..., None])
     lengths = np.linalg.norm(outward, axis=1, keepdims=True)
     normals = np.divide(outward, lengths, out=np.zeros_like(outward), where=lengths > 0.0)
     normal = np.einsum("ni,ni->n", forces, normals)[:, None] * normals

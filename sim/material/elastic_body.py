@@ -9,9 +9,8 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.device import KERNEL_EPSILON, Device, on_host
-from sim.material import elasticity
-from sim.material.elasticity import element_gradient_kernel
+from sim.device import KERNEL_EPSILON, Device, filled, on_host
+from sim.material.elasticity import GelArrays, elastic_kernels, element_gradient_kernel
 from sim.material.laws.tangent import Law, Tangent
 from sim.material.relaxation import PronySeries, Relaxation
 from sim.mesh.discretisation import Discretisation
@@ -42,29 +41,32 @@ class ElasticBody:
         device: Device,
     ) -> None:
         self._device = device
-        self._law, self._kernels = law, elasticity.elastic_kernels(law)
+        self._law, self._kernels = law, elastic_kernels(law)
         self._reference = pad.reference
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
         materials = np.column_stack([young_pa, poisson])
         distinct, material = np.unique(materials, axis=0, return_inverse=True)
         parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
-        self._arrays = [
-            device.array(pad.elements, wp.int32),
-            device.array(pad.reference.gradients, wp.vec3d),
-            device.array(pad.inverse_jacobians, wp.mat33d),
-            device.array(pad.volumes[:, None] * pad.reference.weights, wp.float64),
-            device.array(parameters[material.reshape(-1)], wp.vec4d),
-        ]
+        self._arrays = filled(
+            GelArrays,
+            nodes=device.array(pad.elements, wp.int32),
+            reference_gradients=device.array(pad.reference.gradients, wp.vec3d),
+            inverse_jacobians=device.array(pad.inverse_jacobians, wp.mat33d),
+            weights=device.array(pad.volumes[:, None] * pad.reference.weights, wp.float64),
+            parameters=device.array(parameters[material.reshape(-1)], wp.vec4d),
+        )
         self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
         self.rounding_n = _rounding_force(pad, young_pa, poisson)
-        self.relaxation = None if prony is None else Relaxation(law, self._arrays, prony, pad.nodes)
+        self.relaxation = (
+            None if prony is None else Relaxation(law, self._arrays, prony, pad.nodes, device)
+        )
 
     def energy(self, positions: FloatArray) -> tuple[float, float]:
         """Return the elastic energy [J] and the smallest volume ratio J."""
         energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
         at = self._device.vectors(positions)
-        inputs = [*self._loaded, at]
+        inputs = [self._loaded, at]
         self._device.launch(self._kernels.energy, self._shape, inputs, [energies, ratios])
         if self.relaxation is not None:
             self.relaxation.add_energy(at, energies)
@@ -74,7 +76,7 @@ class ElasticBody:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
         out = self._device.zeros(self._node_count, wp.vec3d)
         at = self._device.vectors(positions)
-        self._device.launch(self._kernels.gradient, self._shape, [*self._loaded, at], [out])
+        self._device.launch(self._kernels.gradient, self._shape, [self._loaded, at], [out])
         if self.relaxation is not None:
             self.relaxation.add_gradient(at, out)
         return on_host(out)
@@ -84,22 +86,21 @@ class ElasticBody:
 
         What the gel remembers is left out.
         """
-        nodes, _, *model = self._arrays
         kernel = element_gradient_kernel(self._law, self._reference.order)
-        return self._device.record(kernel, self._shape[:1], [nodes, *model, positions], [out])
+        return self._device.record(kernel, self._shape[:1], [self._arrays, positions], [out])
 
     def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
         """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
         energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
         launch = self._device.record(
-            self._kernels.energy, self._shape, [*self._arrays, positions], [energies, ratios]
+            self._kernels.energy, self._shape, [self._arrays, positions], [energies, ratios]
         )
         return on_host(ratios), launch
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         tangents, *vectors = self._tangent_room
-        inputs = [*self._loaded, self._device.vectors(positions), projected]
+        inputs = [self._loaded, self._device.vectors(positions), projected]
         self._device.launch(self._kernels.tangent, self._shape, inputs, [tangents, *vectors])
         self._device.launch(
             self._kernels.hessian,
@@ -113,10 +114,8 @@ class ElasticBody:
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
         out = self._device.empty(self._shape, wp.mat33d)
-        nodes, gradients, inverse, _, parameters = self._arrays
         at = self._device.vectors(positions)
-        inputs = [nodes, gradients, inverse, parameters, at]
-        self._device.launch(self._kernels.stress, self._shape, inputs, [out])
+        self._device.launch(self._kernels.stress, self._shape, [self._arrays, at], [out])
         if self.relaxation is not None:
             self.relaxation.add_stress(at, out)
         return on_host(out)
@@ -138,13 +137,14 @@ class ElasticBody:
         corners = np.arange(3 * count, dtype=np.int32).reshape(count, 3)
         columns = np.swapaxes(deformations, 1, 2).reshape(-1, 3)
         out = self._device.empty((count, 1), wp.mat33d)
-        inputs = [
-            self._device.array(corners, wp.int32),
-            self._device.array(np.eye(3)[None], wp.vec3d),
-            self._device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
-            self._device.array(on_host(self._arrays[4])[elements], wp.vec4d),
-            self._device.vectors(columns),
-        ]
+        made_up = filled(
+            GelArrays,
+            nodes=self._device.array(corners, wp.int32),
+            reference_gradients=self._device.array(np.eye(3)[None], wp.vec3d),
+            inverse_jacobians=self._device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
+            parameters=self._device.array(on_host(self._arrays.parameters)[elements], wp.vec4d),
+        )
+        inputs = [made_up, self._device.vectors(columns)]
         self._device.launch(self._kernels.stress, (count, 1), inputs, [out])
         return on_host(out)[:, 0]
 
@@ -156,12 +156,9 @@ class ElasticBody:
         return [self._device.empty(self._shape, Tangent), *vectors]
 
     @property
-    def _loaded(self) -> list[Any]:
+    def _loaded(self) -> Any:
         """The element arrays, their weights stiffened by what relaxation adds in a step."""
-        if self.relaxation is None:
-            return self._arrays
-        nodes, gradients, inverse, _, parameters = self._arrays
-        return [nodes, gradients, inverse, self.relaxation.weights, parameters]
+        return self._arrays if self.relaxation is None else self.relaxation.loaded
 
 
 def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:

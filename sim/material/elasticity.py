@@ -42,20 +42,50 @@ class ElasticKernels:
     stress: Any
 
 
+@wp.struct
+class GelArrays:
+    """A gel's elements on a device.
+
+    Attributes:
+        nodes: Of every element, shape [element_count, node_count].
+        reference_gradients: Of the shape functions, shape [point_count, node_count].
+        inverse_jacobians: At rest [1/m], shape [element_count].
+        weights: Rest volume of every quadrature point [m^3], shape [element_count, point_count].
+        parameters: The law's numbers, shape [element_count].
+    """
+
+    nodes: wp.array2d(dtype=wp.int32)
+    reference_gradients: wp.array2d(dtype=wp.vec3d)
+    inverse_jacobians: wp.array(dtype=wp.mat33d)
+    weights: wp.array2d(dtype=wp.float64)
+    parameters: wp.array(dtype=wp.vec4d)
+
+
 @wp.func
 def deformation_gradient(
-    nodes: wp.array2d(dtype=wp.int32),
-    reference_gradients: wp.array2d(dtype=wp.vec3d),
-    inverse_jacobians: wp.array(dtype=wp.mat33d),
-    positions: wp.array(dtype=wp.vec3d),
-    element: wp.int32,
-    point: wp.int32,
+    gel: GelArrays, positions: wp.array(dtype=wp.vec3d), element: wp.int32, point: wp.int32
 ) -> wp.mat33d:
     """Return F = dx/dX of an element at one of its points."""
     D = wp.mat33d()
-    for node in range(nodes.shape[1]):
-        D += wp.outer(positions[nodes[element, node]], reference_gradients[point, node])
-    return D * inverse_jacobians[element]
+    for node in range(gel.nodes.shape[1]):
+        D += wp.outer(positions[gel.nodes[element, node]], gel.reference_gradients[point, node])
+    return D * gel.inverse_jacobians[element]
+
+
+@wp.func
+def add_to_nodes(
+    P: wp.mat33d, gel: GelArrays, e: wp.int32, q: wp.int32, out: wp.array(dtype=wp.vec3d)
+):
+    """Add the nodal forces [N] of a first Piola-Kirchhoff stress [Pa] at an element's point."""
+    K = (P * wp.transpose(gel.inverse_jacobians[e])) * gel.weights[e, q]
+    for node in range(gel.nodes.shape[1]):
+        wp.atomic_add(out, gel.nodes[e, node], K * gel.reference_gradients[q, node])
+
+
+@wp.func
+def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
+    """Return sigma = P F^T / J [Pa] (paper, Eq. 3)."""
+    return (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
 
 
 @cache
@@ -66,11 +96,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
     @wp.kernel(enable_backward=False, module="unique")
     def energy(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        reference_gradients: wp.array2d(dtype=wp.vec3d),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        weights: wp.array2d(dtype=wp.float64),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         # Data in:
         positions: wp.array(dtype=wp.vec3d),
         # Data out:
@@ -78,39 +104,27 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         volume_ratio_out: wp.array2d(dtype=wp.float64),
     ):
         e, q = wp.tid()
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
-        energy_out[e, q] = weights[e, q] * law_energy(F, parameters[e])
+        F = deformation_gradient(gel, positions, e, q)
+        energy_out[e, q] = gel.weights[e, q] * law_energy(F, gel.parameters[e])
         volume_ratio_out[e, q] = wp.determinant(F)
 
     @wp.kernel(enable_backward=False, module="unique")
     def gradient(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        reference_gradients: wp.array2d(dtype=wp.vec3d),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        weights: wp.array2d(dtype=wp.float64),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         # Data in:
         positions: wp.array(dtype=wp.vec3d),
         # Data out:
         gradient_out: wp.array(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
-        inverse = inverse_jacobians[e]
-        P = law_stress(F, parameters[e])
-        K = (P * wp.transpose(inverse)) * weights[e, q]
-        for node in range(nodes.shape[1]):
-            wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
+        F = deformation_gradient(gel, positions, e, q)
+        add_to_nodes(law_stress(F, gel.parameters[e]), gel, e, q, gradient_out)
 
     @wp.kernel(enable_backward=False, module="unique")
     def tangent(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        reference_gradients: wp.array2d(dtype=wp.vec3d),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        weights: wp.array2d(dtype=wp.float64),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         # Data in:
         positions: wp.array(dtype=wp.vec3d),
         projected: wp.bool,
@@ -121,20 +135,20 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         cofactor_out: wp.array3d(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
-        inverse = inverse_jacobians[e]
-        t = law_tangent(F, parameters[e])
+        F = deformation_gradient(gel, positions, e, q)
+        inverse = gel.inverse_jacobians[e]
+        t = law_tangent(F, gel.parameters[e])
         if projected:
             t = semidefinite(t)
-        w = weights[e, q]
+        w = gel.weights[e, q]
         t.a = t.a * w
         t.b = t.b * w
         t.c = t.c * w
         t.d = t.d * w
         t.e = t.e * w
         tangent_out[e, q] = t
-        for node in range(nodes.shape[1]):
-            g = wp.transpose(inverse) * reference_gradients[q, node]
+        for node in range(gel.nodes.shape[1]):
+            g = wp.transpose(inverse) * gel.reference_gradients[q, node]
             gradients_out[e, q, node] = g
             deformed_out[e, q, node] = t.deformation * g
             cofactor_out[e, q, node] = t.cofactor * g
@@ -142,19 +156,15 @@ def elastic_kernels(law: Law) -> ElasticKernels:
     @wp.kernel(enable_backward=False, module="unique")
     def stress(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        reference_gradients: wp.array2d(dtype=wp.vec3d),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         # Data in:
         positions: wp.array(dtype=wp.vec3d),
         # Data out:
         stress_out: wp.array2d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
-        P = law_stress(F, parameters[e])
-        stress_out[e, q] = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
+        F = deformation_gradient(gel, positions, e, q)
+        stress_out[e, q] = cauchy(law_stress(F, gel.parameters[e]), F)
 
     return ElasticKernels(
         energy=energy, gradient=gradient, tangent=tangent, hessian=hessian, stress=stress
@@ -208,9 +218,6 @@ def hessian(
             wp.atomic_add(values_out, slot // 2, total)
 
 
-start_warp()
-
-
 def shape_gradients(reference: ReferenceElement) -> list[Any]:
     """Return the shape functions' gradients as kernels compile them in.
 
@@ -233,22 +240,19 @@ def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
     )
     def element_gradient(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        weights: wp.array2d(dtype=wp.float64),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         # Data in:
         positions: wp.array(dtype=wp.vec3d),
         # Data out:
         gradient_out: wp.array(dtype=wp.vec3d),
     ):
         e = wp.tid()
-        inverse = inverse_jacobians[e]
-        p = parameters[e]
+        inverse = gel.inverse_jacobians[e]
+        p = gel.parameters[e]
         at = NodeVectors()
         total = NodeVectors()
         for k in range(wp.static(node_count)):
-            x = positions[nodes[e, k]]
+            x = positions[gel.nodes[e, k]]
             for axis in range(3):
                 at[k, axis] = x[axis]
         for q in range(wp.static(len(gradients))):
@@ -259,7 +263,7 @@ def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
                         g = wp.float64(wp.static(gradients[q][k][j]))
                         for axis in range(3):
                             D[axis, j] += at[k, axis] * g
-            K = (law_stress(D * inverse, p) * wp.transpose(inverse)) * weights[e, q]
+            K = (law_stress(D * inverse, p) * wp.transpose(inverse)) * gel.weights[e, q]
             for k in range(wp.static(node_count)):
                 for j in range(3):
                     if wp.static(gradients[q][k][j] != 0.0):
@@ -268,6 +272,6 @@ def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
                             total[k, axis] += K[axis, j] * g
         for k in range(wp.static(node_count)):
             node_total = wp.vec3d(total[k, 0], total[k, 1], total[k, 2])
-            wp.atomic_add(gradient_out, nodes[e, k], node_total)
+            wp.atomic_add(gradient_out, gel.nodes[e, k], node_total)
 
     return element_gradient

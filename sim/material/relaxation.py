@@ -25,7 +25,9 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
+from sim.device import Device, replaced
 from sim.material import relaxation_kernels as kernels
+from sim.material.elasticity import GelArrays
 from sim.material.laws.tangent import Law
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.errors import ConfigError
@@ -86,35 +88,30 @@ class Relaxation:
 
     Args:
         law: The model's law.
-        element_arrays: The model's nodes, reference gradients, inverse Jacobians, quadrature
-            weights and law parameters on the device.
+        gel: The model's ``GelArrays``.
         series: The terms.
         positions: The nodes when nothing was remembered [m], shape [node_count, 3].
+
+    Attributes:
+        loaded: The gel with its quadrature weights times c.
     """
 
     def __init__(
-        self, law: Law, element_arrays: Sequence[Any], series: PronySeries, positions: FloatArray
+        self, law: Law, gel: Any, series: PronySeries, positions: FloatArray, device: Device
     ) -> None:
-        self.series = series
+        self.series, self._gel, self._device = series, gel, device
         self._objective = law.is_objective
         self._advance = kernels.advance_kernel(law)
-        *self._shape_arrays, self._rest_weights, self._parameters = element_arrays
-        self._device = self._rest_weights.device
-        self._points = tuple(self._rest_weights.shape)
-        self._stress = self._tensors(*self._points)
-        self._branches = self._tensors(len(series.times_s), *self._points)
-        self._ratios = self._array(series.ratios)
+        self._points = tuple(gel.weights.shape)
+        self._stress = device.zeros(self._points, wp.mat33d)
+        self._branches = device.zeros((len(series.times_s), *self._points), wp.mat33d)
+        self._ratios = device.array(series.ratios, wp.float64)
         self.forget(positions)
-
-    @property
-    def weights(self) -> Any:
-        """Quadrature weights times c, shape [element_count, point_count]."""
-        return self._weights
 
     def forget(self, positions: FloatArray) -> None:
         """Take the gel to have been held at ``positions`` [m] for ever."""
         self._set_step(np.zeros(len(self.series.times_s)), np.zeros(len(self.series.times_s)))
-        self._history = self._tensors(*self._points)
+        self._history = self._device.zeros(self._points, wp.mat33d)
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
@@ -127,50 +124,40 @@ class Relaxation:
         gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
         self._set_step(np.exp(-spent), gains)
         inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
-        self._launch(kernels.recall, self._points, inputs, [self._history])
+        self._device.launch(kernels.recall, self._points, inputs, [self._history])
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
-        inputs = [*self._shape_arrays, self._parameters, self._keeps, self._gains]
-        inputs.append(wp.array(positions, dtype=wp.vec3d, device=self._device))
-        self._launch(self._advance, self._points, inputs, [self._stress, self._branches])
+        inputs = [self._gel, self._keeps, self._gains, self._device.vectors(positions)]
+        self._device.launch(self._advance, self._points, inputs, [self._stress, self._branches])
 
     def add_energy(self, positions: Any, energies: Any) -> None:
         """Add the history's energy [J] to that of every point."""
-        inputs = [*self._shape_arrays, self._rest_weights, self._objective, positions]
-        self._launch(kernels.add_energy, self._points, [*inputs, self._history], [energies])
+        inputs = [self._gel, self._objective, positions, self._history]
+        self._device.launch(kernels.add_energy, self._points, inputs, [energies])
 
     def add_gradient(self, positions: Any, gradient: Any) -> None:
         """Add the history's nodal forces [N]."""
-        inputs = [*self._shape_arrays, self._rest_weights, self._objective, positions]
-        self._launch(kernels.add_gradient, self._points, [*inputs, self._history], [gradient])
+        inputs = [self._gel, self._objective, positions, self._history]
+        self._device.launch(kernels.add_gradient, self._points, inputs, [gradient])
 
     def add_hessian(self, slots: Any, values: Any, *, projected: bool) -> None:
         """Add the history's stiffness [N/m] to the matrix's blocks."""
-        if not self._objective:
-            return
-        _, gradients, inverse = self._shape_arrays
-        inputs = [slots, gradients, inverse, self._rest_weights, self._history, projected]
-        self._launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
+        if self._objective:
+            inputs = [slots, self._gel, self._history, projected]
+            self._device.launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
 
     def add_stress(self, positions: Any, stress: Any) -> None:
         """Turn the slow Cauchy stress [Pa] into that of the step."""
-        inputs = [*self._shape_arrays, self._stiffening, self._objective, positions]
-        self._launch(kernels.add_stress, self._points, [*inputs, self._history], [stress])
+        inputs = [self._gel, self._stiffening, self._objective, positions, self._history]
+        self._device.launch(kernels.add_stress, self._points, inputs, [stress])
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
         stiffening = 1.0 + gains @ self.series.ratios
-        self._keeps, self._gains = self._array(keeps), self._array(gains)
-        self._stiffening = self._array(stiffening)
-        self._weights = self._array(self._rest_weights.numpy() * stiffening[:, None])
-
-    def _array(self, values: FloatArray) -> Any:
-        return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._device)
-
-    def _tensors(self, *shape: int) -> Any:
-        return wp.zeros(shape, dtype=wp.mat33d, device=self._device)
-
-    def _launch(
-        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
-    ) -> None:
-        wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self._device)
+        self._keeps, self._gains, self._stiffening = (
+            self._device.array(each, wp.float64) for each in (keeps, gains, stiffening)
+        )
+        weights = self._gel.weights.numpy() * stiffening[:, None]
+        self.loaded = replaced(
+            GelArrays, self._gel, weights=self._device.array(weights, wp.float64)
+        )

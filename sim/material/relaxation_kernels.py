@@ -13,7 +13,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.material.elasticity import deformation_gradient
+from sim.material.elasticity import GelArrays, add_to_nodes, cauchy, deformation_gradient
 from sim.material.laws.tangent import Law
 
 
@@ -25,10 +25,7 @@ def advance_kernel(law: Law) -> Any:
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
         # Model:
-        nodes: wp.array2d(dtype=wp.int32),
-        reference_gradients: wp.array2d(dtype=wp.vec3d),
-        inverse_jacobians: wp.array(dtype=wp.mat33d),
-        parameters: wp.array(dtype=wp.vec4d),
+        gel: GelArrays,
         keeps: wp.array(dtype=wp.float64),
         gains: wp.array(dtype=wp.float64),
         # Data in:
@@ -38,8 +35,8 @@ def advance_kernel(law: Law) -> Any:
         branches_out: wp.array3d(dtype=wp.mat33d),
     ):
         e, q = wp.tid()
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
-        S = law_stress(F, parameters[e])
+        F = deformation_gradient(gel, positions, e, q)
+        S = law_stress(F, gel.parameters[e])
         if wp.static(objective):
             S = wp.inverse(F) * S
         for k in range(keeps.shape[0]):
@@ -73,10 +70,7 @@ def recall(
 @wp.kernel(enable_backward=False)
 def add_energy(
     # Model:
-    nodes: wp.array2d(dtype=wp.int32),
-    reference_gradients: wp.array2d(dtype=wp.vec3d),
-    inverse_jacobians: wp.array(dtype=wp.mat33d),
-    weights: wp.array2d(dtype=wp.float64),
+    gel: GelArrays,
     objective: wp.bool,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -86,22 +80,19 @@ def add_energy(
 ):
     """Add the history's energy [J]."""
     e, q = wp.tid()
-    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+    F = deformation_gradient(gel, positions, e, q)
     strain = F - wp.identity(n=3, dtype=wp.float64)
     if objective:
         # Green's strain from F - 1, so that small strains keep their digits.
         half = wp.float64(0.5)
         strain = (strain + wp.transpose(strain) + wp.transpose(strain) * strain) * half
-    energy_out[e, q] += weights[e, q] * wp.ddot(history[e, q], strain)
+    energy_out[e, q] += gel.weights[e, q] * wp.ddot(history[e, q], strain)
 
 
 @wp.kernel(enable_backward=False)
 def add_gradient(
     # Model:
-    nodes: wp.array2d(dtype=wp.int32),
-    reference_gradients: wp.array2d(dtype=wp.vec3d),
-    inverse_jacobians: wp.array(dtype=wp.mat33d),
-    weights: wp.array2d(dtype=wp.float64),
+    gel: GelArrays,
     objective: wp.bool,
     # Data in:
     positions: wp.array(dtype=wp.vec3d),
@@ -111,23 +102,18 @@ def add_gradient(
 ):
     """Add the history's nodal forces [N]."""
     e, q = wp.tid()
-    inverse = inverse_jacobians[e]
     P = history[e, q]
     if objective:
-        F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+        F = deformation_gradient(gel, positions, e, q)
         P = F * P
-    K = (P * wp.transpose(inverse)) * weights[e, q]
-    for node in range(nodes.shape[1]):
-        wp.atomic_add(gradient_out, nodes[e, node], K * reference_gradients[q, node])
+    add_to_nodes(P, gel, e, q, gradient_out)
 
 
 @wp.kernel(enable_backward=False)
 def add_hessian(
     # Model:
     blocks: wp.array3d(dtype=wp.int32),
-    reference_gradients: wp.array2d(dtype=wp.vec3d),
-    inverse_jacobians: wp.array(dtype=wp.mat33d),
-    weights: wp.array2d(dtype=wp.float64),
+    gel: GelArrays,
     # Data in:
     history: wp.array2d(dtype=wp.mat33d),
     projected: wp.bool,
@@ -136,25 +122,23 @@ def add_hessian(
 ):
     """Add (g . H h) 1 for each pair of nodes; launches over [element_count, element_node_count]."""
     e, i = wp.tid()
-    inverse = wp.transpose(inverse_jacobians[e])
-    for q in range(reference_gradients.shape[0]):
+    inverse = wp.transpose(gel.inverse_jacobians[e])
+    for q in range(gel.reference_gradients.shape[0]):
         H = history[e, q]
         if projected:
             H = _semidefinite(H)
-        pulled = (H * (inverse * reference_gradients[q, i])) * weights[e, q]
+        pulled = (H * (inverse * gel.reference_gradients[q, i])) * gel.weights[e, q]
         for j in range(i, blocks.shape[2]):
             slot = blocks[e, i, j]
             if slot >= 0:
-                s = wp.dot(pulled, inverse * reference_gradients[q, j])
+                s = wp.dot(pulled, inverse * gel.reference_gradients[q, j])
                 wp.atomic_add(values_out, slot // 2, wp.identity(n=3, dtype=wp.float64) * s)
 
 
 @wp.kernel(enable_backward=False)
 def add_stress(
     # Model:
-    nodes: wp.array2d(dtype=wp.int32),
-    reference_gradients: wp.array2d(dtype=wp.vec3d),
-    inverse_jacobians: wp.array(dtype=wp.mat33d),
+    gel: GelArrays,
     stiffening: wp.array(dtype=wp.float64),
     objective: wp.bool,
     # Data in:
@@ -165,12 +149,11 @@ def add_stress(
 ):
     """Turn the slow Cauchy stress into that of the step [Pa]."""
     e, q = wp.tid()
-    F = deformation_gradient(nodes, reference_gradients, inverse_jacobians, positions, e, q)
+    F = deformation_gradient(gel, positions, e, q)
     P = history[e, q]
     if objective:
         P = F * P
-    carried = (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
-    stress_out[e, q] = stress_out[e, q] * stiffening[e] + carried
+    stress_out[e, q] = stress_out[e, q] * stiffening[e] + cauchy(P, F)
 
 
 @wp.func

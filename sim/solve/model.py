@@ -15,7 +15,6 @@ from sim.material.relaxation import PronySeries
 from sim.mesh.discretisation import discretise
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import TetMesh
-from sim.scene.indenter import Indenter
 
 
 class Model:
@@ -87,18 +86,6 @@ class Model:
             grip=self.surface.free_grip(),
         )
 
-    def elastic_energy(self, positions: FloatArray) -> tuple[float, float]:
-        """Return the elastic energy [J] and the smallest volume ratio J."""
-        return self.gel.energy(positions)
-
-    def elastic_gradient(self, positions: FloatArray) -> FloatArray:
-        """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
-        return self.gel.gradient(positions)
-
-    def cauchy_stress(self, positions: FloatArray) -> FloatArray:
-        """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
-        return self.gel.cauchy_stress(positions)
-
     def hessian_data(
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
     ) -> FloatArray:
@@ -118,39 +105,9 @@ class Model:
 
         Collapsed elements have no stiffness at all, so that no multiple of theirs would do.
         """
-        free = np.zeros((*self.contact_areas.shape, 3, 3))
+        free = np.zeros((*self.surface.areas.shape, 3, 3))
         return self.hessian_data(self.nodes, free, projected=self.relaxation is not None)
-
-    def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
-        """Return the gap of every contact point [m], shape [face_count, point_count]."""
-        return self.surface.gaps(positions, indenter, state)
-
-    def contact_energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
-        """Return the contact energy [J]."""
-        return self.surface.energy(positions, indenter, state)
-
-    def contact_forces(
-        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
-    ) -> ContactForces:
-        """Return the contact at every point of the surface.
-
-        The stiffness is exact if ``curved``, else positive semidefinite.
-        """
-        return self.surface.forces(positions, indenter, state, curved=curved)
 
     def rounding_n(self, found: ContactForces) -> float:
         """Return how much all nodal forces change by rounding [N]; no residual can be smaller."""
         return float(np.hypot(self.gel.rounding_n, contact_rounding_n(found)))
-
-    def scatter(self, point_vectors: FloatArray) -> FloatArray:
-        """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
-        return self.surface.scatter(point_vectors)
-
-    def deformed_area_vectors(self, positions: FloatArray) -> FloatArray:
-        """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
-        return self.surface.area_vectors(positions)
-
-    @property
-    def contact_areas(self) -> FloatArray:
-        """Rest area of every contact point [m^2], shape [face_count, point_count]."""
-        return self.surface.areas

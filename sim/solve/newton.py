@@ -101,7 +101,7 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
         for wanted in (rough, options):
             found = _descend(problem, state, options=wanted, spent=iterations)
             iterations = found.iterations
-            gaps = problem.model.gaps(state.positions, problem.indenter, state)
+            gaps = problem.model.surface.gaps(state.positions, problem.indenter, state)
             if gaps.min() < contact.gap_least_m(extension):
                 break
         else:
@@ -115,7 +115,7 @@ def equilibrate(problem: Problem, state: State, *, options: NewtonOptions) -> Eq
 def _untangle(problem: Problem, state: State) -> int:
     """Turn a start inside out the right way round, if that lowers the energy; return the solves."""
     model, start = problem.model, state.positions
-    if model.elastic_energy(start)[1] > 0.0 or inverted_share(model, start) < TANGLED_SHARE:
+    if model.gel.energy(start)[1] > 0.0 or inverted_share(model, start) < TANGLED_SHARE:
         return 0
     before, found = problem.energy(state), untangle(model, start)
     state.positions = found.positions
@@ -138,7 +138,7 @@ def _descend(problem: Problem, state: State, *, options: NewtonOptions, spent: i
             )
         asked = _asked_n(problem.model, balance, options)
         if _ends(residuals, problem.model, balance, asked_n=asked, options=options):
-            _, ratio = problem.model.elastic_energy(state.positions)
+            _, ratio = problem.model.gel.energy(state.positions)
             return Equilibrium(
                 iterations=spent + iterations,
                 contact=balance.contact,

@@ -33,12 +33,12 @@ def overlap_fraction(
         tip: Where the indenter's tip ends up at fraction one [m]; it moves with the gel.
         motion: Motion of the nodes [m], shape [node_count, 3].
     """
-    before = model.gaps(state.positions, indenter, state)
+    before = model.surface.gaps(state.positions, indenter, state)
     floor = np.minimum(-OVERLAP_SHARE * model.height_m, before)
     fraction, trial = 1.0, state.copy()
     for _ in range(_TRIES):
         trial.tip = state.tip + fraction * (tip - state.tip)
-        after = model.gaps(state.positions + fraction * motion, indenter, trial)
+        after = model.surface.gaps(state.positions + fraction * motion, indenter, trial)
         hit = after < floor
         if not hit.any():
             return fraction
@@ -54,7 +54,7 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
         ConvergenceError: The overlap is 30 % of the pad's height or more, or the nearest side at
             the deepest point does not face the gel.
     """
-    gaps = model.gaps(state.positions, indenter, state)
+    gaps = model.surface.gaps(state.positions, indenter, state)
     deepest = -float(gaps.min())
     if deepest <= 2.0 * OVERLAP_SHARE * model.height_m:
         return
@@ -63,8 +63,8 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
     if deepest >= _PENETRATION_SHARE * model.height_m:
         raise ConvergenceError(told, remedy=remedy)
     at = np.unravel_index(np.argmin(gaps), gaps.shape)
-    push = model.contact_forces(state.positions, indenter, state).forces[at]
-    outward = model.deformed_area_vectors(state.positions)[at]
+    push = model.surface.forces(state.positions, indenter, state).forces[at]
+    outward = model.surface.area_vectors(state.positions)[at]
     if push @ outward < _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
         raise ConvergenceError(
             f"{told}, where its nearest side does not face the gel", remedy=remedy

@@ -285,7 +285,7 @@ class PreconditionedLbfgs:
             return None
         return Equilibrium(
             iterations=steps,
-            contact=self.model.contact_forces(state.positions, self.indenter, state),
+            contact=self.model.surface.forces(state.positions, self.indenter, state),
             elastic_gradient=self._forces.elastic.copy(),
             residual_n=self._residual(gradient),
             min_jacobian=ratio,
@@ -350,7 +350,7 @@ class _Factor:
         if held:
             return self.solver.solve(right)
         if not self._along.size:
-            pushed = self._model.scatter(-self._contact_n_m[..., 2])
+            pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
             self._border = self._model.pattern.unknowns(pushed)
             self._along = self.solver.solve(self._border)
             self._corner -= float(self._border @ self._along)
@@ -360,7 +360,7 @@ class _Factor:
 
     def _factorise(self, state: State, *, safely: bool) -> None:
         model = self._model
-        contact = model.contact_forces(state.positions, self._indenter, state, curved=not safely)
+        contact = model.surface.forces(state.positions, self._indenter, state, curved=not safely)
         data = model.hessian_data(state.positions, contact.stiffness, projected=safely)
         for potential in self._potentials:
             data[model.pattern.indptr[:-1]] += model.pattern.unknowns(potential.diagonal())

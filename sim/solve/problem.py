@@ -112,9 +112,9 @@ class Problem:
     def balance(self, state: State) -> Balance:
         """Sum the forces at a state."""
         model = self.model
-        contact = model.contact_forces(state.positions, self.indenter, state)
-        elastic = model.elastic_gradient(state.positions)
-        nodal = elastic + model.scatter(contact.forces)
+        contact = model.surface.forces(state.positions, self.indenter, state)
+        elastic = model.gel.gradient(state.positions)
+        nodal = elastic + model.surface.scatter(contact.forces)
         for potential in self.potentials:
             nodal = nodal + potential.gradient(state.positions)
         push = contact.forces.reshape(-1, 3).sum(axis=0)
@@ -130,8 +130,8 @@ class Problem:
 
     def energy(self, state: State) -> float:
         """Return the energy of a state [J]."""
-        total, _ = self.model.elastic_energy(state.positions)
-        total += self.model.contact_energy(state.positions, self.indenter, state)
+        total, _ = self.model.gel.energy(state.positions)
+        total += self.model.surface.energy(state.positions, self.indenter, state)
         for potential in self.potentials:
             total += potential.energy(state.positions)
         return total if self.load_n is None else total + self.load_n * float(state.tip[2])
@@ -167,7 +167,7 @@ class Problem:
         """
         for attempt in range(first, 1 + len(_SHIFTS)):
             if attempt == 1:
-                contact = self.model.contact_forces(
+                contact = self.model.surface.forces(
                     state.positions, self.indenter, state, curved=False
                 )
             try:
@@ -199,7 +199,7 @@ class Problem:
         unknowns = -self.solver.solve(gradient)
         if self.load_n is None:
             return Step(unknowns=unknowns, rise_m=0.0, slope_j=float(gradient @ unknowns))
-        border = self.model.pattern.unknowns(self.model.scatter(-stiffness[..., 2]))
+        border = self.model.pattern.unknowns(self.model.surface.scatter(-stiffness[..., 2]))
         along = -self.solver.solve(border)
         corner = float(stiffness[..., 2, 2].sum()) + float(border @ along)
         pull = balance.tip_n + float(border @ unknowns)

@@ -187,7 +187,7 @@ class DynamicPress:
         balance = problem.balance(state)
         contact, _ = problem.factorise_safely(state, balance.contact)
         rise = np.array([0.0, 0.0, rise_m])
-        pulled = pattern.unknowns(self._model.scatter(contact.stiffness @ rise))
+        pulled = pattern.unknowns(self._model.surface.scatter(contact.stiffness @ rise))
         motion = pattern.nodal(problem.solver.solve(pulled - balance.gradient))
         indenter, tip = problem.indenter, state.tip + rise
         fraction = overlap_fraction(self._model, indenter, state, tip, motion)
@@ -219,15 +219,15 @@ class DynamicPress:
             potential_j=potential,
             work_j=self._work_j,
             damped_j=self._work_j - (total - self._energy_j),
-            gap_min_m=float(model.gaps(state.positions, self._path.indenter, state).min()),
+            gap_min_m=float(model.surface.gaps(state.positions, self._path.indenter, state).min()),
             min_jacobian=found.min_jacobian,
             newton_iterations=iterations,
         )
 
     def _energies(self, state: State) -> tuple[float, float, float]:
         """Return what is stored in gel, barrier and weight, of the whole pad [J]."""
-        elastic, _ = self._model.elastic_energy(state.positions)
-        contact = self._model.contact_energy(state.positions, self._path.indenter, state)
+        elastic, _ = self._model.gel.energy(state.positions)
+        contact = self._model.surface.energy(state.positions, self._path.indenter, state)
         potential = sum(each.energy(state.positions) for each in self._path.potentials)
         return self._copies * elastic, self._copies * contact, self._copies * potential
 
@@ -260,9 +260,9 @@ def moving_press(
     path.counts.newton_iterations += sum(step.newton_iterations for step in steps)
     path.counts.wall_s += time.perf_counter() - started
     state, last = pressing.state, steps[-1]
-    contact = path.model.contact_forces(state.positions, path.indenter, state)
-    elastic = path.model.elastic_gradient(state.positions)
-    unbalanced = path.model.pattern.unknowns(elastic + path.model.scatter(contact.forces))
+    contact = path.model.surface.forces(state.positions, path.indenter, state)
+    elastic = path.model.gel.gradient(state.positions)
+    unbalanced = path.model.pattern.unknowns(elastic + path.model.surface.scatter(contact.forces))
     found = Equilibrium(
         iterations=last.newton_iterations,
         contact=contact,

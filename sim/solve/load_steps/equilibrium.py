@@ -185,8 +185,10 @@ class Settling:
         carried = velocity + np.cross(spin, contact.points - state.tip)
         change = np.cross(spin, contact.forces)
         change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
-        motion = -pattern.nodal(self.solver.solve(pattern.unknowns(self.model.scatter(change))))
-        lifted = float(np.sum(self.model.scatter(contact.stiffness[..., 2]) * motion))
+        motion = -pattern.nodal(
+            self.solver.solve(pattern.unknowns(self.model.surface.scatter(change)))
+        )
+        lifted = float(np.sum(self.model.surface.scatter(contact.stiffness[..., 2]) * motion))
         rate = self.model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
         return motion, rate
 

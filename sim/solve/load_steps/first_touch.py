@@ -70,7 +70,7 @@ def touch_height(
     distance = model.contact_options.distance_m
     state = model.rest_state(tip=np.array([*centre_m, high]), rotation=rotation)
     for _ in range(_TRIES):
-        gap = float(model.gaps(unloaded, indenter, state).min()) - distance
+        gap = float(model.surface.gaps(unloaded, indenter, state).min()) - distance
         if abs(gap) < _EXACT_SHARE * model.height_m:
             break
         state.tip[2] -= gap

@@ -77,16 +77,16 @@ def _solver_parts(path: LoadingPath, point: PathPoint) -> dict[str, Callable[[],
     right_side = model.pattern.unknowns(point.equilibrium.elastic_gradient)
     return {
         "assembly": lambda: (
-            model.elastic_energy(positions),
-            model.elastic_gradient(positions),
+            model.gel.energy(positions),
+            model.gel.gradient(positions),
             model.hessian_data(positions, stiffness, projected=False),
         ),
         "factorisation": lambda: path.solver.factorise(data),
         "solution": lambda: path.solver.solve(right_side),
         "contact": lambda: (
-            model.gaps(positions, path.indenter, state),
-            model.contact_energy(positions, path.indenter, state),
-            model.scatter(model.contact_forces(positions, path.indenter, state).forces),
+            model.surface.gaps(positions, path.indenter, state),
+            model.surface.energy(positions, path.indenter, state),
+            model.surface.scatter(model.surface.forces(positions, path.indenter, state).forces),
         ),
     }
 

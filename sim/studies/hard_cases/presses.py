@@ -172,8 +172,8 @@ def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
 def _stored(path: LoadingPath, point: PathPoint) -> float:
     """Return elastic, barrier and friction's recoverable energy [J]."""
     positions = point.state.positions
-    elastic, _ = path.model.elastic_energy(positions)
-    return elastic + path.model.contact_energy(positions, path.indenter, point.state)
+    elastic, _ = path.model.gel.energy(positions)
+    return elastic + path.model.surface.energy(positions, path.indenter, point.state)
 
 
 def fingerprint() -> str:

@@ -100,9 +100,9 @@ def rigid_motion() -> Measured:
         for name in _OBJECTIVE:
             model = pad_model(brick_mesh((4, 4, 3), jitter=0.2), order=order, law_name=name)
             moved = model.nodes @ turn.T + np.array([0.01, -0.02, 0.03])
-            stored = abs(model.elastic_energy(moved)[0])
+            stored = abs(model.gel.energy(moved)[0])
             energy = max(energy, stored / (YOUNG_PA * model.volume_m3))
-            pull = float(np.abs(model.elastic_gradient(moved)).max())
+            pull = float(np.abs(model.gel.gradient(moved)).max())
             force = max(force, pull / (YOUNG_PA * HEIGHT_M**2))
     return {"rigid_energy_over_E_volume": energy, "rigid_force_over_E_height2": force}
 
@@ -130,7 +130,7 @@ def _interior_equilibrium(model: Model, boundary: FloatArray) -> FloatArray:
     shape = (model.pattern.dof_count, model.pattern.dof_count)
     untouched = np.zeros((len(model.faces), len(model.reference.face_weights), 3, 3))
     for _ in range(_NEWTON_STEPS):
-        gradient = model.elastic_gradient(positions).reshape(-1)[dofs]
+        gradient = model.gel.gradient(positions).reshape(-1)[dofs]
         data = model.hessian_data(positions, untouched, projected=False)
         upper = scipy.sparse.csr_matrix((data, model.pattern.indices, model.pattern.indptr), shape)
         matrix = (upper + scipy.sparse.triu(upper, 1).T).tocsr()[inside][:, inside]

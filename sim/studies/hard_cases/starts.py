@@ -120,7 +120,7 @@ def penetrating_start() -> Outcome:
             resolved += 1
             force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
             worst = max(worst, abs(force / path.advance(depth_m).force_n[2] - 1.0))
-            gap = min(gap, float(model.gaps(state.positions, indenter, state).min()))
+            gap = min(gap, float(model.surface.gaps(state.positions, indenter, state).min()))
     measured: Measured = {
         "resolved": resolved,
         "force_deviation_max": worst,

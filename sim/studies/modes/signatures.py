@@ -200,7 +200,7 @@ def surface_maps(path: LoadingPath, point: PathPoint) -> SurfaceMaps:
     """Average the contact points' tractions at the nodes of a whole pad, not of a part."""
     model = path.model
     traction = contact_traction(point)
-    areas = np.linalg.norm(model.deformed_area_vectors(point.state.positions), axis=2)
+    areas = np.linalg.norm(model.surface.area_vectors(point.state.positions), axis=2)
     share = np.abs(model.reference.face_values)
     loads = np.concatenate([traction.normal_n[..., None], traction.tangential_n], axis=2)
     weight, total = np.zeros(len(model.nodes)), np.zeros((len(model.nodes), 4))

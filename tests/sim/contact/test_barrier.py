@@ -73,13 +73,13 @@ def test_forces_are_derivatives_of_the_energy(
     rng = np.random.default_rng(4)
     motion = rng.normal(scale=1e-9, size=model.nodes.shape)
     moved = state.positions + 1e-6 * rng.normal(size=model.nodes.shape)
-    forces = model.contact_forces(moved, indenter, state)
+    forces = model.surface.forces(moved, indenter, state)
     rise = (
-        model.contact_energy(moved + motion, indenter, state)
-        - model.contact_energy(moved - motion, indenter, state)
+        model.surface.energy(moved + motion, indenter, state)
+        - model.surface.energy(moved - motion, indenter, state)
     ) / 2.0
     assert np.abs(forces.forces).max() > 0.0
-    assert rise == pytest.approx(np.sum(model.scatter(forces.forces) * motion), rel=1e-4)
+    assert rise == pytest.approx(np.sum(model.surface.scatter(forces.forces) * motion), rel=1e-4)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
@@ -91,9 +91,9 @@ def test_stiffness_is_the_derivative_of_the_forces(indenter: Indenter, friction:
     state.positions = state.positions + 5e-7
     rng = np.random.default_rng(6)
     motion = rng.normal(scale=1e-9, size=model.nodes.shape)
-    ahead = model.contact_forces(state.positions + motion, indenter, state)
-    behind = model.contact_forces(state.positions - motion, indenter, state)
-    here = model.contact_forces(state.positions, indenter, state)
+    ahead = model.surface.forces(state.positions + motion, indenter, state)
+    behind = model.surface.forces(state.positions - motion, indenter, state)
+    here = model.surface.forces(state.positions, indenter, state)
     change: FloatArray = (ahead.forces - behind.forces) / 2.0
     moved = (ahead.points - behind.points) / 2.0
     predicted = np.einsum("fpij,fpj->fpi", here.stiffness, moved)
@@ -105,7 +105,7 @@ def test_stiffness_without_curvature_is_semidefinite(indenter: Indenter) -> None
     """What Newton falls back to has no negative eigenvalue."""
     model = contact_model(friction=0.5)
     state = touching(model, indenter)
-    stiffness = model.contact_forces(state.positions, indenter, state, curved=False).stiffness
+    stiffness = model.surface.forces(state.positions, indenter, state, curved=False).stiffness
     assert np.linalg.eigvalsh(stiffness).min() >= -1e-9 * np.abs(stiffness).max()
 
 
@@ -113,9 +113,9 @@ def test_no_contact_means_exactly_no_force() -> None:
     """Beyond d_hat nothing is felt."""
     model = contact_model()
     state = model.rest_state(tip=np.array([0.0, 0.0, HEIGHT + 2.01e-4]))
-    forces = model.contact_forces(model.nodes, Plane(), state)
+    forces = model.surface.forces(model.nodes, Plane(), state)
     assert not forces.forces.any()
-    assert model.contact_energy(model.nodes, Plane(), state) == 0.0
+    assert model.surface.energy(model.nodes, Plane(), state) == 0.0
 
 
 def test_barrier_joins_its_parabola_smoothly() -> None:
@@ -126,8 +126,8 @@ def test_barrier_joins_its_parabola_smoothly() -> None:
     near = []
     for gap in (0.3 - 1e-7, 0.3 + 1e-7):
         at = replace_tip(state, HEIGHT + gap * 2e-4)
-        force = model.contact_forces(model.nodes, Plane(), at).forces.sum(axis=(0, 1))[2]
-        near.append((model.contact_energy(model.nodes, Plane(), at), force))
+        force = model.surface.forces(model.nodes, Plane(), at).forces.sum(axis=(0, 1))[2]
+        near.append((model.surface.energy(model.nodes, Plane(), at), force))
     assert near[0] == pytest.approx(near[1], rel=1e-5)
 
 
@@ -141,12 +141,12 @@ def test_gap_is_the_distance_to_the_lower_surface(indenter: Indenter) -> None:
     """The device's distance agrees with a brute search over the body's profile."""
     model = contact_model()
     state = model.rest_state(tip=np.array([0.0, 0.0, HEIGHT + 1e-4]))
-    points = model.contact_forces(model.nodes, indenter, state).points.reshape(-1, 3)
+    points = model.surface.forces(model.nodes, indenter, state).points.reshape(-1, 3)
     radius = np.linspace(0.0, 6e-3, 12001)
     height = indenter.lower_surface(radius, np.zeros_like(radius))
     radius, height = radius[np.isfinite(height)], height[np.isfinite(height)]
     sideways = np.hypot(points[:, 0], points[:, 1])[:, None] - radius
     below = (state.tip[2] + height) - points[:, 2][:, None]
     nearest = np.hypot(sideways, below).min(axis=1)
-    gaps = model.gaps(model.nodes, indenter, state).reshape(-1)
+    gaps = model.surface.gaps(model.nodes, indenter, state).reshape(-1)
     assert gaps == pytest.approx(nearest, abs=1e-6)

@@ -31,7 +31,7 @@ def triangles() -> Indenter:
 
 def _gaps(model: Model, indenter: Indenter, tip: FloatArray, rotation: FloatArray) -> FloatArray:
     state = model.rest_state(tip=tip, rotation=rotation)
-    return model.gaps(model.nodes, indenter, state)
+    return model.surface.gaps(model.nodes, indenter, state)
 
 
 @pytest.mark.parametrize("depth_m", [-0.5e-3, 0.3e-3])

@@ -38,7 +38,7 @@ def test_the_indenter_goes_in_no_deeper_than_allowed(model: Model, way_m: float)
     assert 0.0 < fraction <= 1.0
     state.tip = state.tip + fraction * (down - state.tip)
     allowed = OVERLAP_SHARE * model.height_m
-    assert model.gaps(model.nodes, BALL, state).min() >= -allowed * (1.0 + 1e-12)
+    assert model.surface.gaps(model.nodes, BALL, state).min() >= -allowed * (1.0 + 1e-12)
     up = state.tip + np.array([0.0, 0.0, way_m])
     assert overlap_fraction(model, BALL, state, up, still) == 1.0
 

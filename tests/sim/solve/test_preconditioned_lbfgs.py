@@ -130,12 +130,12 @@ def test_forces_are_those_of_the_model(model: Model) -> None:
     forces = NodalForces(model, PUNCH, extension=state.extension)
     for lift in (0.0, -10e-6, 1.0):
         state.tip[2] += lift
-        contact = model.contact_forces(state.positions, PUNCH, state)
-        elastic = model.elastic_gradient(state.positions)
-        expected = elastic + model.scatter(contact.forces)
+        contact = model.surface.forces(state.positions, PUNCH, state)
+        elastic = model.gel.gradient(state.positions)
+        expected = elastic + model.surface.scatter(contact.forces)
         np.testing.assert_allclose(forces.gradient(state), expected, atol=1e-12)
         np.testing.assert_allclose(forces.push, contact.forces.sum(axis=(0, 1)), atol=1e-12)
-        gaps = model.gaps(state.positions, PUNCH, state)
+        gaps = model.surface.gaps(state.positions, PUNCH, state)
         touching = gaps[gaps < SCENE.contact_distance_m]
         assert forces.gap[0] == pytest.approx(touching.min(initial=np.inf))
 

@@ -191,7 +191,7 @@ def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:
     forces, imbalances, residuals, inner_residuals, gaps = [], [], [], [], []
     for number, positions in enumerate(found.positions):
         stiffer = task.young_pa[number] / task.young_pa[0]
-        elastic = stiffer * model.elastic_gradient(positions)
+        elastic = stiffer * model.gel.gradient(positions)
         base_n = float(elastic[task.clamped, 2].sum())
         forces.append(base_n)
         gaps.append(_gap(pad, positions, float(found.tips_m[number])))

@@ -167,7 +167,7 @@ def test_what_cannot_be_stepped_is_refused() -> None:
 def lowest_tone(model: Model) -> tuple[float, FloatArray]:
     """Return the clamped pad's lowest frequency [Hz] and its shape, [node_count, 3]."""
     pattern = model.pattern
-    free = np.zeros((*model.contact_areas.shape, 3, 3))
+    free = np.zeros((*model.surface.areas.shape, 3, 3))
     data = model.hessian_data(model.nodes, free, projected=False)
     upper = csr_matrix((data, pattern.indices, pattern.indptr))
     stiffness = upper + triu(upper, 1).T

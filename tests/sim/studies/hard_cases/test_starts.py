@@ -54,4 +54,4 @@ def test_a_shallow_start_inside_is_resolved() -> None:
     found = equilibrate(Problem(model, path.solver, indenter), state, options=NewtonOptions())
     force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
     assert force == pytest.approx(path.advance(0.5e-3).force_n[2], rel=1e-6)
-    assert model.gaps(state.positions, indenter, state).min() > 0.0
+    assert model.surface.gaps(state.positions, indenter, state).min() > 0.0

@@ -65,8 +65,8 @@ def found(pad: PeerPad) -> PeerFound:
     """Return an equilibrium on the peer's mesh in both environments, found by our solver."""
     model = pad.model
     point = LoadingPath(model, _BODY).advance(_DEPTH_M)
-    forces = model.contact_forces(point.state.positions, _BODY, point.state).forces
-    contact = -model.scatter(forces)
+    forces = model.surface.forces(point.state.positions, _BODY, point.state).forces
+    contact = -model.surface.scatter(forces)
     return PeerFound(
         version="0",
         set_up_s=1.0,
