@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypeVar
 
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
@@ -36,6 +37,8 @@ class FaultKind(StrEnum):
     SATURATE = "saturate"
     STALL = "stall"
 
+
+ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
 
 _STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
 
@@ -92,37 +95,19 @@ def parse_fault(text: str) -> Fault:
         raise ConfigError(f"fault: {text!r} is not understood", remedy=_EXAMPLE)
     device, kind, start, duration = match.groups()
     return Fault(
-        device=device_named(device),
-        kind=kind_named(kind),
+        device=_named(Device, "device", device),
+        kind=_named(FaultKind, "kind", kind),
         start_s=_seconds(start) if start else 0.0,
         duration_s=_seconds(duration) if duration else math.inf,
     )
 
 
-def device_named(name: str) -> Device:
-    """Return a device by its name.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
-    if name not in set(Device):
+def _named(choices: type[ChoiceT], what: str, name: str) -> ChoiceT:
+    if name not in set(choices):
         raise ConfigError(
-            f"fault: device {name!r} is unknown", remedy=f"one of: {', '.join(Device)}"
+            f"fault: {what} {name!r} is unknown", remedy=f"one of: {', '.join(choices)}"
         )
-    return Device(name)
-
-
-def kind_named(name: str) -> FaultKind:
-    """Return a kind of fault by its name.
-
-    Raises:
-        ConfigError: There is none of that name.
-    """
-    if name not in set(FaultKind):
-        raise ConfigError(
-            f"fault: kind {name!r} is unknown", remedy=f"one of: {', '.join(FaultKind)}"
-        )
-    return FaultKind(name)
+    return choices(name)
 
 
 def _seconds(text: str) -> float:

@@ -7,44 +7,18 @@ emulator polls in its loop.
 from __future__ import annotations
 
 import json
-import math
 import os
 import socket
+from dataclasses import asdict
 from pathlib import Path
 
-from drivers.device.faults import Device, Fault, FaultKind, device_named, kind_named
+from pydantic import TypeAdapter, ValidationError
+
+from drivers.device.faults import Device, Fault
 from tacauchy_rig.errors import ConfigError, DeviceError, RigError
 
 _DATAGRAM_LIMIT = 65536
-
-
-def send_fault(
-    folder: Path,
-    device: Device | str,
-    kind: FaultKind | str,
-    duration_s: float = math.inf,
-    **parameters: float,
-) -> None:
-    """Tell a running emulator to fail now.
-
-    Args:
-        folder: The emulation's folder.
-        device: Which emulator, or its name.
-        kind: What goes wrong, or its name.
-        duration_s: How long [s].
-        parameters: Numbers for the kind, for example ``delay_s=0.2``.
-
-    Raises:
-        ConfigError: The device cannot fail in that way.
-        DeviceError: No emulator of that device listens in ``folder``.
-    """
-    fault = Fault(
-        device=device_named(device),
-        kind=kind_named(kind),
-        duration_s=duration_s,
-        parameters=parameters,
-    )
-    post_fault(folder, fault)
+_FAULT = TypeAdapter(Fault)
 
 
 def post_fault(folder: Path, fault: Fault) -> None:
@@ -67,15 +41,7 @@ def post_fault(folder: Path, fault: Fault) -> None:
 
 def encode_fault(fault: Fault) -> bytes:
     """Return the datagram for ``fault``."""
-    return json.dumps(
-        {
-            "device": fault.device.value,
-            "kind": fault.kind.value,
-            "start_s": fault.start_s,
-            "duration_s": None if math.isinf(fault.duration_s) else fault.duration_s,
-            "parameters": dict(fault.parameters),
-        }
-    ).encode()
+    return json.dumps(asdict(fault)).encode()
 
 
 def decode_fault(datagram: bytes) -> Fault:
@@ -85,16 +51,8 @@ def decode_fault(datagram: bytes) -> Fault:
         ConfigError: Not such a datagram.
     """
     try:
-        content = json.loads(datagram)
-        duration_s = content["duration_s"]
-        return Fault(
-            device=device_named(content["device"]),
-            kind=kind_named(content["kind"]),
-            start_s=float(content["start_s"]),
-            duration_s=math.inf if duration_s is None else float(duration_s),
-            parameters={str(name): float(v) for name, v in content["parameters"].items()},
-        )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        return _FAULT.validate_json(datagram)
+    except ValidationError as error:
         raise ConfigError(f"fault message {datagram[:80]!r} is not understood") from error
 
 

@@ -11,17 +11,17 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from drivers.device.faults import Device, parse_fault
+from drivers.emulators.arm.controller import ControllerSettings
+from drivers.emulators.camera.stream import CameraSettings
 from drivers.emulators.faults import post_fault
-from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
+from drivers.emulators.force_sensor.box import BoxSettings
+from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit
-from drivers.emulators.process import EmulatedProcess
-from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.config.model import (
-    IndenterKind,
-    RigConfig,
-)
+from drivers.emulators.process import EmulatedProcess, arguments_of
+from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, SharedWorld
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Vector3
 
@@ -166,34 +166,32 @@ class Emulation:
             DeviceError: It did not come up.
         """
         self.processes[device.value].stop()
-        truth = self.folder / TRUTH_FILE
         if device is Device.ROBOT and self.addresses.robot_host is not None:
-            arguments = self._robot_arguments(self.addresses.robot_host, tip=tip)
+            self._start_robot(self.addresses.robot_host, tip=tip)
         elif device is Device.FORCE_SENSOR:
-            arguments = self._box_arguments(truth)
+            self._start_box()
         else:
-            arguments = self._camera_arguments(truth)
-        self._start(device.value, arguments)
+            self._start_camera()
         self.processes[device.value].wait_ready()
 
     def _start_all(self) -> EmulatedAddresses:
-        world = draw_truth(self.config.emulation.seed, unit=self.unit)
-        truth = write_truth(self.folder, world)
+        write_truth(self.folder, draw_truth(self.config.emulation.seed, unit=self.unit))
         if self.devices - {Device.ROBOT}:
-            # Made here once, which may take longer than a device may take to come up.
-            press_table(case_for(self._tip(), world.poisson, gel=self.unit.gel))
+            # Its table is made here once: that may take longer than a device's coming up.
+            self.gel()
         SharedWorld.create(self.world_path).close()
         robot_host = port = url = None
         if Device.ROBOT in self.devices:
-            robot_host = self._robot_host()
-            self._start("robot", self._robot_arguments(robot_host))
+            host = self.config.emulation.robot_host
+            robot_host = free_loopback_host() if host == "auto" else host
+            self._start_robot(robot_host)
         elif self.follow_host is not None:
-            arguments = ["drivers.emulators.shared_world", "--host", self.follow_host]
-            self._start("pose_follower", [*arguments, "--world", str(self.world_path)])
+            follower = FollowerSettings(host=self.follow_host, world=self.world_path)
+            self._start("pose_follower", "shared_world", follower)
         if Device.FORCE_SENSOR in self.devices:
-            self._start("force_sensor", self._box_arguments(truth))
+            self._start_box()
         if Device.CAMERA in self.devices:
-            self._start("camera", self._camera_arguments(truth))
+            self._start_camera()
         for name, process in self.processes.items():
             ready = process.wait_ready()
             logger.info("emulated %s: %s", name, ready)
@@ -205,53 +203,59 @@ class Emulation:
         self._send_planned_faults()
         return EmulatedAddresses(robot_host=robot_host, force_sensor_port=port, camera_url=url)
 
-    def _start(self, name: str, arguments: list[str]) -> None:
-        self.processes[name] = EmulatedProcess(name, arguments, folder=self.folder)
+    def _start(self, name: str, module: str, settings: object) -> None:
+        command = [f"drivers.emulators.{module}", *arguments_of(settings)]
+        self.processes[name] = EmulatedProcess(name, command, folder=self.folder)
 
-    def _robot_host(self) -> str:
-        host = self.config.emulation.robot_host
-        return free_loopback_host() if host == "auto" else host
-
-    def _robot_arguments(self, host: str, *, tip: Vector3 | None = None) -> list[str]:
+    def _start_robot(self, host: str, *, tip: Vector3 | None = None) -> None:
         robot = self.config.robot
-        place = robot.home if tip is None else tip
-        home = ",".join(f"{value:.9g}" for value in (*place, *robot.tool_rotation))
-        return [
-            *("drivers.emulators.arm.controller", "--host", host, "--model", robot.model.value),
-            *("--folder", str(self.folder), f"--home={home}"),
-            *("--seed", str(self.config.emulation.seed)),
-        ]
+        settings = ControllerSettings(
+            folder=self.folder,
+            seed=self.config.emulation.seed,
+            host=host,
+            model=robot.model,
+            home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
+        )
+        self._start("robot", "arm.controller", settings)
 
-    def _box_arguments(self, truth: Path) -> list[str]:
+    def _start_box(self) -> None:
         sensor = self.config.force_sensor
-        return [
-            *("drivers.emulators.force_sensor.box", "--rate", f"{sensor.rate:.0f}"),
-            *("--full-scale-n", f"{sensor.capacity:g}", *self._plant(truth)),
-        ]
+        settings = BoxSettings(
+            rate=round(sensor.rate), full_scale_n=sensor.capacity, **self._gel_settings()
+        )
+        self._start("force_sensor", "force_sensor.box", settings)
 
-    def _camera_arguments(self, truth: Path) -> list[str]:
+    def _start_camera(self) -> None:
         camera = self.config.camera
-        return [
-            *("drivers.emulators.camera.stream", "--width", str(camera.width)),
-            *("--height", str(camera.height), "--rate", f"{camera.rate:g}"),
-            *("--port", str(self.camera_port), *self._plant(truth)),
-        ]
+        settings = CameraSettings(
+            port=self.camera_port,
+            width=camera.width,
+            height=camera.height,
+            rate=camera.rate,
+            **self._gel_settings(),
+        )
+        self._start("camera", "camera.stream", settings)
 
-    def _tip(self) -> Tip:
+    def _gel_settings(self) -> dict[str, Any]:
         indenter = self.config.indenter
-        if indenter.kind is IndenterKind.SPHERE:
-            return SphereTip(diameter_m=indenter.diameter)
-        return CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
+        return {
+            "folder": self.folder,
+            "seed": self.config.emulation.seed,
+            "world": self.world_path,
+            "truth": self.folder / TRUTH_FILE,
+            "surface_m": self.config.sensor.surface,
+            "tip": indenter.kind,
+            "diameter_m": indenter.diameter,
+            "fillet_m": indenter.fillet,
+        }
 
-    def _plant(self, truth: Path) -> list[str]:
-        indenter = self.config.indenter
-        surface = ",".join(f"{value:.9g}" for value in self.config.sensor.surface)
-        return [
-            *("--folder", str(self.folder), "--world", str(self.world_path)),
-            *("--truth", str(truth), f"--surface-m={surface}"),
-            *("--seed", str(self.config.emulation.seed), "--tip", indenter.kind.value),
-            *("--diameter-m", f"{indenter.diameter:.9g}", "--fillet-m", f"{indenter.fillet:.9g}"),
-        ]
+    def gel(self) -> Plant:
+        """Return a fresh gel like the one that is pressed.
+
+        Raises:
+            RecordError: No device was started yet, so the gel's truth is not drawn.
+        """
+        return GelSettings(**self._gel_settings()).plant()
 
     def _send_planned_faults(self) -> None:
         for text in self.config.emulation.faults:

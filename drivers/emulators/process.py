@@ -1,7 +1,13 @@
-"""One emulator as a child process, and how it keeps time on a computer that it shares."""
+"""One emulator as a process: started and ended from outside, and what all of them do inside.
+
+Inside there is a dataclass of settings that is also the command line, one JSON line when the device
+answers, the faults that it is told of, and the word to end.
+"""
 
 from __future__ import annotations
 
+import argparse
+import inspect
 import json
 import logging
 import os
@@ -10,11 +16,18 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from queue import Empty, Queue
-from typing import Any
+from types import FrameType
+from typing import Any, TypeVar, get_origin, get_type_hints
 
-from tacauchy_rig.errors import DeviceError
+from pydantic import TypeAdapter, ValidationError
+
+from drivers.device.faults import Device, Fault
+from drivers.emulators.faults import FaultInbox, FaultSchedule
+from tacauchy_rig.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)
 
@@ -86,8 +99,6 @@ class EmulatedProcess:
         self._reader.join(timeout=END_TIMEOUT_S)
 
 
-_logger = logging.getLogger(__name__)
-
 _REAL_TIME_PRIORITY = 1
 _NICENESS = -10
 
@@ -107,4 +118,142 @@ def keep_time(*, mostly_sleeps: bool) -> None:
         else:
             os.nice(_NICENESS)
     except PermissionError:
-        _logger.info("no right to a higher priority; `ulimit -r 1; ulimit -e 40` would give it")
+        logger.info("no right to a higher priority; `ulimit -r 1; ulimit -e 40` would give it")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceSettings:
+    """What every emulated device is told.
+
+    Attributes:
+        folder: Where its traces and its control socket lie.
+        seed: Draws its noise and its faults.
+        parent_pid: It ends with this process; None to serve until told otherwise.
+    """
+
+    folder: Path
+    seed: int = 0
+    parent_pid: int | None = None
+
+
+SettingsT = TypeVar("SettingsT")
+
+
+def settings_from(kind: type[SettingsT], arguments: Sequence[str] | None = None) -> SettingsT:
+    """Return the settings that a command line asks for: an option for each field of ``kind``.
+
+    Args:
+        kind: A dataclass of settings; its docstring and its bases' are the help. Values of tuples
+            are given with commas between them.
+        arguments: The command line; this process's if None.
+    """
+    parser = argparse.ArgumentParser(
+        description="\n\n".join(inspect.getdoc(each) or "" for each in kind.__mro__[:-1]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    for field in fields(kind):  # type: ignore[arg-type]
+        needed = field.default is MISSING
+        text = "needed" if needed else f"{field.default} if left out"
+        parser.add_argument(_option(field.name), required=needed, help=text)
+    hints = get_type_hints(kind)
+    given: dict[str, Any] = {
+        name: text.split(",") if get_origin(hints[name]) is tuple else text
+        for name, text in vars(parser.parse_args(arguments)).items()
+        if text is not None
+    }
+    try:
+        return TypeAdapter(kind).validate_python(given)
+    except ValidationError as error:
+        wrong = [f"{_option(str(each['loc'][0]))}: {each['msg']}" for each in error.errors()]
+        parser.error("; ".join(wrong))
+
+
+def arguments_of(settings: object) -> list[str]:
+    """Return the command line that ``settings_from`` turns into ``settings`` again."""
+    given = {field.name: getattr(settings, field.name) for field in fields(settings)}  # type: ignore[arg-type]
+    texts = {
+        name: ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        for name, value in given.items()
+        if value is not None
+    }
+    return [f"{_option(name)}={text}" for name, text in texts.items()]
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+class Service:
+    """What an emulated device listens to besides its wire: faults, SIGTERM, SIGINT, its parent."""
+
+    def __init__(self, settings: DeviceSettings, device: Device) -> None:
+        self._device = device
+        self._parent_pid = settings.parent_pid
+        self._inbox = FaultInbox(settings.folder, device)
+        self._schedule = FaultSchedule()
+        self._told_to_end = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._end)
+
+    def _end(self, _number: int, _frame: FrameType | None) -> None:
+        self._told_to_end = True
+
+    @property
+    def is_over(self) -> bool:
+        """True once it was told to end or its parent process has ended."""
+        return self._told_to_end or self._parent_pid not in (None, os.getppid())
+
+    def fileno(self) -> int:
+        """Return the descriptor on which faults arrive, for loops that wait on several at once."""
+        return self._inbox.fileno()
+
+    def faults_at(self, now_s: float) -> list[Fault]:
+        """Return the faults that are on at ``now_s`` [s]; a new one's start counts from there."""
+        for fault in self._inbox.poll():
+            logger.info("fault: %s", fault)
+            self._schedule.add(fault, now_s=now_s)
+        return self._schedule.active(now_s)
+
+    def announce(self, **where: object) -> None:
+        """Print the one line that says that the device answers, and where."""
+        line = {"device": self._device.value, "pid": os.getpid(), **where}
+        print(json.dumps(line), flush=True)
+
+    def close(self) -> None:
+        """Hear of no more faults."""
+        self._inbox.close()
+
+
+DeviceSettingsT = TypeVar("DeviceSettingsT", bound=DeviceSettings)
+
+
+def run_device(
+    kind: type[DeviceSettingsT],
+    device: Device,
+    serve: Callable[[DeviceSettingsT, Service], None],
+) -> int:
+    """Be an emulated device, as this process's command line says; return the exit status.
+
+    Args:
+        kind: Its settings.
+        device: What it is.
+        serve: Serves, announced, until its ``Service`` is over.
+    """
+    settings = settings_from(kind)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    try:
+        try:
+            service = Service(settings, device)
+        except OSError as error:
+            raise DeviceError(
+                f"emulated {device.value}: {error.strerror or error}",
+                remedy=f"see that {settings.folder} can be created and written",
+            ) from error
+        try:
+            serve(settings, service)
+        finally:
+            service.close()
+    except RigError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0

@@ -11,7 +11,6 @@ sees the slot's checksum disagree and reads again: no state is ever torn.
 
 from __future__ import annotations
 
-import argparse
 import json
 import mmap
 import os
@@ -26,6 +25,7 @@ from pathlib import Path
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_probe import probe_controller
+from drivers.emulators.process import settings_from
 from tacauchy_rig.errors import DeviceError, RigError
 from tacauchy_rig.run import Pose, Vector6
 
@@ -176,21 +176,36 @@ def _is_world(path: Path) -> bool:
 
 POLL_S = 0.004
 STALE_S = 0.5
+_PROBE_S = 10.0
 
 
-def follow(
-    host: str, world_path: Path, *, parent_pid: int | None = None, timeout_s: float = 10.0
-) -> None:
-    """Publish the pose that the controller at ``host`` reports until it falls silent.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowerSettings:
+    """Whom the world follows, from one real or emulated robot's reported pose.
+
+    Attributes:
+        host: Of the robot.
+        world: Shared file to write its pose to.
+        parent_pid: It ends with this process; None to follow until the robot falls silent.
+    """
+
+    host: str
+    world: Path
+    parent_pid: int | None = None
+
+
+def follow(settings: FollowerSettings) -> None:
+    """Publish the pose that a controller reports until it falls silent.
 
     Raises:
         DeviceError: The controller is unreachable, or its time stamp stopped moving for 0.5 s.
     """
-    probe_controller(host, timeout_s=timeout_s)
+    host, parent_pid = settings.host, settings.parent_pid
+    probe_controller(host, timeout_s=_PROBE_S)
     receiver = RTDEReceiveInterface(
         host, -1.0, ["timestamp", "actual_TCP_pose", "actual_TCP_speed"]
     )
-    world = SharedWorld.create(world_path)
+    world = SharedWorld.create(settings.world)
     world.claim(WorldWriter.REPORTED_POSE)
     print(json.dumps({"device": "pose_follower", "host": host}), flush=True)
     newest, moved = receiver.getTimestamp(), time.monotonic()
@@ -217,13 +232,9 @@ def _vector(values: list[float]) -> Vector6:
 
 def main() -> None:
     """Run as a process."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--host", required=True)
-    parser.add_argument("--world", type=Path, required=True)
-    parser.add_argument("--parent-pid", type=int, help="end when this parent process ends")
-    arguments = parser.parse_args()
+    settings = settings_from(FollowerSettings)
     try:
-        follow(arguments.host, arguments.world, parent_pid=arguments.parent_pid)
+        follow(settings)
     except RigError as error:
         sys.exit(f"pose follower: {error}")
 

@@ -18,8 +18,6 @@ from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.fault_table.cases import DeviceFault
@@ -120,9 +118,7 @@ class EmulatedRig:
 
     def gel(self) -> Plant:
         """Return a fresh gel like the one that is pressed."""
-        indenter, truth = self.config.indenter, read_truth(self.emulation / TRUTH_FILE)
-        tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
-        return Plant(truth, tip, self.config.sensor.surface)
+        return self._emulation.gel()
 
     def without_places(self, text: str) -> str:
         """Return a message without addresses and paths that are this case's alone."""

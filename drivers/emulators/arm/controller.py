@@ -7,51 +7,65 @@ its ports are open, then serves until it is told to end.
 from __future__ import annotations
 
 import errno
-import json
-import logging
-import os
 import random
 import select
-import signal
 import socket
 import sys
 import time
-from types import FrameType
+from dataclasses import dataclass
 
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.arm.body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
 from drivers.emulators.arm.program import ControlProgram
 from drivers.emulators.arm.rtde_port import RtdePort
-from drivers.emulators.arm.settings import ControllerSettings, parse_arguments
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import ArmTrace
-from drivers.emulators.faults import FaultInbox, FaultSchedule
-from drivers.emulators.process import keep_time
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Pose, Vector3, Vector6
 
-_logger = logging.getLogger(__name__)
 _DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
-_PARENT_CHECK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerSettings(DeviceSettings):
+    """How one emulated UR controller is set up; real ur_rtde clients connect to it.
+
+    Attributes:
+        host: Loopback address to listen on; one controller for each address.
+        model: cb3 or e-series.
+        home: Pose of the tip at the start: x,y,z,rx,ry,rz [m, rad].
+        remote_control: False when the pendant is in local control.
+        repeatability_m: The true tip ends each move within this distance of the reported one.
+        pose_noise_m: Standard deviation of the reported position.
+    """
+
+    host: str = "127.0.0.5"
+    model: RobotModel = RobotModel.E_SERIES
+    home: Vector6 = (0.3, -0.3, 0.2, 3.14159265, 0.0, 0.0)
+    remote_control: bool = True
+    repeatability_m: float = 0.0
+    pose_noise_m: float = 0.0
 
 
 class UrController:
     """One emulated controller with its three ports."""
 
-    def __init__(self, settings: ControllerSettings) -> None:
+    def __init__(self, settings: ControllerSettings, service: Service) -> None:
         self._settings = settings
+        self._service = service
         self._random = random.Random(settings.seed)  # noqa: S311 - imitates a device
+        home = Pose(position=settings.home[:3], rotation_vector=settings.home[3:])
         self.body = ControllerBody.at_home(
-            settings.model, settings.home, remote_control=settings.remote_control
+            settings.model, home, remote_control=settings.remote_control
         )
         self._world = SharedWorld.create(settings.folder / WORLD_FILE)
         self._trace = ArmTrace(settings.folder)
-        self._inbox = FaultInbox(settings.folder, Device.ROBOT)
-        self._schedule = FaultSchedule()
         self._active: dict[FaultKind, Fault] = {}
         self._rtde = RtdePort(settings.host, self.body)
         self._dashboard = DashboardPort(
@@ -70,36 +84,24 @@ class UrController:
         self._error: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self._was_on_line = False
 
-    def ready_line(self) -> str:
-        """Return the JSON line that says where it listens."""
+    def serve(self) -> None:
+        """Say where it listens and serve clients until its time is over."""
         settings = self._settings
-        return json.dumps(
-            {
-                "device": Device.ROBOT.value,
-                "pid": os.getpid(),
-                "host": settings.host,
-                "ports": [port.number for port in self._ports],
-                "model": settings.model.value,
-                "version": ".".join(str(part) for part in VERSIONS[settings.model]),
-                "rate_hz": settings.model.rate_hz,
-                "folder": str(settings.folder),
-                "world": str(settings.folder / WORLD_FILE),
-            }
+        self._service.announce(
+            host=settings.host,
+            ports=[port.number for port in self._ports],
+            model=settings.model.value,
+            version=".".join(str(part) for part in VERSIONS[settings.model]),
+            rate_hz=settings.model.rate_hz,
+            folder=str(settings.folder),
+            world=str(settings.folder / WORLD_FILE),
         )
-
-    def serve_until(self, stop: StopFlag) -> None:
-        """Serve clients until ``stop`` is set or the parent process ends."""
-        next_parent_check_s = 0.0
-        while not stop.is_set:
+        while not self._service.is_over:
             now_s = time.monotonic()
-            self._service(now_s)
+            self._answer(now_s)
             due = int((now_s - self._start_s) / self._period_s)
             if due > self._cycle:
                 self._run_cycle(due, now_s)
-            if now_s >= next_parent_check_s:
-                next_parent_check_s = now_s + _PARENT_CHECK_S
-                if self._settings.parent_pid not in (None, os.getppid()):
-                    return
             wait_s = self._start_s + (self._cycle + 1) * self._period_s - time.monotonic()
             if wait_s > 0.0:
                 select.select(self._watched(), [], [], wait_s)
@@ -108,7 +110,6 @@ class UrController:
         """Close every port and file."""
         for port in self._ports:
             port.drop()
-        self._inbox.close()
         self._trace.close()
         self._world.close()
 
@@ -117,7 +118,7 @@ class UrController:
             return []
         return [link for port in self._ports for link in port.sockets()]
 
-    def _service(self, now_s: float) -> None:
+    def _answer(self, now_s: float) -> None:
         if FaultKind.FREEZE in self._active:
             return
         written = self._rtde.service(now_s)
@@ -191,9 +192,7 @@ class UrController:
         self._note("safety-reset")
 
     def _update_faults(self, now_s: float) -> None:
-        for fault in self._inbox.poll():
-            self._schedule.add(fault, now_s=now_s)
-        active = {fault.kind: fault for fault in self._schedule.active(now_s)}
+        active = {fault.kind: fault for fault in self._service.faults_at(now_s)}
         if active.keys() == self._active.keys():
             return
         started = [fault for kind, fault in active.items() if kind not in self._active]
@@ -255,18 +254,6 @@ class UrController:
         self._trace.note(time.monotonic_ns(), name, self.body.motion.pose, **detail)
 
 
-class StopFlag:
-    """Set by SIGTERM and SIGINT."""
-
-    def __init__(self) -> None:
-        self.is_set = False
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._set)
-
-    def _set(self, _number: int, _frame: FrameType | None) -> None:
-        self.is_set = True
-
-
 def _refusal(settings: ControllerSettings, error: OSError) -> DeviceError:
     if error.errno == errno.EADDRINUSE:
         remedy = "another emulator has that address: choose a free one such as 127.0.0.6"
@@ -279,23 +266,17 @@ def _refusal(settings: ControllerSettings, error: OSError) -> DeviceError:
     )
 
 
-def main() -> int:
-    """Serve as an emulated controller until told to end."""
-    settings = parse_arguments(sys.argv[1:])
-    stop = StopFlag()
+def _serve(settings: ControllerSettings, service: Service) -> None:
     keep_time(mostly_sleeps=True)
     try:
-        controller = UrController(settings)
+        controller = UrController(settings, service)
     except OSError as error:
-        print(_refusal(settings, error), file=sys.stderr)
-        return DeviceError.exit_code
+        raise _refusal(settings, error) from error
     try:
-        print(controller.ready_line(), flush=True)
-        controller.serve_until(stop)
+        controller.serve()
     finally:
         controller.close()
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_device(ControllerSettings, Device.ROBOT, _serve))

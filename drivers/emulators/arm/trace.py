@@ -6,9 +6,7 @@ second while it rests); ``arm_events.jsonl`` one line for each thing that happen
 
 from __future__ import annotations
 
-import itertools
 import json
-import math
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,6 @@ EVENTS_FILE = "arm_events.jsonl"
 _ROW = struct.Struct("<q6dB7x")  # stamp, position, velocity, program state, padding
 _REST_PERIOD_NS = 1_000_000_000
 _FLUSH_PERIOD_NS = 100_000_000
-_STILL_M_S = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,24 +36,6 @@ class TraceRow:
     position: Vector3
     velocity: Vector3
     runtime_state: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StopReport:
-    """How the arm came to rest after a moment.
-
-    Attributes:
-        stopped_after_s: Until the arm stood still for good; 0 when it did not move, infinite when
-            it still moved in the last row.
-        travelled_m: Length of the path after the moment.
-        descended_m: How far the tip went down at most, below where it was.
-        speed_before_m_s: Speed at the moment.
-    """
-
-    stopped_after_s: float
-    travelled_m: float
-    descended_m: float
-    speed_before_m_s: float
 
 
 class ArmTrace:
@@ -107,26 +86,3 @@ def read_events(folder: Path) -> list[dict[str, object]]:
     """Return the events written so far, oldest first."""
     lines = (folder / EVENTS_FILE).read_text(encoding="utf-8").splitlines()
     return [json.loads(line) for line in lines if line.endswith("}")]
-
-
-def stop_after(rows: list[TraceRow], stamp_ns: int) -> StopReport:
-    """Return how the arm came to rest after ``stamp_ns`` (CLOCK_MONOTONIC)."""
-    before = [row for row in rows if row.stamp_ns <= stamp_ns][-1:]
-    after = [row for row in rows if row.stamp_ns > stamp_ns]
-    path = before + after
-    if not path:
-        return StopReport(
-            stopped_after_s=0.0, travelled_m=0.0, descended_m=0.0, speed_before_m_s=0.0
-        )
-    last_moving = max((r.stamp_ns for r in after if _speed(r) > _STILL_M_S), default=stamp_ns)
-    still_moves = _speed(path[-1]) > _STILL_M_S
-    return StopReport(
-        stopped_after_s=math.inf if still_moves else (last_moving - stamp_ns) * 1e-9,
-        travelled_m=sum(math.dist(a.position, b.position) for a, b in itertools.pairwise(path)),
-        descended_m=max(0.0, path[0].position[2] - min(row.position[2] for row in path)),
-        speed_before_m_s=_speed(path[0]),
-    )
-
-
-def _speed(row: TraceRow) -> float:
-    return math.hypot(*row.velocity)

@@ -21,7 +21,6 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.still import enlarged, rendering_factor
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import MarkerGrid
 from drivers.emulators.plant.view import view_of
 
 _MARGIN_PX = 64
@@ -129,15 +128,12 @@ class FrameFactory:
         height: int,
         *,
         quality: int = DEFAULT_QUALITY,
-        markers: bool = False,
     ) -> None:
         self.plant = plant
         self.mosaic = JpegMosaic(width, height, quality=quality)
         self._factor = rendering_factor(width, height)
         self._camera = GelCamera(
-            plant.truth,
-            view_of(plant.truth, (width, height)).scaled(self._factor),
-            markers=MarkerGrid() if markers else None,
+            plant.truth, view_of(plant.truth, (width, height)).scaled(self._factor)
         )
         self._random = random.Random(plant.truth.seed)  # noqa: S311 - noise, not a secret
         self._noise = NoisePool(plant.truth, width, height)

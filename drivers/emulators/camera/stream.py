@@ -8,17 +8,14 @@ what each one shows.
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
-import os
 import random
-import signal
 import sys
-import threading
 import time
 from collections import deque
-from pathlib import Path
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from typing import TextIO
 
 import cv2
@@ -33,11 +30,33 @@ from drivers.emulators.camera.frames import (
 )
 from drivers.emulators.camera.http import MjpegServer
 from drivers.emulators.camera.jpeg import DEFAULT_QUALITY
-from drivers.emulators.faults import FaultInbox, FaultSchedule
-from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
-from drivers.emulators.process import keep_time
+from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
-from tacauchy_rig.errors import DeviceError, RigError
+from tacauchy_rig.errors import DeviceError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSettings(GelSettings):
+    """How one emulated camera is set up; it serves an HTTP multipart JPEG stream of the gel.
+
+    The world lies in the folder if none is given.
+
+    Attributes:
+        host: Address to serve at.
+        port: Its port; 0 takes a free one.
+        width: Of the frames [px].
+        height: Of the frames [px].
+        rate: Frames per second.
+        quality: Of the JPEG.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    width: int = 640
+    height: int = 480
+    rate: float = 25.0
+    quality: int = DEFAULT_QUALITY
 
 
 class BackgroundRenderer:
@@ -45,43 +64,24 @@ class BackgroundRenderer:
 
     def __init__(self, factory: FrameFactory) -> None:
         self._factory = factory
-        self._changed = threading.Condition()
-        self._wanted: PressKey | None = None
-        self._asked_count = 0
-        self._done_count = 0
-        self._open = True
-        self._thread = threading.Thread(target=self._work, name="renderer", daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="renderer")
+        self._wish: Future[None] | None = None
 
-    def ask(self, key: PressKey, *, timeout_s: float) -> bool:
-        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; False when it is not ready."""
-        with self._changed:
-            self._wanted = key
-            self._asked_count += 1
-            mine = self._asked_count
-            self._changed.notify_all()
-            return self._changed.wait_for(lambda: self._done_count >= mine, max(0.0, timeout_s))
+    def ask(self, key: PressKey, *, timeout_s: float) -> None:
+        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; an older wish is forgotten.
+
+        Raises:
+            DeviceError: A block could not be encoded.
+        """
+        if self._wish is not None:
+            self._wish.cancel()
+        self._wish = self._thread.submit(self._factory.prepare, key)
+        for done in wait([self._wish], max(0.0, timeout_s)).done:
+            done.result()
 
     def close(self) -> None:
         """End the thread."""
-        with self._changed:
-            self._open = False
-            self._changed.notify_all()
-        self._thread.join()
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._wanted is not None or not self._open)
-                if not self._open:
-                    return
-                key, self._wanted = self._wanted, None
-                count = self._asked_count
-            if key is not None:
-                self._factory.prepare(key)
-            with self._changed:
-                self._done_count = count
-                self._changed.notify_all()
+        self._thread.shutdown(cancel_futures=True)
 
 
 _DROP_SHARE = 0.3
@@ -139,42 +139,43 @@ class EmulatedCamera:
     """One camera: its schedule, its faults and its readers."""
 
     def __init__(
-        self, arguments: argparse.Namespace, factory: FrameFactory, server: MjpegServer
+        self,
+        settings: CameraSettings,
+        service: Service,
+        factory: FrameFactory,
+        server: MjpegServer,
     ) -> None:
+        self._service = service
         self._factory = factory
         self._server: MjpegServer | None = server
-        self._world_path: Path = arguments.world or arguments.folder / WORLD_FILE
+        self._world_path = settings.world or settings.folder / WORLD_FILE
         self._world: SharedWorld | None = None
-        self._inbox = FaultInbox(arguments.folder, Device.CAMERA)
-        self._schedule = FaultSchedule()
-        self._parent_pid: int | None = arguments.parent_pid
-        self._output = FaultyOutput(arguments.seed)
+        self._output = FaultyOutput(settings.seed)
         self._renderer = BackgroundRenderer(factory)
-        self._period_s = 1.0 / arguments.rate
+        self._period_s = 1.0 / settings.rate
         truth = factory.plant.truth
         self.latency_s = min(truth.camera_latency_s, _LATENCY_LIMIT * self._period_s)
-        self._trace: TextIO = (arguments.folder / TRACE_FILE).open("w")
+        self._trace: TextIO = (settings.folder / TRACE_FILE).open("w")
         self._shown = PressKey(depth=0, x=0, y=0, light=0)
         self.start_ns = time.monotonic_ns() + 50_000_000
 
-    def run(self, stop: threading.Event) -> None:
-        """Send frames until ``stop`` is set."""
+    def run(self) -> None:
+        """Send frames until the camera's time is over."""
         number = 0
         moved_s = 0.0
-        while not stop.is_set() and self._parent_pid in (None, os.getppid()):
+        while not self._service.is_over:
             capture_s = self.start_ns * 1e-9 + moved_s + number * self._period_s
             behind_s = time.monotonic() - capture_s
             if behind_s > _LATE_PERIODS * self._period_s:
                 moved_s += behind_s
                 _logger.warning("%.0f ms behind: the schedule is moved", behind_s * 1e3)
                 continue
-            if behind_s < 0.0 and stop.wait(-behind_s):
-                break
-            self._frame(number, capture_s, stop)
+            time.sleep(max(0.0, -behind_s))
+            self._frame(number, capture_s)
             number += 1
         self._close()
 
-    def _frame(self, number: int, capture_s: float, stop: threading.Event) -> None:
+    def _frame(self, number: int, capture_s: float) -> None:
         wanted, depth_m = self._look(capture_s)
         due_s = capture_s + self.latency_s
         self._renderer.ask(wanted, timeout_s=due_s - _COMPOSING_S - time.monotonic())
@@ -185,7 +186,7 @@ class EmulatedCamera:
             jpeg = self._factory.compose_overexposed(number)
         else:
             jpeg = self._factory.compose(self._shown, number)
-        stop.wait(max(0.0, due_s - time.monotonic()))
+        time.sleep(max(0.0, due_s - time.monotonic()))
         if self._server is not None:
             for frame in self._output.frames(jpeg, faults, now_s=time.monotonic()):
                 self._server.publish(frame)
@@ -219,11 +220,7 @@ class EmulatedCamera:
         return self._world.read()
 
     def _active_faults(self) -> list[Fault]:
-        now_s = time.monotonic()
-        for fault in self._inbox.poll():
-            _logger.info("fault: %s for %g s", fault.kind.value, fault.duration_s)
-            self._schedule.add(fault, now_s=now_s)
-        faults = self._schedule.active(now_s)
+        faults = self._service.faults_at(time.monotonic())
         if self._server is not None and any(f.kind is FaultKind.UNPLUG for f in faults):
             self._server.close()
             self._server = None  # a plug does not put itself back in
@@ -242,69 +239,31 @@ class EmulatedCamera:
 
     def _close(self) -> None:
         self._renderer.close()
-        self._inbox.close()
         self._trace.close()
         if self._server is not None:
             self._server.close()
 
 
-def parse_arguments(argv: list[str]) -> argparse.Namespace:
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="camera_stream", description=__doc__)
-    add = parser.add_argument
-    add("--host", default="127.0.0.1")
-    add("--port", type=int, default=0, help="0 takes a free one")
-    add("--folder", type=Path, required=True, help="for the trace and the control socket")
-    add("--world", type=Path, help="file with the arm's pose; in the folder by default")
-    add("--width", type=int, default=640)
-    add("--height", type=int, default=480)
-    add("--rate", type=float, default=25.0, help="frames per second")
-    add("--quality", type=int, default=DEFAULT_QUALITY, help="of the JPEG")
-    add("--markers", action="store_true", help="the gel has printed dots")
-    add("--parent-pid", type=int, help="end when this parent process ends")
-    add_plant_arguments(parser)
-    return parser.parse_args(argv)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run the emulated camera until SIGTERM or SIGINT."""
-    arguments = parse_arguments(sys.argv[1:] if argv is None else argv)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+def _serve(settings: CameraSettings, service: Service) -> None:
     cv2.setNumThreads(1)
-    stop = threading.Event()
-    for signum in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(signum, lambda *_: stop.set())
-    try:
-        arguments.folder.mkdir(parents=True, exist_ok=True)
-        factory = FrameFactory(
-            plant_from_arguments(arguments),
-            arguments.width,
-            arguments.height,
-            quality=arguments.quality,
-            markers=arguments.markers,
-        )
-        keep_time(mostly_sleeps=False)
-        server = _serve(arguments.host, arguments.port)
-        camera = EmulatedCamera(arguments, factory, server)
-    except RigError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    ready = {
-        "device": Device.CAMERA.value,
-        "url": server.url,
-        "pid": os.getpid(),
-        "width": arguments.width,
-        "height": arguments.height,
-        "rate_hz": arguments.rate,
-        "first_capture_ns": camera.start_ns,
-        "latency_s": camera.latency_s,
-    }
-    print(json.dumps(ready), flush=True)
-    camera.run(stop)
-    return 0
+    factory = FrameFactory(
+        settings.plant(), settings.width, settings.height, quality=settings.quality
+    )
+    keep_time(mostly_sleeps=False)
+    server = _listen(settings.host, settings.port)
+    camera = EmulatedCamera(settings, service, factory, server)
+    service.announce(
+        url=server.url,
+        width=settings.width,
+        height=settings.height,
+        rate_hz=settings.rate,
+        first_capture_ns=camera.start_ns,
+        latency_s=camera.latency_s,
+    )
+    camera.run()
 
 
-def _serve(host: str, port: int) -> MjpegServer:
+def _listen(host: str, port: int) -> MjpegServer:
     try:
         return MjpegServer(host, port)
     except OSError as error:
@@ -315,4 +274,4 @@ def _serve(host: str, port: int) -> MjpegServer:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_device(CameraSettings, Device.CAMERA, _serve))

@@ -6,22 +6,19 @@ It prints one JSON line with the path of its port when that can be opened, and c
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
 import os
 import pty
 import select
-import signal
 import sys
 import time
 import tty
+from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
-from typing import TextIO
+from typing import Literal, TextIO
 
-from drivers.device.faults import Device, Fault, FaultKind
-from drivers.emulators.faults import FaultInbox, FaultSchedule
+from drivers.device.faults import Device, FaultKind
 from drivers.emulators.force_sensor.protocol import BoxCommands, FrameStream, ReplyStyle
 from drivers.emulators.force_sensor.source import (
     TRACE_FILE,
@@ -31,11 +28,9 @@ from drivers.emulators.force_sensor.source import (
     WrenchSource,
     open_trace,
 )
-from drivers.emulators.plant.arguments import add_plant_arguments, plant_from_arguments
-from drivers.emulators.plant.gel import Plant
-from drivers.emulators.process import keep_time
+from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import SharedWorld
-from tacauchy_rig.errors import RigError
 from tacauchy_rig.run import Vector6
 
 _logger = logging.getLogger(__name__)
@@ -97,48 +92,37 @@ class EmulatedBox:
     def __init__(
         self,
         port: PseudoPort,
-        inbox: FaultInbox,
+        service: Service,
         *,
         commands: BoxCommands,
         stream: FrameStream,
         source: WrenchSource,
         trace: TextIO,
-        parent_pid: int | None = None,
     ) -> None:
         self._port = port
-        self._inbox = inbox
+        self._service = service
         self._commands = commands
         self._stream = stream
         self._source = source
         self._trace = trace
-        self._parent_pid = parent_pid
-        self._schedule = FaultSchedule()
         self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
         self._rate_hz = commands.rate_hz
-        self.stopping = False
 
     def run(self) -> None:
         """Serve until stopped, unplugged, or left behind by the parent process."""
         self._due_ns = time.monotonic_ns() + self._period_ns
-        while not self.stopping and self._parent_pid in (None, os.getppid()):
+        while not self._service.is_over:
             self._wait()
             now_ns = time.monotonic_ns()
-            for fault in self._inbox.poll():
-                self.add_fault(fault, now_ns=now_ns)
             self._answer(self._port.read(), now_ns)
             if self._has(FaultKind.UNPLUG, now_ns):
                 _logger.info("unplugged")
                 return
             self._send_due(now_ns)
 
-    def add_fault(self, fault: Fault, *, now_ns: int) -> None:
-        """Take in a fault, its start counted from ``now_ns``."""
-        _logger.info("fault: %s", fault)
-        self._schedule.add(fault, now_s=now_ns * 1e-9)
-
     def _has(self, kind: FaultKind, now_ns: int) -> bool:
-        return any(fault.kind is kind for fault in self._schedule.active(now_ns * 1e-9))
+        return any(fault.kind is kind for fault in self._service.faults_at(now_ns * 1e-9))
 
     def _answer(self, data: bytes, now_ns: int) -> None:
         if not data or self._has(FaultKind.STALL, now_ns):
@@ -156,7 +140,7 @@ class EmulatedBox:
         wake_ns = min(self._due_ns, self._stream.next_due_ns or self._due_ns)
         timeout_s = max(wake_ns - time.monotonic_ns(), 0) * 1e-9
         # A port that nobody has open would always be readable: wait for the clock alone then.
-        watched: list[PseudoPort | FaultInbox] = [self._inbox]
+        watched: list[PseudoPort | Service] = [self._service]
         if self._port.is_open:
             watched.append(self._port)
         select.select(watched, [], [], timeout_s)
@@ -182,7 +166,7 @@ class EmulatedBox:
         self._stream.next_frame(
             (v[0], v[1], v[2], v[3], v[4], v[5]),
             stamp_ns=stamp_ns,
-            faults=self._schedule.active(stamp_ns * 1e-9),
+            faults=self._service.faults_at(stamp_ns * 1e-9),
             checksum=self._commands.checksum,
         )
         record = {
@@ -199,88 +183,59 @@ class EmulatedBox:
 LINK_NAME = "force_sensor.port"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the emulator as a process; prints one JSON line when the port can be opened."""
-    options = _parse(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    options.folder.mkdir(parents=True, exist_ok=True)
-    try:
-        _serve(options)
-    except RigError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    return 0
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxSettings(GelSettings):
+    """How one emulated M8128-family box is set up; serial clients open its pseudo-terminal.
+
+    Without a world its load is constant.
+
+    Attributes:
+        rate: Frames per second until a client sets another.
+        full_scale_n: What Fz reads when saturated [N].
+        rate_command: SMPF or SMPR.
+        replies: How it ends them: dollar-ok, bare-ok or silent.
+        load: Constant load Fx,Fy,Fz,Mx,My,Mz [N, N m].
+        noise_n: Noise of the constant load [N].
+    """
+
+    rate: int = 100
+    full_scale_n: float = 50.0
+    rate_command: Literal["SMPF", "SMPR"] = "SMPF"
+    replies: ReplyStyle = ReplyStyle.DOLLAR_OK
+    load: Vector6 = (0.0,) * 6
+    noise_n: float = 0.002
 
 
-def _serve(options: argparse.Namespace) -> None:
-    folder: Path = options.folder
-    source = _constant_source(options)
+def _serve(settings: BoxSettings, service: Service) -> None:
+    source: WrenchSource = ConstantSource(
+        settings.load, noise_n=settings.noise_n, seed=settings.seed
+    )
     latency_s = 0.0
-    if options.world is not None:
-        plant = plant_from_arguments(options)
-        source, latency_s = _plant_source(options, plant), plant.truth.force_latency_s
-    inbox = FaultInbox(folder, Device.FORCE_SENSOR)
-    port = PseudoPort(folder / LINK_NAME)
-    with open_trace(folder / TRACE_FILE) as trace:
+    if settings.world is not None:
+        plant = settings.plant()
+        channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
+        source = PlantSource(plant, channel, SharedWorld.create(settings.world))
+        latency_s = plant.truth.force_latency_s
+    link = settings.folder / LINK_NAME
+    port = PseudoPort(link)
+    with open_trace(settings.folder / TRACE_FILE) as trace:
         box = EmulatedBox(
             port,
-            inbox,
+            service,
             commands=BoxCommands(
-                rate_hz=options.rate,
-                rate_command=options.rate_command,
-                style=ReplyStyle(options.replies),
+                rate_hz=settings.rate, rate_command=settings.rate_command, style=settings.replies
             ),
             stream=FrameStream(
-                seed=options.seed, full_scale_n=options.full_scale_n, latency_s=latency_s
+                seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=latency_s
             ),
             source=source,
             trace=trace,
-            parent_pid=options.parent_pid,
         )
-        _stop_on_signals(box)
-        ready = {"device": "force_sensor", "port": port.path, "link": str(folder / LINK_NAME)}
-        print(json.dumps({**ready, "pid": os.getpid()}), flush=True)
+        service.announce(port=port.path, link=str(link))
         keep_time(mostly_sleeps=True)
         box.run()
         port.close()
-        inbox.close()
-
-
-def _stop_on_signals(box: EmulatedBox) -> None:
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        box.stopping = True
-
-    signal.signal(signal.SIGTERM, stop)
-    signal.signal(signal.SIGINT, stop)
-
-
-def _constant_source(options: argparse.Namespace) -> WrenchSource:
-    v = [float(part) for part in options.load.split(",")]
-    return ConstantSource(
-        (v[0], v[1], v[2], v[3], v[4], v[5]), noise_n=options.noise_n, seed=options.seed
-    )
-
-
-def _plant_source(options: argparse.Namespace, plant: Plant) -> WrenchSource:
-    channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
-    return PlantSource(plant, channel, SharedWorld.create(options.world))
-
-
-def _parse(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="m8128_box", description=__doc__)
-    add_plant_arguments(parser)
-    add = parser.add_argument
-    add("--folder", type=Path, required=True, help="where control socket, trace and link go")
-    add("--world", type=Path, help="shared world file; without it the load is constant")
-    add("--rate", type=int, default=100, help="frames per second until a client sets another")
-    add("--full-scale-n", type=float, default=50.0, help="what Fz reads when saturated [N]")
-    add("--rate-command", choices=["SMPF", "SMPR"], default="SMPF")
-    add("--replies", choices=[style.value for style in ReplyStyle], default="dollar-ok")
-    add("--load", default="0,0,0,0,0,0", help="constant load [N, N m]")
-    add("--noise-n", type=float, default=0.002, help="noise of the constant load [N]")
-    add("--parent-pid", type=int, help="end when this parent process ends")
-    return parser.parse_args(arguments)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_device(BoxSettings, Device.FORCE_SENSOR, _serve))

@@ -14,18 +14,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from drivers.arm.ur5 import Ur5
-from drivers.device.faults import Device
-from drivers.emulators.arm.trace import read_events, read_trace, stop_after
-from drivers.emulators.faults import send_fault
+from drivers.device.faults import parse_fault
+from drivers.emulators.arm.trace import read_events, read_trace
+from drivers.emulators.faults import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, RigError, SafetyError
+from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after
 
 _PRESS_M_S = 0.005
 _MODELS = list(RobotModel)
@@ -194,7 +196,7 @@ def client_stalled(host: str, model: str, folder: str) -> None:
     arm = _arm(host, model)
     arm.connect()
     home = arm.state().pose
-    send_fault(Path(folder), Device.ROBOT, "stall")
+    post_fault(Path(folder), parse_fault("robot:stall"))
     time.sleep(0.1)
     arm.start_move(home.shifted(z=-0.001), speed=0.01, acceleration=0.1)
     for _ in range(60):
@@ -297,10 +299,14 @@ def test_arm_stops_when_its_client_is_killed(
     _await_event(robot.folder, "program-ended")
     assert read_events(robot.folder)[-1]["reason"] == "watchdog"
     time.sleep(0.2)
-    report = stop_after(read_trace(robot.folder), killed_ns)
+    report = _after(robot.folder, killed_ns)
     assert report.speed_before_m_s == pytest.approx(_PRESS_M_S)
-    assert math.isfinite(report.stopped_after_s)
-    assert 0.0 < report.travelled_m < _TRAVEL_LIMIT_M
+    assert report.stopped_after_s is not None
+    assert 0.0 < report.descended_m < _TRAVEL_LIMIT_M
+
+
+def _after(folder: Path, stamp_ns: int) -> ArmOutcome:
+    return arm_after(read_trace(folder), stamp_ns, now_ns=time.monotonic_ns())
 
 
 def _await_event(folder: Path, name: str) -> None:
@@ -332,7 +338,9 @@ def test_a_fault_is_told_and_the_arm_stops(
     with _Client("client_press", robot) as client:
         client.await_pressing()
         before_ns = time.monotonic_ns()
-        send_fault(robot.folder, Device.ROBOT, fault, delay_s=0.6)
+        post_fault(
+            robot.folder, replace(parse_fault(f"robot:{fault}"), parameters={"delay_s": 0.6})
+        )
         found = client.line()
     assert f"robot {robot.host}: " in found["message"]
     assert message in found["message"]
@@ -340,9 +348,9 @@ def test_a_fault_is_told_and_the_arm_stops(
     assert found["again"] == found["message"]
     _await_event(robot.folder, "program-ended")
     time.sleep(0.2)
-    report = stop_after(read_trace(robot.folder), before_ns)
-    assert math.isfinite(report.stopped_after_s)
-    assert report.travelled_m < _TRAVEL_LIMIT_M
+    report = _after(robot.folder, before_ns)
+    assert report.stopped_after_s is not None
+    assert report.descended_m < _TRAVEL_LIMIT_M
 
 
 def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> None:
@@ -350,7 +358,7 @@ def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> N
     robot = emulate_ur()
     with _Client("client_press", robot) as client:
         client.await_pressing()
-        send_fault(robot.folder, Device.ROBOT, "drop", 0.005)
+        post_fault(robot.folder, parse_fault("robot:drop+5ms"))
         found = client.line()
     assert "the connection broke" in found["message"]
     assert found["again"] == found["message"]

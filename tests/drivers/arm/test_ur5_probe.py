@@ -12,8 +12,8 @@ import pytest
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
 from drivers.arm.ur5_safety import RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
-from drivers.device.faults import Device, FaultKind
-from drivers.emulators.faults import send_fault
+from drivers.device.faults import FaultKind, parse_fault
+from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
@@ -46,7 +46,7 @@ def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: 
 
 def test_local_control_is_refused(emulate_ur: Callable[..., Any]) -> None:
     """An arm in local control is said to be, with the place of the switch."""
-    report = probe_controller(emulate_ur(RobotModel.E_SERIES, "--local-control").host)
+    report = probe_controller(emulate_ur(RobotModel.E_SERIES, "--remote-control=false").host)
     with pytest.raises(DeviceError, match="is in local control") as caught:
         require_ready(report, model=RobotModel.E_SERIES)
     assert "remote control at the pendant" in caught.value.remedy
@@ -64,7 +64,7 @@ def test_a_stopped_arm_is_refused(
 ) -> None:
     """A stop that a person has to undo is named before anything connects."""
     robot = emulate_ur()
-    send_fault(robot.folder, Device.ROBOT, kind)
+    post_fault(robot.folder, parse_fault(f"robot:{kind}"))
     report = next(r for r in _probes(robot.host) if r.safety_bits != SafetyBit.NORMAL)
     with pytest.raises(DeviceError, match=message):
         require_ready(report, model=RobotModel.E_SERIES)
@@ -73,7 +73,7 @@ def test_a_stopped_arm_is_refused(
 def test_a_frozen_controller_is_silent(emulate_ur: Callable[..., Any]) -> None:
     """A controller that accepts connections and says nothing is found out by the deadline."""
     robot = emulate_ur()
-    send_fault(robot.folder, Device.ROBOT, FaultKind.FREEZE)
+    post_fault(robot.folder, parse_fault("robot:freeze"))
     with pytest.raises(DeviceError, match="does not answer"):
         list(_probes(robot.host))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from drivers.emulators.faults import (
     control_path,
     decode_fault,
     encode_fault,
-    send_fault,
+    post_fault,
 )
 from tacauchy_rig.errors import ConfigError, DeviceError
 
@@ -81,14 +82,11 @@ def test_inbox_receives_without_blocking(tmp_path: Path) -> None:
     folder = tmp_path / ("long" * 40)
     inbox = FaultInbox(folder, Device.ROBOT)
     assert inbox.poll() == []
-    send_fault(folder, "robot", "delay", 2.0, delay_s=0.1)
-    send_fault(folder, Device.ROBOT, FaultKind.FREEZE)
+    late = replace(parse_fault("robot:delay+2s"), parameters={"delay_s": 0.1})
+    post_fault(folder, late)
+    post_fault(folder, parse_fault("robot:freeze"))
     first, second = inbox.poll()
-    assert (first.kind, first.duration_s, first.parameters) == (
-        FaultKind.DELAY,
-        2.0,
-        {"delay_s": 0.1},
-    )
+    assert first == late
     assert math.isinf(second.duration_s)
     assert inbox.poll() == []
     inbox.close()
@@ -98,7 +96,7 @@ def test_inbox_receives_without_blocking(tmp_path: Path) -> None:
 def test_nobody_listens(tmp_path: Path) -> None:
     """Sending to an emulator that is not there says where it was looked for."""
     with pytest.raises(DeviceError, match=r"emulated robot: nothing listens at .*robot\.control"):
-        send_fault(tmp_path, Device.ROBOT, FaultKind.FREEZE, 1.0)
+        post_fault(tmp_path, parse_fault("robot:freeze+1s"))
 
 
 def test_a_dead_emulators_socket_is_replaced(
@@ -110,7 +108,7 @@ def test_a_dead_emulators_socket_is_replaced(
         dead.bind(control_path(Path(), Device.CAMERA).name)
     assert control_path(tmp_path, Device.CAMERA).exists()
     heir = FaultInbox(tmp_path, Device.CAMERA)
-    send_fault(tmp_path, Device.CAMERA, FaultKind.UNPLUG)
+    post_fault(tmp_path, parse_fault("camera:unplug"))
     assert [fault.kind for fault in heir.poll()] == [FaultKind.UNPLUG]
     heir.close()
 

@@ -11,13 +11,14 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.device.device_file import device_holders
-from drivers.device.faults import Device, FaultKind
-from drivers.emulators.faults import send_fault
+from drivers.device.faults import Fault, FaultKind, parse_fault
+from drivers.emulators.faults import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
@@ -140,15 +141,19 @@ def test_close_twice_and_before_connect() -> None:
 def test_freeze_is_seen_as_repeats(box: tuple[Path, str]) -> None:
     """Equal samples with a moving counter raise the repeat count and nothing else."""
     with connected(box[1]) as sensor:
-        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.FREEZE, 0.5)
+        post_fault(box[0], parse_fault("force_sensor:freeze+500ms"))
         collect(sensor, lambda _: sensor.health().repeat_count >= 20)
         assert sensor.health().lost_count == 0
+
+
+def _of_frames(text: str, fraction: float) -> Fault:
+    return replace(parse_fault(text), parameters={"fraction": fraction})
 
 
 def test_dropped_frames_are_counted(box: tuple[Path, str]) -> None:
     """Gaps in the package number are lost frames; counters keep them visible."""
     with connected(box[1]) as sensor:
-        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.DROP, 0.8, fraction=0.5)
+        post_fault(box[0], _of_frames("force_sensor:drop+800ms", 0.5))
         samples = collect(sensor, lambda _: sensor.health().lost_count >= 20)
         last = samples[-1].counter - samples[0].counter + 1
         assert last - len(samples) == pytest.approx(sensor.health().lost_count, abs=3)
@@ -158,7 +163,7 @@ def test_dropped_frames_are_counted(box: tuple[Path, str]) -> None:
 def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -> None:
     """Damaged frames show as corrupt; what is delivered holds the true load."""
     with connected(box[1]) as sensor:
-        send_fault(box[0], Device.FORCE_SENSOR, FaultKind.GARBLE, 0.8, fraction=0.4)
+        post_fault(box[0], _of_frames("force_sensor:garble+800ms", 0.4))
         samples = collect(sensor, lambda _: sensor.health().corrupt_count >= 20)
     wrong = [s for s in samples if abs(s.wrench.force[2] - 3.0) > 0.05]
     assert len(wrong) <= 1  # one in 256 damaged frames has a right sum by chance
@@ -167,7 +172,7 @@ def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -
 def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
     """A saturated channel reads the full scale, and comes back."""
     with run_box(tmp_path, "--full-scale-n", "40") as port, connected(port) as sensor:
-        send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.SATURATE, 0.2)
+        post_fault(tmp_path, parse_fault("force_sensor:saturate+200ms"))
         samples = collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] == 40)
         samples += collect(sensor, lambda found: bool(found) and found[-1].wrench.force[2] < 4)
     assert {round(s.wrench.force[2]) for s in samples} == {3, 40}
@@ -177,7 +182,7 @@ def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
 def test_silence_shows_as_age(box: tuple[Path, str], kind: FaultKind) -> None:
     """While nothing comes the age grows and draining does not block."""
     with connected(box[1]) as sensor:
-        send_fault(box[0], Device.FORCE_SENSOR, kind, 0.4)
+        post_fault(box[0], parse_fault(f"force_sensor:{kind}+400ms"))
         collect(sensor, lambda _: sensor.health().age_s > 0.1)
         assert sensor.drain() == []
         assert collect(sensor, lambda found: len(found) >= 5)
@@ -186,7 +191,7 @@ def test_silence_shows_as_age(box: tuple[Path, str], kind: FaultKind) -> None:
 def test_unplug_raises_after_the_last_sample(run_box: RunBox, tmp_path: Path) -> None:
     """Samples that came before the plug was pulled are returned first, then the error."""
     with run_box(tmp_path) as port, connected(port) as sensor:
-        send_fault(tmp_path, Device.FORCE_SENSOR, FaultKind.UNPLUG)
+        post_fault(tmp_path, parse_fault("force_sensor:unplug"))
         wait_until(lambda: not Path(port).exists())
         wait_until(lambda: sensor.health().age_s > 0.2)
         assert sensor.drain()

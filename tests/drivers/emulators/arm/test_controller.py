@@ -16,11 +16,13 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.emulators.arm.settings import parse_arguments
-from drivers.emulators.arm.trace import read_events, read_trace, stop_after
+from drivers.emulators.arm.controller import ControllerSettings
+from drivers.emulators.arm.trace import read_events, read_trace
 from drivers.emulators.launch import free_loopback_host
+from drivers.emulators.process import arguments_of, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldWriter
 from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.fault_table.arm import arm_after
 from tacauchy_rig.run import Vector6
 
 _MODELS = list(RobotModel)
@@ -155,8 +157,8 @@ def test_without_a_watchdog_the_arm_goes_on(emulate_ur: Callable[..., Any]) -> N
     _run("client_leave_moving", robot)
     gone_ns = time.monotonic_ns()
     time.sleep(0.5)
-    report = stop_after(read_trace(robot.folder), gone_ns)
-    assert report.stopped_after_s == float("inf")
+    report = arm_after(read_trace(robot.folder), gone_ns, now_ns=time.monotonic_ns())
+    assert report.stopped_after_s is None
     assert report.descended_m > 0.0005
 
 
@@ -232,13 +234,15 @@ def _lives(process_id: int) -> bool:
 
 def test_arguments_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
     """A home that is not a pose is refused in words."""
-    settings = parse_arguments(["--folder", "x", "--home=-0.1,0,0.2,0,0,0", "--model", "cb3"])
+    given = ["--folder", "x", "--home=-0.1,0,0.2,0,0,0", "--model", "cb3"]
+    settings = settings_from(ControllerSettings, given)
     expected: Vector6 = (-0.1, 0.0, 0.2, 0.0, 0.0, 0.0)
-    assert settings.home.as_vector() == expected
+    assert settings.home == expected
     assert settings.model is RobotModel.CB3
+    assert settings_from(ControllerSettings, arguments_of(settings)) == settings
     with pytest.raises(SystemExit):
-        parse_arguments(["--folder", "x", "--home", "1,2,3"])
-    assert "six numbers" in capsys.readouterr().err
+        settings_from(ControllerSettings, ["--folder", "x", "--home", "1,2,3"])
+    assert "--home: " in capsys.readouterr().err
 
 
 if __name__ == "__main__":

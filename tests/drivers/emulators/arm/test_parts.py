@@ -15,14 +15,7 @@ from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import ControllerBody
 from drivers.emulators.arm.connection import Connection
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
-from drivers.emulators.arm.trace import (
-    TRACE_FILE,
-    ArmTrace,
-    TraceRow,
-    read_events,
-    read_trace,
-    stop_after,
-)
+from drivers.emulators.arm.trace import TRACE_FILE, ArmTrace, read_events, read_trace
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Pose, Vector3
@@ -102,34 +95,6 @@ def _read(client: socket.socket, size: int) -> bytes:
     return data
 
 
-@given(
-    steps=st.lists(
-        st.tuples(*[st.floats(-1e-3, 1e-3)] * 3),
-        min_size=2,
-        max_size=30,
-    )
-)
-def test_stop_report_measures_the_path(steps: list[Vector3]) -> None:
-    """The travelled length is that of the path, and the descent never exceeds it."""
-    position, rows = (0.0, 0.0, 0.0), []
-    for number, step in enumerate(steps):
-        x, y, z = (a + b for a, b in zip(position, step, strict=True))
-        position = (x, y, z)
-        moving = number + 1 < len(steps)
-        rows.append(
-            TraceRow(
-                stamp_ns=number * 1_000_000,
-                position=position,
-                velocity=(0.0, 0.0, -0.001 if moving else 0.0),
-                runtime_state=2,
-            )
-        )
-    report = stop_after(rows, 0)
-    assert report.travelled_m == pytest.approx(sum(math.hypot(*step) for step in steps[1:]))
-    assert 0.0 <= report.descended_m <= report.travelled_m + 1e-12
-    assert report.stopped_after_s == pytest.approx(max(0, len(steps) - 2) * 1e-3)
-
-
 def test_trace_survives_a_cut_row(tmp_path: Path) -> None:
     """A row that a kill cut short is left out; events and rows come back as written."""
     trace = ArmTrace(tmp_path)
@@ -142,7 +107,6 @@ def test_trace_survives_a_cut_row(tmp_path: Path) -> None:
     rows = read_trace(tmp_path)
     assert [row.stamp_ns for row in rows] == [10, 20]
     assert rows[0].position == (0.1, 0.2, 0.3)
-    assert stop_after(rows, 10).stopped_after_s == math.inf
     assert read_events(tmp_path) == [
         {"stamp_ns": 5, "name": "program-started", "z_m": 0.2, "reason": "x"}
     ]

@@ -23,11 +23,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.device.faults import Device, Fault, FaultKind
+from drivers.device.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.camera.frames import FrameFactory, PressKey, draw_number, read_number
 from drivers.emulators.camera.jpeg import JpegMosaic
 from drivers.emulators.camera.stream import FaultyOutput
-from drivers.emulators.faults import send_fault
+from drivers.emulators.faults import post_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import CylinderTip
@@ -247,12 +247,12 @@ def test_raw_packets_are_what_was_sent(camera: RunningCamera) -> None:
 
 def test_faults_reach_a_running_camera(camera: RunningCamera, capture: cv2.VideoCapture) -> None:
     """Freeze repeats a number, saturation is bright, and unplugging closes the port for good."""
-    send_fault(camera.folder, Device.CAMERA, FaultKind.FREEZE, 0.5)
+    post_fault(camera.folder, parse_fault("camera:freeze+500ms"))
     numbers = [read_number(capture.read()[1]) for _ in range(20)]
     assert len(set(numbers)) < 15
-    send_fault(camera.folder, Device.CAMERA, FaultKind.SATURATE, 0.5)
+    post_fault(camera.folder, parse_fault("camera:saturate+500ms"))
     assert max(capture.read()[1].mean() for _ in range(15)) > 225.0
-    send_fault(camera.folder, Device.CAMERA, FaultKind.UNPLUG, 0.2)
+    post_fault(camera.folder, parse_fault("camera:unplug+200ms"))
     assert not all(capture.read()[0] for _ in range(50))
     address = re.search(r"//(.*):(\d+)/", camera.ready["url"])
     assert address is not None
