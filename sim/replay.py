@@ -46,18 +46,9 @@ def replay_scene(
     Raises:
         ConfigError: No preset keeps the tolerance.
     """
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        tetwild=sensor.tetwild,
-        indenter=indenter,
-        target=Target(force_n=max([0.0, *forces_n])),
-        drive=drive,
-        preset=preset,
-        force_tolerance_n=tolerance_n,
-        sensor=sensor.name,
-    )
+    target = Target(force_n=max([0.0, *forces_n]))
+    asked = {"drive": drive, "preset": preset, "force_tolerance_n": tolerance_n}
+    scene = sensor.scene(indenter, target, **asked)
     return scene if tolerance is None else keeping(scene, tolerance)
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class RigError(Exception):
     """Base of every error this project raises on purpose.
@@ -46,3 +49,12 @@ class AbortedError(RigError):
     """A person (key, Ctrl-C, SIGTERM, lost terminal) asked the run to end."""
 
     exit_code = 3
+
+
+@contextmanager
+def naming(origin: str) -> Iterator[None]:
+    """Name a file in the message of what is refused within."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error

@@ -92,10 +92,10 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
     if _COMMA.match(text):
         problem = "has a comma in its number; write a decimal point"
         raise ConfigError(f'{field}: "{text}" {problem}', remedy=remedy)
-    parts = split_quantity(text)
-    if parts is None:
+    match = _NUMBER.match(text)
+    if match is None:
         raise ConfigError(f'{field}: "{text}" is not a number with a unit', remedy=remedy)
-    number, unit = parts
+    number, unit = match.groups()
     if unit not in units:
         listed = ", ".join(known or "no unit" for known in units)
         problem = f'has the unit "{unit}"' if unit else "has no unit"
@@ -103,9 +103,22 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
             f'{field}: "{text}" {problem}; a {dimension.value} needs one of: {listed}',
             remedy=remedy,
         )
-    if not math.isfinite(number * units[unit]):
+    value = _scaled(number, units[unit])
+    if not math.isfinite(value):
         raise ConfigError(f'{field}: "{text}" is not a finite number', remedy=remedy)
-    return number * units[unit]
+    return value
+
+
+def _scaled(number: str, factor: float) -> float:
+    """Return a number times a factor; by a power of ten just what the shifted digits say.
+
+    So 0.35 mm is the same float as 0.35e-3, where 0.35 * 1e-3 need not be.
+    """
+    shift = math.log10(factor)
+    if not shift.is_integer():
+        return float(number) * factor
+    digits, _, exponent = number.lower().partition("e")
+    return float(f"{digits}e{int(exponent or 0) + int(shift)}")
 
 
 def example(dimension: Dimension) -> str:

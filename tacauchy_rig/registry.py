@@ -60,10 +60,10 @@ _OWN: dict[Kind, dict[str, str]] = {
         "paper-eq4": "sim.material.laws.paper_eq4:LAW",
     },
     Kind.INDENTER: {
-        "cylinder": "tacauchy_rig.cli.scene_terms:parse_cylinder",
-        "sphere": "tacauchy_rig.cli.scene_terms:parse_sphere",
-        "plane": "tacauchy_rig.cli.scene_terms:parse_plane",
-        "mesh": "tacauchy_rig.cli.scene_terms:parse_mesh",
+        "cylinder": "sim.scene.terms:parse_cylinder",
+        "sphere": "sim.scene.terms:parse_sphere",
+        "plane": "sim.scene.terms:parse_plane",
+        "mesh": "sim.scene.terms:parse_mesh",
     },
     Kind.SENSOR: {
         "9dtact": "sim.sensor.files:NINE_D_TACT",

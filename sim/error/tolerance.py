@@ -19,6 +19,7 @@ from sim.error.prior_error import (
 from sim.error.section_error import section_depth, section_force
 from sim.scene.scene import Effect, Preset, Scene
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 from tacauchy_rig.run import Alternative
 
 # Preset paper's error was measured with its linear element.
@@ -55,6 +56,23 @@ class Tolerance:
             if self.force_n is None
             else f"{self.force_n:g} N"
         )
+
+
+def parse_tolerance(text: str, *, field: str) -> Tolerance:
+    """Read ``0.02N`` or ``1%``; a number without a unit could be meant as either.
+
+    Raises:
+        ConfigError: Neither a force nor a share in percent, or not above zero.
+    """
+    parts = split_quantity(text)
+    unit = "" if parts is None else parts[1]
+    is_force = unit in UNITS[Dimension.FORCE]
+    if not is_force and unit != "%":
+        problem = "is no tolerance" if parts is None or unit else "has no unit"
+        raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
+    dimension = Dimension.FORCE if is_force else Dimension.RATIO
+    value = parse_quantity(text, dimension=dimension, field=field)
+    return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 
 def settings_by_cost(kind: str | None = None) -> tuple[Setting, ...]:

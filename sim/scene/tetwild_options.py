@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, naming
+from tacauchy_rig.quantities import Dimension, parse_quantity
 
 _REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
 _REGULAR_ENERGY = 3.0
+_SETTINGS = {
+    "l_r": ("l_r", Dimension.RATIO),
+    "epsilon_r": ("epsilon_r", Dimension.RATIO),
+    "stop_energy": ("stop_energy", Dimension.RATIO),
+    "dihedral_min": ("dihedral_min_rad", Dimension.ANGLE),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +47,37 @@ class TetWildOptions:
             0.5 * _REGULAR_DIHEDRAL_RAD,
             "2 deg is the preset's",
         )
+
+
+def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptions:
+    """Read fTetWild's settings: ``l_r``, ``epsilon_r``, ``stop_energy``, ``dihedral_min``.
+
+    Raises:
+        ConfigError: A setting is unknown, no number, or out of its range.
+    """
+    unknown = [key for key in table if key not in _SETTINGS]
+    if unknown:
+        raise ConfigError(
+            f"{origin}: unknown mesh setting {', '.join(unknown)}",
+            remedy=f"settings are {', '.join(_SETTINGS)}",
+        )
+    given = {
+        name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}")
+        for key, (name, dimension) in _SETTINGS.items()
+        if key in table
+    }
+    with naming(origin):
+        return TetWildOptions(**given)
+
+
+def parse_tetwild_options(text: str) -> TetWildOptions:
+    """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg``, each if wanted.
+
+    Raises:
+        ConfigError: A setting is unknown, no number, or out of its range.
+    """
+    given = dict(part.partition("=")[::2] for part in text.split(","))
+    return tetwild_options_of(given, origin="--mesh")
 
 
 def _check(name: str, value: float | None, low: float, high: float, usual: str) -> None:

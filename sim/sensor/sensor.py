@@ -7,24 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim.scene.indenter import Indenter
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
-from sim.scene.tetwild_options import TetWildOptions
+from sim.scene.scene import Scene, Target
+from sim.scene.tetwild_options import TetWildOptions, tetwild_options_of
 from sim.sensor.tables import (
     DIMENSIONS,
     MATERIAL,
     Measured,
     SensorOptics,
-    naming,
     parse_optics,
     read_counts,
     read_number,
     read_numbers,
     refuse_unknown,
     surface_of,
-    tetwild_options_of,
 )
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, naming
 from tacauchy_rig.quantities import Dimension
 from tacauchy_rig.registry import Kind, load, names, unknown
 
@@ -79,6 +79,21 @@ class Sensor:
     optics: SensorOptics
     tetwild: TetWildOptions
     numbers: dict[str, Measured]
+
+    def scene(self, indenter: Indenter, target: Target, **further: Any) -> Scene:
+        """Return a press into this sensor.
+
+        Args:
+            further: Other fields of the scene; they overrule the sensor's own.
+        """
+        own = {
+            "pad": self.pad,
+            "material": self.material,
+            "layers": self.layers,
+            "tetwild": self.tetwild,
+            "sensor": self.name,
+        }
+        return Scene(indenter=indenter, target=target, **{**own, **further})
 
     def young_uncertainty(self) -> tuple[float, str]:
         """Return the relative uncertainty of the stiffness and its source.

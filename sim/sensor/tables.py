@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
@@ -11,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sim.scene.pad import SurfacePad, read_surface_pad
-from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, naming
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 MATERIAL = {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO}
@@ -29,12 +27,6 @@ _COUNTS = {"camera": ("width", "height"), "markers": ("columns", "rows")}
 _PLAIN = {"camera": ("crop",)}
 _OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
 SURFACE_KEYS = ("surface", "unit", "source")
-_TETWILD = {
-    "l_r": ("l_r", Dimension.RATIO),
-    "epsilon_r": ("epsilon_r", Dimension.RATIO),
-    "stop_energy": ("stop_energy", Dimension.RATIO),
-    "dihedral_min": ("dihedral_min_rad", Dimension.ANGLE),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,15 +122,6 @@ def read_counts(data: dict[str, Any], origin: str) -> dict[str, int]:
     return found
 
 
-@contextmanager
-def naming(origin: str) -> Iterator[None]:
-    """Name a file in the message of what is refused within."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(f"{origin}: {error.message}", remedy=error.remedy) from error
-
-
 def surface_of(table: Mapping[str, Any], *, origin: str, folder: Path) -> SurfacePad:
     """Read ``surface = "gel.stl"``, ``unit = "mm"`` and ``source`` of ``[pad]``.
 
@@ -162,27 +145,6 @@ def surface_of(table: Mapping[str, Any], *, origin: str, folder: Path) -> Surfac
         )
     with naming(origin):
         return read_surface_pad(folder / str(table["surface"]), unit=MeshUnit(unit))
-
-
-def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptions:
-    """Read fTetWild's settings: ``l_r``, ``epsilon_r``, ``stop_energy``, ``dihedral_min``.
-
-    Raises:
-        ConfigError: A setting is unknown, no number, or out of its range.
-    """
-    unknown = [key for key in table if key not in _TETWILD]
-    if unknown:
-        raise ConfigError(
-            f"{origin}: unknown mesh setting {', '.join(unknown)}",
-            remedy=f"settings are {', '.join(_TETWILD)}",
-        )
-    given = {
-        name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}")
-        for key, (name, dimension) in _TETWILD.items()
-        if key in table
-    }
-    with naming(origin):
-        return TetWildOptions(**given)
 
 
 class OpticsKind(StrEnum):

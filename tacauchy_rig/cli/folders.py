@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from reports.evidence.attempt import RunReading
-from sim.error.tolerance import Tolerance
+from sim.error.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import say, write_json
@@ -18,7 +18,6 @@ from tacauchy_rig.cli.press import cost_lines
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
-from tacauchy_rig.loop.settings import parse_tolerance
 from tacauchy_rig.run import MarkerMotion, Replay
 from tacauchy_rig.store.recording.export import ExportKind, export_run
 from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run

@@ -20,18 +20,13 @@ from sim.force_error_estimate import with_estimate
 from sim.material.laws import paper_eq4
 from sim.press import PressResult
 from sim.press import press as simulate_press
+from sim.press_command import SceneTerms, scene_of
 from sim.scene.indenter import describe
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Scene
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
-from tacauchy_rig.cli.scene_options import (
-    DeviceOption,
-    OutputOption,
-    SceneTerms,
-    scene_of,
-    states_a_scene,
-)
+from tacauchy_rig.cli.scene_options import DeviceOption, OutputOption, states_a_scene
 from tacauchy_rig.run import Alternative
 
 EstimateErrorOption = Annotated[
@@ -67,7 +62,7 @@ def press(
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
     """Say what a press would be simulated with, and why; nothing is pressed."""
-    scene = scene_of(replace(terms, outputs=tuple(output or ())))
+    scene = scene_of(replace(terms, output=tuple(output or ())))
     planned = plan_effects(scene)
     choice = mesh_choice(scene)
     for row in planned.effects:

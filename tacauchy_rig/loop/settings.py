@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TypeVar
 
 from sim.error.measured_errors import setting_of
-from sim.error.tolerance import Tolerance
+from sim.error.tolerance import Tolerance, parse_tolerance
 from sim.optics.colour.nominal import nominal_model
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
@@ -17,7 +17,6 @@ from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.doctor.result import CheckResult, failed, passed
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import calibrated_optics
-from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
@@ -111,23 +110,6 @@ def tolerance_of(config: RigConfig) -> Tolerance | None:
     """
     text = config.replay.tolerance
     return None if text is None else parse_tolerance(text, field="replay.tolerance")
-
-
-def parse_tolerance(text: str, *, field: str) -> Tolerance:
-    """Read ``0.02N`` or ``1%``; a number without a unit could be meant as either.
-
-    Raises:
-        ConfigError: Neither a force nor a share in percent, or not above zero.
-    """
-    parts = split_quantity(text)
-    unit = "" if parts is None else parts[1]
-    is_force = unit in UNITS[Dimension.FORCE]
-    if not is_force and unit != "%":
-        problem = "is no tolerance" if parts is None or unit else "has no unit"
-        raise ConfigError(f'{field}: "{text}" {problem}', remedy="give 0.02N or 1%")
-    dimension = Dimension.FORCE if is_force else Dimension.RATIO
-    value = parse_quantity(text, dimension=dimension, field=field)
-    return Tolerance(force_n=value) if is_force else Tolerance(relative=value)
 
 
 def drive_of(config: RigConfig) -> Drive:

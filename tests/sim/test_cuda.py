@@ -30,7 +30,7 @@ SCENES = {
     "ball to a depth": _BALL,
     "bonded": replace(_PRESS, contact=ContactMode.BONDED),
     "ball slid with friction": replace(
-        _BALL, contact=ContactMode.FRICTION, motion=Motion(shift_m=(1e-4, 0.0))
+        _BALL, contact=ContactMode.FRICTION, friction=0.5, motion=Motion(shift_m=(1e-4, 0.0))
     ),
     "linear tetrahedra": replace(_BALL, effects=((Effect.LOCKING_FREE_ELEMENT, False),)),
     "isochoric law": replace(

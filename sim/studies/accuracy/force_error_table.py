@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import scipy.optimize
@@ -24,7 +25,7 @@ from sim.error.prior_error import (
     scatter,
 )
 from sim.error.section_error import section_error
-from sim.scene.indenter import describe
+from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.studies.accuracy.force_limit import PressStore, pressed_path
 from sim.studies.accuracy.scenes import TRAINING, Training
@@ -67,7 +68,7 @@ def measure_force_errors(
 def _measured(number: int, press: Training, store: PressStore) -> Iterator[ForceErrorRow]:
     limits = store.limits(press.scene, press.depths_m)
     scene, kind = press.scene, indenter_kind(press.scene.indenter)
-    share = circumstances_of(scene, press.indenter)
+    share = circumstances_of(scene, cast(Cylinder | Sphere, scene.indenter))
     for setting in press.settings:
         tried = setting.applied(scene)
         found = store.pressed_path(tried, press.depths_m)

@@ -10,7 +10,7 @@ from sim.error.measured_errors import FAST, Setting, indenter_kind
 from sim.error.prior_error import QUANTILE, force_error, time_ratio
 from sim.error.tolerance import settings_by_cost
 from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy.mesh_chance import EDGE_SHIFT
 from sim.studies.accuracy.study import QUANTITIES, Row, Study
@@ -127,12 +127,8 @@ def presets_table(*, command: str) -> Table:
         return time_ratio(setting, FAST, kind=indenter_kind(indenter))
 
     def error(setting: Setting, indenter: Indenter, poisson: float) -> float | None:
-        scene = Scene(
-            pad=gel.pad,
-            material=replace(gel.material, poisson=poisson),
-            indenter=indenter,
-            target=Target(depth_m=0.5e-3),
-        )
+        material = replace(gel.material, poisson=poisson)
+        scene = gel.scene(indenter, Target(depth_m=0.5e-3), material=material)
         believed = force_error(setting.applied(scene))[0]
         return None if believed is None else 1e2 * believed
 

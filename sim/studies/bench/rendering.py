@@ -145,17 +145,8 @@ def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRo
 
 
 def _pressed(scene: Scene, name: str) -> SurfaceState:
-    sensor = load_sensor(name)
-    pressed = replace(
-        scene,
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        tetwild=sensor.tetwild,
-        target=Target(depth_m=_DEPTH_M),
-        preset=Preset.FAST,
-        sensor=name,
-    )
+    target = Target(depth_m=_DEPTH_M)
+    pressed = load_sensor(name).scene(scene.indenter, target, preset=Preset.FAST)
     path = path_for(pressed, plan_effects(pressed))
     return surface_state(path, path.advance(_DEPTH_M))
 

@@ -12,7 +12,7 @@ import numpy as np
 from sim.effects.plan import plan_effects
 from sim.press import path_for
 from sim.scene.indenter import Cylinder, Sphere, describe
-from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Effect, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
@@ -201,16 +201,12 @@ def press_in(
     Raises:
         ConvergenceError: There is no equilibrium.
     """
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        indenter=indenter,
-        target=Target(depth_m=depth_m),
+    scene = sensor.scene(
+        indenter,
+        Target(depth_m=depth_m),
         contact=ContactMode.FRICTION,
         friction=FRICTION,
         preset=preset,
-        sensor=sensor.name,
         # The tangential traction is what is asked for, over the whole contact.
         effects=((Effect.FRICTION, True), (Effect.SYMMETRY, False), (Effect.FINITE_STRAIN, True)),
     )

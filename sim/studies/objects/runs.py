@@ -16,7 +16,7 @@ from sim.optics.render.pixel_colours import ColourModel
 from sim.optics.render.renderer import TactileRenderer
 from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.sensor import Sensor
 from sim.solve.newton import NewtonOptions
@@ -73,16 +73,7 @@ def press_object(
     """
     started = time.process_time()
     body: MeshIndenter = OBJECTS[name]()
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        tetwild=sensor.tetwild,
-        indenter=body,
-        target=Target(depth_m=DEPTH_M),
-        preset=preset,
-        sensor=sensor.name,
-    )
+    scene = sensor.scene(body, Target(depth_m=DEPTH_M), preset=preset)
     path = path_for(scene, plan_effects(scene))
     path.options = NewtonOptions(residual_relative=_RESIDUAL_RELATIVE)
     point = follow(scene, path)

@@ -6,42 +6,31 @@ from dataclasses import dataclass, replace
 
 from sim.effects.presets import build_model
 from sim.press import press
-from sim.scene.indenter import Cylinder, Sphere
+from sim.press_command import scene_from
 from sim.scene.material import Layer, Material
-from sim.scene.pad import BoxPad
-from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
+from sim.scene.scene import Scene
 from tacauchy_rig.tables import Table, table_of
 
 _LIMIT = 1e-6
 REFINEMENTS = (1.0, 1.5)
-_SCENE = Scene(
-    pad=BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3),
-    material=Material(young_pa=4e5, poisson=0.48),
-    indenter=Cylinder(diameter_m=5e-3),
-    target=Target(depth_m=0.2e-3),
-    preset=Preset.FAST,
-)
-_LOADED = replace(_SCENE, target=Target(force_n=1.0))
-_BALL = replace(_SCENE, indenter=Sphere(diameter_m=8e-3))
-_SCENES = {
-    "sharp punch to a depth": _SCENE,
-    "sharp punch to a load": _LOADED,
-    "filleted punch to a load": replace(
-        _LOADED, indenter=Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
-    ),
-    "ball to a load": replace(_BALL, target=Target(force_n=0.4)),
-    "bonded ball": replace(_BALL, contact=ContactMode.BONDED),
-    "ball with friction 0.5": replace(
-        _BALL, contact=ContactMode.FRICTION, effects=((Effect.FRICTION, True),)
-    ),
-    "ball on two layers": replace(
-        _BALL,
-        layers=(
-            Layer(share=0.75, material=Material(young_pa=1e5, poisson=0.46)),
-            Layer(share=0.25, material=Material(young_pa=4e5, poisson=0.46)),
-        ),
-    ),
+_GEL = "--pad box:20x24x4mm --young 0.4MPa --poisson 0.48 --preset fast"
+_PRESSES = {
+    "sharp punch to a depth": "--indenter cylinder:diameter=5mm --depth 0.2mm",
+    "sharp punch to a load": "--indenter cylinder:diameter=5mm --force 1N",
+    "filleted punch to a load": "--indenter cylinder:diameter=5mm,fillet=0.1mm --force 1N",
+    "ball to a load": "--indenter sphere:diameter=8mm --force 0.4N",
+    "bonded ball": "--indenter sphere:diameter=8mm --depth 0.2mm --contact bonded",
+    "ball with friction 0.5": "--indenter sphere:diameter=8mm --depth 0.2mm "
+    "--contact friction:0.5 --effect friction=on",
 }
+_SCENES = {name: scene_from(f"{_GEL} {words}") for name, words in _PRESSES.items()}
+_SCENES["ball on two layers"] = replace(
+    scene_from(f"{_GEL} --indenter sphere:diameter=8mm --depth 0.2mm"),
+    layers=(
+        Layer(share=0.75, material=Material(young_pa=1e5, poisson=0.46)),
+        Layer(share=0.25, material=Material(young_pa=4e5, poisson=0.46)),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from sim.press import press
+from sim.press_command import press_command
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.layered_solution import BondedLayers, Ply, hertz_force
-from sim.studies.verification.press_command import press_command
 from tacauchy_rig.tables import Cell, Table
 
 _YOUNG_PA = 0.3e6

@@ -11,10 +11,10 @@ from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.force_error_estimate import force_on
+from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import Effect, Preset, Scene, Target
+from sim.scene.scene import Preset
 from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.tables import Cell, Table
 
@@ -25,13 +25,9 @@ _INDENTERS: tuple[tuple[Indenter, float], ...] = (
     (Cylinder(diameter_m=4e-3), 0.9),
     (Sphere(diameter_m=8e-3), 1.8),
 )
-_SCENE = Scene(
-    pad=DiscPad(radius_m=8e-3, height_m=4e-3),
-    material=Material(young_pa=4e5, poisson=0.48),
-    indenter=Cylinder(diameter_m=4e-3),
-    target=Target(depth_m=0.1e-3),
-    preset=Preset.FAST,
-    effects=((Effect.FINITE_STRAIN, True),),
+_SCENE = scene_from(
+    "--pad disc:radius=8mm,height=4mm --young 0.4MPa --poisson 0.48 "
+    "--indenter cylinder:diameter=4mm --depth 0.1mm --effect finite-strain=on --preset fast"
 )
 
 _RIM = replace(_SCENE, material=Material(young_pa=2e5, poisson=0.47), preset=Preset.BALANCED)

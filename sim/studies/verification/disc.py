@@ -8,11 +8,11 @@ from importlib import resources
 
 from sim.effects.plan import plan_effects
 from sim.press import path_for
+from sim.press_command import press_command
 from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
-from sim.studies.verification.press_command import press_command
 from tacauchy_rig.tables import Cell, Table
 
 _ALLOWED = 0.01

@@ -14,10 +14,10 @@ from sim.force_error_estimate import (
     estimate_from,
     force_on,
 )
-from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.material import Layer, Material
-from sim.scene.pad import BoxPad, DiscPad, Pad
-from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
+from sim.press_command import scene_from
+from sim.scene.material import Material
+from sim.scene.pad import BoxPad
+from sim.scene.scene import Scene
 from tacauchy_rig.tables import Table, table_of
 
 logger = logging.getLogger(__name__)
@@ -116,73 +116,62 @@ def judged(found: Sequence[RefinedPress]) -> Table:
     )
 
 
-def _gel(young_pa: float, poisson: float) -> Material:
-    return Material(young_pa=young_pa, poisson=poisson)
-
-
-def _scene(pad: Pad, gel: Material, indenter: Indenter, depth_m: float) -> Scene:
-    target = Target(depth_m=depth_m)
-    return Scene(pad=pad, material=gel, indenter=indenter, target=target, preset=Preset.FAST)
-
-
-def _bonded(scene: Scene) -> Scene:
-    return replace(scene, contact=ContactMode.BONDED)
-
-
-def _layered(scene: Scene, lower: tuple[float, Material], upper: tuple[float, Material]) -> Scene:
-    layers = tuple(Layer(share=share, material=material) for share, material in (lower, upper))
-    return replace(scene, layers=layers)
-
-
-def _box(size_x_m: float, size_y_m: float, height_m: float) -> BoxPad:
-    return BoxPad(size_x_m=size_x_m, size_y_m=size_y_m, height_m=height_m)
-
-
-def _disc(radius_m: float, height_m: float) -> DiscPad:
-    return DiscPad(radius_m=radius_m, height_m=height_m)
-
-
-_STEEP = replace(_box(18e-3, 18e-3, 3.5e-3), dome_radius_x_m=0.06, dome_radius_y_m=0.08)
-_SOFT = _gel(1e5, 0.46)
+_STEEP = BoxPad(
+    size_x_m=18e-3, size_y_m=18e-3, height_m=3.5e-3, dome_radius_x_m=0.06, dome_radius_y_m=0.08
+)
+# The gel by which a layered scene's weight and expected depth are judged.
+_SOFT = Material(young_pa=1e5, poisson=0.46)
 
 HELD_OUT = {
-    "sharp 4 mm punch, disc 3.5 mm, nu 0.47": _scene(
-        _disc(7e-3, 3.5e-3), _gel(2e5, 0.47), Cylinder(diameter_m=4e-3), 0.1e-3
+    "sharp 4 mm punch, disc 3.5 mm, nu 0.47": scene_from(
+        "--pad disc:radius=7mm,height=3.5mm --young 0.2MPa --poisson 0.47 "
+        "--indenter cylinder:diameter=4mm --depth 0.1mm --preset fast"
     ),
-    "sharp 6 mm punch, box 4.5 mm, nu 0.49": _scene(
-        _box(22e-3, 18e-3, 4.5e-3), _gel(3e5, 0.49), Cylinder(diameter_m=6e-3), 0.12e-3
+    "sharp 6 mm punch, box 4.5 mm, nu 0.49": scene_from(
+        "--pad box:22x18x4.5mm --young 0.3MPa --poisson 0.49 "
+        "--indenter cylinder:diameter=6mm --depth 0.12mm --preset fast"
     ),
-    "bonded sharp 5 mm punch, disc 5 mm, nu 0.42": _bonded(
-        _scene(_disc(9e-3, 5e-3), _gel(3e5, 0.42), Cylinder(diameter_m=5e-3), 0.15e-3)
+    "bonded sharp 5 mm punch, disc 5 mm, nu 0.42": scene_from(
+        "--pad disc:radius=9mm,height=5mm --young 0.3MPa --poisson 0.42 "
+        "--indenter cylinder:diameter=5mm --depth 0.15mm --contact bonded --preset fast"
     ),
-    "6 mm punch, 0.5 mm fillet, steep dome": _scene(
-        _STEEP, _gel(2.5e5, 0.46), Cylinder(diameter_m=6e-3, fillet_m=0.5e-3), 0.15e-3
+    "6 mm punch, 0.5 mm fillet, steep dome": replace(
+        scene_from(
+            "--pad box:18x18x3.5mm --young 0.25MPa --poisson 0.46 "
+            "--indenter cylinder:diameter=6mm,fillet=0.5mm --depth 0.15mm --preset fast"
+        ),
+        pad=_STEEP,
     ),
-    "10 mm ball, 0.6 mm deep, nu 0.45": _scene(
-        _disc(9e-3, 5e-3), _gel(3e5, 0.45), Sphere(diameter_m=10e-3), 0.6e-3
+    "10 mm ball, 0.6 mm deep, nu 0.45": scene_from(
+        "--pad disc:radius=9mm,height=5mm --young 0.3MPa --poisson 0.45 "
+        "--indenter sphere:diameter=10mm --depth 0.6mm --preset fast"
     ),
-    "bonded 5 mm ball, small box, nu 0.48": _bonded(
-        _scene(_box(14e-3, 14e-3, 3e-3), _gel(4e5, 0.48), Sphere(diameter_m=5e-3), 0.1e-3)
+    "bonded 5 mm ball, small box, nu 0.48": scene_from(
+        "--pad box:14x14x3mm --young 0.4MPa --poisson 0.48 "
+        "--indenter sphere:diameter=5mm --depth 0.1mm --contact bonded --preset fast"
     ),
-    "12 mm ball, nu 0.495, preset balanced": replace(
-        _scene(_disc(8e-3, 3e-3), _gel(3e5, 0.495), Sphere(diameter_m=12e-3), 0.1e-3),
-        preset=Preset.BALANCED,
+    "12 mm ball, nu 0.495, preset balanced": scene_from(
+        "--pad disc:radius=8mm,height=3mm --young 0.3MPa --poisson 0.495 "
+        "--indenter sphere:diameter=12mm --depth 0.1mm"
     ),
-    "7 mm ball, soft skin on a stiff base": _layered(
-        _scene(_disc(8e-3, 4e-3), _SOFT, Sphere(diameter_m=7e-3), 0.15e-3),
-        (0.5, _gel(6e5, 0.47)),
-        (0.5, _gel(2e5, 0.47)),
+    "7 mm ball, soft skin on a stiff base": replace(
+        scene_from(
+            "--pad disc:radius=8mm,height=4mm --layer share=0.5,young=0.6MPa,poisson=0.47 "
+            "--layer share=0.5,young=0.2MPa,poisson=0.47 "
+            "--indenter sphere:diameter=7mm --depth 0.15mm --preset fast"
+        ),
+        material=_SOFT,
     ),
-    "6 mm ball 2 mm off the centre, friction 0.6": replace(
-        _scene(_box(16e-3, 14e-3, 3.5e-3), _gel(3e5, 0.46), Sphere(diameter_m=6e-3), 0.2e-3),
-        centre_m=(2e-3, 0.0),
-        contact=ContactMode.FRICTION,
-        friction=0.6,
-        effects=((Effect.FRICTION, True),),
+    "6 mm ball 2 mm off the centre, friction 0.6": scene_from(
+        "--pad box:16x14x3.5mm --young 0.3MPa --poisson 0.46 --indenter sphere:diameter=6mm "
+        "--at 2mm --depth 0.2mm --contact friction:0.6 --effect friction=on --preset fast"
     ),
-    "4 mm punch, 0.2 mm fillet, three times as stiff skin": _layered(
-        _scene(_disc(7e-3, 4e-3), _SOFT, Cylinder(diameter_m=4e-3, fillet_m=0.2e-3), 0.12e-3),
-        (0.8, _SOFT),
-        (0.2, _gel(3e5, 0.46)),
+    "4 mm punch, 0.2 mm fillet, three times as stiff skin": replace(
+        scene_from(
+            "--pad disc:radius=7mm,height=4mm --layer share=0.8,young=0.1MPa,poisson=0.46 "
+            "--layer share=0.2,young=0.3MPa,poisson=0.46 "
+            "--indenter cylinder:diameter=4mm,fillet=0.2mm --depth 0.12mm --preset fast"
+        ),
+        material=_SOFT,
     ),
 }

@@ -171,15 +171,7 @@ def pressed(indenter: Indenter, preset: Preset, sensor: Sensor) -> SurfaceState:
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        tetwild=sensor.tetwild,
-        indenter=indenter,
-        target=Target(depth_m=_DEPTH_M),
-        preset=preset,
-        sensor=sensor.name,
-    )
+    scene = sensor.scene(indenter, Target(depth_m=_DEPTH_M), preset=preset)
     plan = plan_effects(scene)
     model = None
     if isinstance(indenter, MeshIndenter) and not isinstance(scene.pad, SurfacePad):

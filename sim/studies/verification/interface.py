@@ -8,15 +8,15 @@ from itertools import pairwise
 from sim.effects.presets import build_model
 from sim.fields.interface import InterfaceTraction, interface_traction
 from sim.press import press
-from sim.scene.indenter import Sphere
-from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.sensor import load_sensor
+from sim.press_command import scene_from
+from sim.scene.scene import Scene
 from tacauchy_rig.errors import ConvergenceError
 from tacauchy_rig.tables import Table, table_of
 
 REFINEMENTS = (1.0, 2.0, 3.0)
 NODAL_ALLOWED = 1e-6
 SUM_ALLOWED = 0.02
+_PRESS = "--sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,20 +41,6 @@ class InterfacePress:
         return float(below / self.force_n) - 1.0, float(above / self.force_n) - 1.0
 
 
-def interface_scene() -> Scene:
-    """Return a ball of 8 mm, 0.4 mm deep in a 9DTact."""
-    sensor = load_sensor("9dtact")
-    return Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        indenter=Sphere(diameter_m=8e-3),
-        target=Target(depth_m=0.4e-3),
-        preset=Preset.FAST,
-        sensor=sensor.name,
-    )
-
-
 def interface_press(scene: Scene, *, refinement: float) -> InterfacePress:
     """Press on one mesh.
 
@@ -75,7 +61,7 @@ def interface_press(scene: Scene, *, refinement: float) -> InterfacePress:
 
 def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
     """Press on ever finer meshes and compare the two sides."""
-    scene = interface_scene()
+    scene = scene_from(_PRESS)
     found = [interface_press(scene, refinement=factor) for factor in refinements]
     nodal = max(row.interface.recovered_jump_relative for row in found)
     jumps = [
@@ -107,6 +93,5 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
         note="A jump is the norm of the difference of both sides' sigma n over that of their mean, "
         "both over the interface. Stress is made continuous within a layer by projection from "
         "that layer's elements alone (sim/fields/interface.py).",
-        command="tacauchy-rig press --sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm "
-        "--preset fast",
+        command=f"tacauchy-rig press {_PRESS}",
     )

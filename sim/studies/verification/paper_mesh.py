@@ -16,24 +16,25 @@ from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.tet_mesh import TetMesh, mesh_statistics
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
-from sim.scene.indenter import Cylinder
+from sim.press_command import press_command, scene_from
 from sim.scene.pad import Pad
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
-from sim.studies.verification.press_command import press_command
 from tacauchy_rig.tables import Cell, Table
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
 _REPEATS = 200
 _PAPER_S = 1e-3
+# A shallow press of a GelSight Mini.
+_SCENE = scene_from("--sensor gelsight-mini --indenter cylinder:diameter=5mm --depth 0.3mm")
 
 
 def measure_mesh() -> Table:
     """Measure the mesh with and without its fine region."""
     pad = load_sensor("gelsight-mini").pad
     coarse = mesh_statistics(baseline_mesh(pad))
-    fine = mesh_statistics(mesh_for(replace(paper_scene(), preset=Preset.PAPER)))
+    fine = mesh_statistics(mesh_for(replace(_SCENE, preset=Preset.PAPER)))
     growth = fine.tet_count / coarse.tet_count
     density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
     sizing = PAPER_SIZING
@@ -78,10 +79,9 @@ def baseline_mesh(pad: Pad) -> TetMesh:
 
 def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Table:
     """Press once on each preset and time the extraction on what came out."""
-    scene = paper_scene()
     rows: list[tuple[Cell, ...]] = []
     for preset in presets:
-        result = press(replace(scene, preset=preset))
+        result = press(replace(_SCENE, preset=preset))
         if result.point is None:
             continue
         model = result.model
@@ -120,7 +120,7 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
         note=f"{_REPEATS} extractions (Algorithm 1: Cauchy stress in every element, traction, its "
         "normal and tangential part on every unclamped face), from positions in memory to arrays "
         f"in memory, on {platform.machine()}.",
-        command=press_command(replace(scene, preset=presets[0])),
+        command=press_command(replace(_SCENE, preset=presets[0])),
     )
 
 
@@ -128,15 +128,3 @@ def _extraction_times(model: Model, positions: FloatArray) -> FloatArray:
     """Return the wall time of every extraction but the first [s]."""
     runs = timeit.repeat(lambda: surface_stress(model, positions), repeat=1 + _REPEATS, number=1)
     return np.array(runs[1:])
-
-
-def paper_scene() -> Scene:
-    """Return a shallow press of a GelSight Mini; its preset is the caller's to choose."""
-    sensor = load_sensor("gelsight-mini")
-    return Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        indenter=Cylinder(diameter_m=5e-3),
-        target=Target(depth_m=0.3e-3),
-        sensor=sensor.name,
-    )

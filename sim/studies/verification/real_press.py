@@ -8,11 +8,11 @@ from importlib import resources
 from typing import Any
 
 from sim.press import press
+from sim.press_command import press_command
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.verification.press_command import press_command
 from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.tables import Table
 
@@ -91,13 +91,8 @@ def real_scene(
     real: RealPress, young_pa: float, poisson: float, contact: ContactMode, preset: Preset
 ) -> Scene:
     """Return the measured press as a scene."""
-    sensor = load_sensor(real.sensor)
-    return Scene(
-        pad=sensor.pad,
-        material=Material(young_pa=young_pa, poisson=poisson),
-        indenter=Sphere(diameter_m=2.0 * real.ball_radius_m),
-        target=Target(depth_m=real.depth_m),
-        contact=contact,
-        preset=preset,
-        sensor=sensor.name,
+    ball = Sphere(diameter_m=2.0 * real.ball_radius_m)
+    gel = Material(young_pa=young_pa, poisson=poisson)
+    return load_sensor(real.sensor).scene(
+        ball, Target(depth_m=real.depth_m), material=gel, contact=contact, preset=preset
     )

@@ -7,28 +7,22 @@ from dataclasses import dataclass, replace
 
 from sim.effects.presets import build_model, finest_edge_m
 from sim.press import press
+from sim.press_command import scene_from
 from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
-from sim.scene.material import Material
-from sim.scene.pad import BoxPad
-from sim.scene.scene import ContactMode, Drive, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.tables import Table, table_of
 
 _SHARP, _ROUNDED = Cylinder(diameter_m=5e-3), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
 _INDENTERS: tuple[Indenter, ...] = (_SHARP, _ROUNDED, Sphere(diameter_m=8e-3))
-_BARRIER_SCENE = Scene(
-    pad=BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3),
-    material=Material(young_pa=4e5, poisson=0.48),
-    indenter=_SHARP,
-    target=Target(depth_m=0.2e-3),
-    preset=Preset.FAST,
-)
-_SHIFT_SCENE = replace(
-    _BARRIER_SCENE,
-    pad=BoxPad(size_x_m=16e-3, size_y_m=16e-3, height_m=4e-3),
-    target=Target(depth_m=0.1e-3),
+_BARRIER_SCENE, _SHIFT_SCENE = (
+    scene_from(
+        f"--pad {pad} --young 0.4MPa --poisson 0.48 --indenter cylinder:diameter=5mm "
+        f"--depth {depth} --preset fast"
+    )
+    for pad, depth in (("box:20x24x4mm", "0.2mm"), ("box:16x16x4mm", "0.1mm"))
 )
 # Relative changes of F_z that are allowed, and of the depth between both drives.
 _BARRIER_ALLOWED = 0.003

@@ -9,11 +9,11 @@ import typer
 
 from sim.optics.camera_geometry import camera_geometry
 from sim.optics.markers.fidelity import compare_marker_fidelities
-from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Motion, Preset, Target
+from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.cli.scene_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -41,18 +41,8 @@ def markers(
         for text, field in ((depth, "--depth"), (shift, "--shift"))
     )
     turn = parse_quantity(twist, dimension=Dimension.ANGLE, field="--twist")
-    scene = Scene(
-        pad=known.pad,
-        material=known.material,
-        layers=known.layers,
-        tetwild=known.tetwild,
-        indenter=parse_indenter(indenter),
-        target=Target(depth_m=press_depth),
-        contact=ContactMode.FRICTION,
-        friction=friction,
-        preset=preset,
-        sensor=known.name,
-    )
+    rubs = {"contact": ContactMode.FRICTION, "friction": friction, "preset": preset}
+    scene = known.scene(parse_indenter(indenter), Target(depth_m=press_depth), **rubs)
     motions = {
         "press": Motion(),
         "shear": Motion(shift_m=(slide, 0.0)),

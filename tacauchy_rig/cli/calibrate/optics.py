@@ -11,10 +11,10 @@ from sim.optics.calibrate.cross_validation import PressScores
 from sim.optics.calibrate.input import OpticsRequest
 from sim.optics.calibrate.run import OpticsResult, calibrate_and_check
 from sim.scene.scene import Preset
+from sim.scene.terms import parse_pair
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
-from tacauchy_rig.cli.scene_terms import parse_pair
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 

@@ -15,6 +15,7 @@ from reports.scores.metrics import structural_similarity_index, zero_mean_correl
 from sim.optics.camera_geometry import ImageArray, camera_geometry
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.render.renderer import GREY_LEVEL, NominalRenderer
+from sim.press_command import SceneTerms, scene_of
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy.configurations import (
     FULL,
@@ -40,7 +41,6 @@ from tacauchy_rig.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table

@@ -10,6 +10,7 @@ import typer
 
 from sim.optics.camera_geometry import camera_geometry
 from sim.optics.render.renderer import NominalRenderer
+from sim.press_command import SceneTerms, scene_of
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.figure import draw_bench
@@ -24,7 +25,6 @@ from tacauchy_rig.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.cli.scene_options import SceneTerms, scene_of
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.loop.rendering import ReplayImages
 from tacauchy_rig.page import criteria_page

@@ -11,6 +11,7 @@ import typer
 
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
+from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.figures import draw_modes, draw_sensors
 from sim.studies.modes.runs import (
@@ -26,7 +27,6 @@ from sim.studies.modes.runs import (
 )
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
-from tacauchy_rig.cli.scene_terms import parse_indenter
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import page as written
 from tacauchy_rig.tables import Table, table_of

@@ -33,6 +33,7 @@ def scene(indenter: Indenter = BALL, *, depth_m: float = 0.1e-3, material: Mater
     )
 
 
+RUBS = {"contact": ContactMode.FRICTION, "friction": 0.5}
 RUBBED = replace(scene(), contact=ContactMode.FRICTION, friction=0.5)
 SCENES = {
     "shallow ball": (scene(), {Effect.FINITE_STRAIN}),
@@ -70,9 +71,17 @@ def test_what_is_left_out_stays_within_the_tolerance(name: str) -> None:
         ({"target": Target(depth_m=1e-3)}, Effect.FINITE_STRAIN, True),
         ({"material": replace(GEL, law=LawName.PAPER_EQ4)}, Effect.FINITE_STRAIN, True),
         ({"target": Target(force_n=4.7)}, Effect.FINITE_STRAIN, True),
-        ({"contact": ContactMode.FRICTION, "tolerance": 1e-3}, Effect.FRICTION, True),
         (
-            {"contact": ContactMode.FRICTION, "motion": Motion(shift_m=(1e-4, 0.0))},
+            {"contact": ContactMode.FRICTION, "friction": 0.5, "tolerance": 1e-3},
+            Effect.FRICTION,
+            True,
+        ),
+        (
+            {
+                "contact": ContactMode.FRICTION,
+                "friction": 0.5,
+                "motion": Motion(shift_m=(1e-4, 0.0)),
+            },
             Effect.FRICTION,
             True,
         ),

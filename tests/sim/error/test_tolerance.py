@@ -17,6 +17,7 @@ from sim.error.tolerance import (
     alternatives,
     expected_error,
     keeping,
+    parse_tolerance,
     settings_by_cost,
 )
 from sim.scene.indenter import Cylinder, Plane, Sphere
@@ -163,3 +164,35 @@ def test_long_times_are_whole_numbers() -> None:
     )
     text = "preset accurate: about 3.1 times the time (123 s), force error 1.2%"
     assert str(slow) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "tolerance"),
+    [
+        ("0.02N", Tolerance(force_n=0.02)),
+        ("20 mN", Tolerance(force_n=0.02)),
+        ("1%", Tolerance(relative=0.01)),
+        (" 0.5 % ", Tolerance(relative=0.005)),
+    ],
+)
+def test_tolerances_are_forces_or_shares(text: str, tolerance: Tolerance) -> None:
+    """The unit says which."""
+    assert parse_tolerance(text, field="") == tolerance
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("1", '"1" has no unit'),
+        ("0.01", '"0.01" has no unit'),
+        ("1 mm", '"1 mm" is no tolerance'),
+        ("small", '"small" is no tolerance'),
+        ("0,5%", '"0,5%" is no tolerance'),
+    ],
+)
+def test_a_tolerance_needs_its_unit(text: str, problem: str) -> None:
+    """One could be meant as newtons or percent, and would be all of the force."""
+    with pytest.raises(ConfigError) as caught:
+        parse_tolerance(text, field="replay.tolerance")
+    assert caught.value.message == f"replay.tolerance: {problem}"
+    assert caught.value.remedy == "give 0.02N or 1%"

@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 from typer.testing import CliRunner
 
+from sim.press_command import SceneTerms
 from sim.scene.material import LawName
-from tacauchy_rig.cli.scene_options import SceneTerms, states_a_scene
+from tacauchy_rig.cli.scene_options import states_a_scene
 
 GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b", "--twice", "3")
 
@@ -25,6 +26,6 @@ def test_a_command_gets_the_scenes_options_and_its_own() -> None:
     app = typer.Typer()
     app.command()(command)
     assert CliRunner().invoke(app, list(GIVEN)).exit_code == 0
-    terms = SceneTerms(indenter="plane", law=LawName.LINEAR, layers=["a", "b"])
+    terms = SceneTerms(indenter="plane", law=LawName.LINEAR, layer=["a", "b"])
     assert seen == [(terms, 6)]
     assert CliRunner().invoke(app, ["--twice", "3"]).exit_code == 2

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from sim.error.tolerance import Tolerance
 from sim.optics.colour.lamps import Lamp
 from sim.optics.colour.nominal import nominal_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckStatus
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.settings import check_optics, check_replay, parse_tolerance, replay_check
+from tacauchy_rig.loop.settings import check_optics, check_replay, replay_check
 
 MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 
@@ -59,35 +57,3 @@ def test_doctor_fails_what_no_replay_is_made_with(override: str, found: str) -> 
     assert result.status is CheckStatus.FAIL
     assert found in result.finding
     assert result.remedy
-
-
-@pytest.mark.parametrize(
-    ("text", "tolerance"),
-    [
-        ("0.02N", Tolerance(force_n=0.02)),
-        ("20 mN", Tolerance(force_n=0.02)),
-        ("1%", Tolerance(relative=0.01)),
-        (" 0.5 % ", Tolerance(relative=0.005)),
-    ],
-)
-def test_tolerances_are_forces_or_shares(text: str, tolerance: Tolerance) -> None:
-    """The unit says which."""
-    assert parse_tolerance(text, field="") == tolerance
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("1", '"1" has no unit'),
-        ("0.01", '"0.01" has no unit'),
-        ("1 mm", '"1 mm" is no tolerance'),
-        ("small", '"small" is no tolerance'),
-        ("0,5%", '"0,5%" is no tolerance'),
-    ],
-)
-def test_a_tolerance_needs_its_unit(text: str, problem: str) -> None:
-    """One could be meant as newtons or percent, and would be all of the force."""
-    with pytest.raises(ConfigError) as caught:
-        parse_tolerance(text, field="replay.tolerance")
-    assert caught.value.message == f"replay.tolerance: {problem}"
-    assert caught.value.remedy == "give 0.02N or 1%"

@@ -168,17 +168,8 @@ def ball_profiles(
     Raises:
         ConvergenceError: A depth finds no equilibrium.
     """
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        layers=sensor.layers,
-        tetwild=sensor.tetwild,
-        indenter=Sphere(diameter_m=ball_diameter_m),
-        target=Target(depth_m=depths_m[-1]),
-        preset=preset,
-        barrier_m=_CONTACT_DISTANCE_M,
-        sensor=sensor.name,
-    )
+    ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=depths_m[-1])
+    scene = sensor.scene(ball, target, preset=preset, barrier_m=_CONTACT_DISTANCE_M)
     path = LoadingPath(build_model(scene, mesh=_mesh(scene)), scene.indenter, scene.centre_m)
     middle = 0.5 * (_PIXELS - 1)
     geometry = CameraGeometry(

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.press import press
+from sim.press_command import press_command
 from sim.scene.material import LawName
 from sim.scene.scene import Preset
 from sim.studies.verification import catalogue
 from sim.studies.verification.disc import disc_scene
-from sim.studies.verification.press_command import press_command
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 from tacauchy_rig.tables import Table

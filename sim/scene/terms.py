@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from math import isinf
 from pathlib import Path
-
-import typer
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
-from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.triangle_file import MeshUnit
-from sim.sensor.tables import tetwild_options_of
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.registry import Kind, load, names, unknown
@@ -40,6 +37,20 @@ def parse_pad(text: str) -> Pad:
     )
 
 
+def pad_text(pad: Pad) -> str:
+    """Return what ``parse_pad`` reads.
+
+    Raises:
+        ConfigError: The pad is domed, or neither a box nor a disc.
+    """
+    if isinstance(pad, DiscPad):
+        return f"disc:radius={pad.radius_m * 1e3:g}mm,height={pad.height_m * 1e3:g}mm"
+    if isinstance(pad, BoxPad) and isinf(min(pad.dome_radius_x_m, pad.dome_radius_y_m)):
+        sizes = (pad.size_x_m, pad.size_y_m, pad.height_m)
+        return f"box:{'x'.join(f'{size * 1e3:g}' for size in sizes)}mm"
+    raise ConfigError("the pad has no words of its own", remedy="name the sensor that it is of")
+
+
 def _surface(text: str) -> SurfacePad:
     """Read ``FILE,unit=``; what the file is measured in must be said."""
     file, _, unit = text.partition(",unit=")
@@ -51,16 +62,6 @@ def _surface(text: str) -> SurfacePad:
     return read_surface_pad(Path(file), unit=MeshUnit(unit))
 
 
-def parse_tetwild_options(text: str) -> TetWildOptions:
-    """Read ``l_r=0.08,epsilon_r=1e-3,stop_energy=10,dihedral_min=5deg``, each if wanted.
-
-    Raises:
-        ConfigError: A setting is unknown, no number, or out of its range.
-    """
-    given = dict(part.partition("=")[::2] for part in text.split(","))
-    return tetwild_options_of(given, origin="--mesh")
-
-
 def _box(sizes: str) -> BoxPad:
     parts = sizes.split("x")
     if len(parts) != 3:
@@ -69,18 +70,6 @@ def _box(sizes: str) -> BoxPad:
         )
     x, y, height = _with_one_unit(parts, Dimension.LENGTH, "--pad box")
     return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
-
-
-def parse_law(text: str) -> str:
-    """Read the name of a law, ours or of another package.
-
-    Raises:
-        BadParameter: There is none of that name.
-    """
-    if unknown(Kind.LAW, text):
-        choices = ", ".join(repr(name) for name in names(Kind.LAW))
-        raise typer.BadParameter(f"{text!r} is not one of {choices}.")
-    return text
 
 
 def parse_layer(text: str, *, law: str) -> Layer:

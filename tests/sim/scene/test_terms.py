@@ -8,12 +8,11 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import ContactMode
-from tacauchy_rig.cli.scene_terms import (
+from sim.scene.terms import (
     parse_contact,
     parse_indenter,
     parse_layer,
     parse_pad,
-    parse_tetwild_options,
 )
 from tacauchy_rig.errors import ConfigError
 
@@ -74,18 +73,6 @@ def test_wrong_pad_files_are_explained(text: str, message: str) -> None:
     """The message names the file and what is wrong with it."""
     with pytest.raises(ConfigError, match=message):
         parse_pad(text)
-
-
-def test_mesh_settings_are_read() -> None:
-    """Those that are given; the others stay the preset's."""
-    tetwild = parse_tetwild_options("l_r=0.08,dihedral_min=5deg")
-    assert tetwild.l_r == pytest.approx(0.08)
-    assert tetwild.dihedral_min_rad == pytest.approx(0.0872664626)
-    assert tetwild.stop_energy is None
-    with pytest.raises(ConfigError, match="unknown mesh setting edge"):
-        parse_tetwild_options("edge=1mm")
-    with pytest.raises(ConfigError, match="l_r = 3"):
-        parse_tetwild_options("l_r=3")
 
 
 def test_layer_is_read_with_its_law() -> None:

@@ -1,0 +1,227 @@
+"""A scene as the words of ``tacauchy-rig press``, read and written."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sim.effects.estimates import expected_force
+from sim.error.tolerance import keeping, parse_tolerance
+from sim.scene.indenter import describe
+from sim.scene.material import LawName, Layer, Material, interface_shares
+from sim.scene.pad import Pad
+from sim.scene.scene import ContactMode, Drive, Motion, Output, Preset, Scene, Target
+from sim.scene.terms import (
+    pad_text,
+    parse_contact,
+    parse_indenter,
+    parse_layer,
+    parse_pad,
+    parse_pair,
+    parse_switch,
+)
+from sim.scene.tetwild_options import TetWildOptions, parse_tetwild_options
+from sim.sensor.sensor import Sensor, load_sensor
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
+
+# Options that are no text, and those that may stand several times.
+_READERS = {"poisson": float, "preset": Preset, "drive": Drive}
+_REPEATED = {"layer", "effect"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneTerms:
+    """The words of a press: each field is the value of the option of its name.
+
+    Attributes:
+        output: What is asked for besides the force; no option of every command.
+    """
+
+    indenter: str
+    sensor: str | None = None
+    pad: str | None = None
+    depth: str | None = None
+    force: str | None = None
+    at: str | None = None
+    shift: str | None = None
+    twist: str | None = None
+    tilt: str | None = None
+    young: str | None = None
+    poisson: float | None = None
+    layer: list[str] | None = None
+    law: str = LawName.STABLE_NEO_HOOKEAN
+    contact: str = "frictionless"
+    duration: str | None = None
+    preset: Preset | None = None
+    mesh: str | None = None
+    tolerance: str | None = None
+    effect: list[str] | None = None
+    drive: Drive = Drive.LOAD
+    output: Sequence[Output] = ()
+
+
+def scene_from(words: str) -> Scene:
+    """Return what ``tacauchy-rig press`` presses when these words follow it.
+
+    Args:
+        words: For example ``--sensor digit --indenter sphere:diameter=5mm --depth 0.5mm``.
+
+    Raises:
+        ConfigError: A value is not understood, or the scene is not complete.
+        TypeError: There is no such option.
+    """
+    given: dict[str, Any] = {}
+    options, values = (shlex.split(words)[start::2] for start in (0, 1))
+    for option, value in zip(options, values, strict=True):
+        name = option.removeprefix("--")
+        if name in _REPEATED:
+            given.setdefault(name, []).append(value)
+        else:
+            given[name] = _READERS.get(name, str)(value)
+    return scene_of(SceneTerms(**given))
+
+
+def press_command(scene: Scene) -> str:
+    """Return the command of a straight press in the middle of a sensor, a box or a disc.
+
+    Raises:
+        ConfigError: The scene asks for what this cannot write.
+    """
+    target, material = scene.target, scene.material
+    if not scene.motion.is_straight or scene.layers or any(scene.centre_m):
+        raise ConfigError(
+            "a command is written for a straight press in the middle of one gel alone",
+            remedy="write this one by hand",
+        )
+    friction = f":{scene.friction:g}" if scene.contact is ContactMode.FRICTION else ""
+    stated = {
+        "sensor": scene.sensor,
+        "pad": "" if scene.sensor else pad_text(scene.pad),
+        "indenter": describe(scene.indenter),
+        "depth": "" if target.depth_m is None else f"{target.depth_m * 1e3:.10g}mm",
+        "force": "" if target.force_n is None else f"{target.force_n:.10g}N",
+        "young": f"{material.young_pa * 1e-6:.10g}MPa",
+        "poisson": f"{material.poisson:g}",
+        "law": "" if material.law == LawName.STABLE_NEO_HOOKEAN else material.law,
+        "contact": ""
+        if scene.contact is ContactMode.FRICTIONLESS
+        else f"{scene.contact.value}{friction}",
+        "drive": "" if scene.drive is Drive.LOAD else scene.drive.value,
+        "preset": scene.preset.value,
+    }
+    words = (f"--{name} {value}" for name, value in stated.items() if value)
+    return " ".join(["tacauchy-rig press", *words])
+
+
+def scene_of(terms: SceneTerms) -> Scene:
+    """Read a scene.
+
+    Raises:
+        ConfigError: A text is not understood, the scene is not complete, or no preset keeps the
+            tolerance.
+    """
+    if (terms.sensor is None) == (terms.pad is None):
+        raise ConfigError("a press needs either --sensor or --pad", remedy="give exactly one")
+    known = None if terms.sensor is None else load_sensor(terms.sensor)
+    layers = _layers(known, terms)
+    contact, friction = parse_contact(terms.contact)
+    duration = _quantity(terms.duration, Dimension.TIME, "--duration")
+    pad = known.pad if known is not None else parse_pad(terms.pad or "")
+    scene = Scene(
+        pad=pad,
+        material=layers[-1].material,
+        layers=layers if interface_shares(layers) else (),
+        indenter=parse_indenter(terms.indenter),
+        target=_target(terms, pad),
+        centre_m=parse_pair(terms.at, Dimension.LENGTH, "--at"),
+        contact=contact,
+        friction=friction,
+        motion=Motion(
+            shift_m=parse_pair(terms.shift, Dimension.LENGTH, "--shift"),
+            twist_rad=_quantity(terms.twist, Dimension.ANGLE, "--twist") or 0.0,
+            tilt_rad=parse_pair(terms.tilt, Dimension.ANGLE, "--tilt"),
+        ),
+        duration_s=1.0 if duration is None else duration,
+        outputs=frozenset(terms.output),
+        effects=tuple(parse_switch(text) for text in terms.effect or ()),
+        drive=terms.drive,
+        preset=terms.preset or Preset.BALANCED,
+        tetwild=_tetwild_options(known, terms),
+        sensor=terms.sensor or "",
+    )
+    if terms.tolerance is None:
+        return scene
+    tolerance = parse_tolerance(terms.tolerance, field="--tolerance")
+    if terms.preset is None:
+        return keeping(scene, tolerance)
+    return replace(scene, tolerance=tolerance.of(expected_force(scene)))
+
+
+def _target(terms: SceneTerms, pad: Pad) -> Target:
+    """Read depth or force; neither may be negative, and no press goes through the gel."""
+    depth = _quantity(terms.depth, Dimension.LENGTH, "--depth")
+    force = _quantity(terms.force, Dimension.FORCE, "--force")
+    for option, text, value, positive in (
+        ("--depth", terms.depth, depth, "0.5mm"),
+        ("--force", terms.force, force, "1N"),
+    ):
+        if value is not None and value < 0.0:
+            raise ConfigError(
+                f"{option} {text} is negative",
+                remedy=f"pressing counts as positive: give for example {option} {positive}",
+            )
+    if depth is not None and depth >= pad.height_m:
+        raise ConfigError(
+            f"--depth of {depth * 1e3:g} mm goes through a gel that is {pad.height_m * 1e3:g} mm "
+            "thick",
+            remedy="give less than the thickness",
+        )
+    return Target(depth_m=depth, force_n=force)
+
+
+def _tetwild_options(sensor: Sensor | None, terms: SceneTerms) -> TetWildOptions:
+    """Return the sensor's settings of fTetWild unless others are given."""
+    if terms.mesh is not None:
+        return parse_tetwild_options(terms.mesh)
+    return TetWildOptions() if sensor is None else sensor.tetwild
+
+
+def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
+    """Return the gel's layers, one for a gel of one material."""
+    one_material = terms.young is not None or terms.poisson is not None
+    known = () if sensor is None else sensor.layers
+    if one_material and (terms.layer or known):
+        raise ConfigError(
+            "--young and --poisson do not say which layer they are for",
+            remedy="give every layer with --layer share=,young=,poisson=, from the base upwards",
+        )
+    if terms.layer:
+        return tuple(parse_layer(text, law=terms.law) for text in terms.layer)
+    if known:
+        return tuple(replace(k, material=replace(k.material, law=terms.law)) for k in known)
+    whole = None if sensor is None else sensor.material
+    return (Layer(share=1.0, material=_material(whole, terms)),)
+
+
+def _material(known: Material | None, terms: SceneTerms) -> Material:
+    young = _quantity(terms.young, Dimension.PRESSURE, "--young")
+    if known is not None:
+        return replace(
+            known,
+            young_pa=known.young_pa if young is None else young,
+            poisson=known.poisson if terms.poisson is None else terms.poisson,
+            law=terms.law,
+        )
+    if young is None or terms.poisson is None:
+        raise ConfigError(
+            "--pad has no material of its own",
+            remedy="give --young and --poisson too, or --layer for every layer",
+        )
+    return Material(young_pa=young, poisson=terms.poisson, law=terms.law)
+
+
+def _quantity(text: str | None, dimension: Dimension, field: str) -> float | None:
+    return None if text is None else parse_quantity(text, dimension=dimension, field=field)

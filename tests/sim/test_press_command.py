@@ -1,0 +1,81 @@
+"""Scenes as the words of a press, and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sim.press_command import press_command, scene_from
+from sim.scene.indenter import Sphere
+from sim.scene.material import LawName, Layer, Material
+from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Drive, Effect, Motion, Preset, Scene, Target
+from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
+from sim.studies.verification.disc import disc_scene
+from tacauchy_rig.errors import ConfigError
+
+SCENE = disc_scene(LawName.NEO_HOOKEAN, 0.05e-3, Preset.FAST)
+
+
+def test_command_states_the_scene() -> None:
+    """Pad, indenter, target, material, law, contact and preset, as the command line takes them."""
+    assert press_command(SCENE) == (
+        "tacauchy-rig press --pad disc:radius=12mm,height=4.5mm --indenter cylinder:diameter=5mm "
+        "--depth 0.05mm --young 0.3MPa --poisson 0.45 --law neo-hookean --contact bonded "
+        "--preset fast"
+    )
+
+
+def test_command_refuses_a_scene_that_it_cannot_write() -> None:
+    """Rather than a command that presses something else."""
+    domed = BoxPad(size_x_m=20e-3, size_y_m=25e-3, height_m=4e-3, dome_radius_x_m=0.1)
+    with pytest.raises(ConfigError, match="no words of its own"):
+        press_command(replace(SCENE, pad=domed))
+    with pytest.raises(ConfigError, match="a straight press in the middle"):
+        press_command(replace(SCENE, centre_m=(1e-3, 0.0)))
+
+
+@pytest.mark.parametrize("scene", [each.scene for each in (*HELD_OUT, *SEEN_BEFORE)])
+def test_what_is_written_is_read_back(scene: Scene) -> None:
+    """To the last digit: on a sensor, a box or a disc, with any round indenter and target."""
+    assert scene_from(press_command(scene).removeprefix("tacauchy-rig press")) == scene
+
+
+def test_digits_shifted_by_a_unit_are_exact() -> None:
+    """What a page states in millimetres is the same press as one stated in metres."""
+    scene = scene_from(
+        "--pad box:20.1x19x3.3mm --layer share=0.7,young=0.29MPa,poisson=0.46 "
+        "--layer share=0.3,young=0.41MPa,poisson=0.46 --indenter sphere:diameter=5.7mm "
+        "--at 1.1,-0.7mm --depth 0.35mm --contact friction:0.6 --effect friction=on "
+        "--effect inertia=off --shift 0.3mm --duration 0.3ms --preset fast --drive search"
+    )
+    skin = Material(young_pa=0.41e6, poisson=0.46)
+    assert scene == Scene(
+        pad=BoxPad(size_x_m=20.1e-3, size_y_m=19e-3, height_m=3.3e-3),
+        material=skin,
+        layers=(
+            Layer(share=0.7, material=replace(skin, young_pa=0.29e6)),
+            Layer(share=0.3, material=skin),
+        ),
+        indenter=Sphere(diameter_m=5.7e-3),
+        centre_m=(1.1e-3, -0.7e-3),
+        target=Target(depth_m=0.35e-3),
+        contact=ContactMode.FRICTION,
+        friction=0.6,
+        effects=((Effect.FRICTION, True), (Effect.INERTIA, False)),
+        motion=Motion(shift_m=(0.3e-3, 0.0)),
+        duration_s=3e-4,
+        preset=Preset.FAST,
+        drive=Drive.SEARCH,
+    )
+
+
+def test_words_that_state_no_scene_are_refused() -> None:
+    """Neither pad nor sensor, an unknown option, an option without its value."""
+    with pytest.raises(ConfigError, match="either --sensor or --pad"):
+        scene_from("--indenter plane --depth 1mm")
+    with pytest.raises(TypeError, match="dept"):
+        scene_from("--sensor digit --indenter plane --dept 1mm")
+    with pytest.raises(ValueError, match="shorter"):
+        scene_from("--sensor digit --indenter plane --depth")
