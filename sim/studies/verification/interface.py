@@ -16,7 +16,7 @@ from tacauchy_rig.tables import Table, table_of
 REFINEMENTS = (1.0, 2.0, 3.0)
 NODAL_ALLOWED = 1e-6
 SUM_ALLOWED = 0.02
-_PRESS = "--sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"
+PRESS = "--sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ def interface_press(scene: Scene, *, refinement: float) -> InterfacePress:
 
 def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
     """Press on ever finer meshes and compare the two sides."""
-    scene = scene_from(_PRESS)
+    scene = scene_from(PRESS)
     found = [interface_press(scene, refinement=factor) for factor in refinements]
     nodal = max(row.interface.recovered_jump_relative for row in found)
     jumps = [
@@ -93,5 +93,5 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
         note="A jump is the norm of the difference of both sides' sigma n over that of their mean, "
         "both over the interface. Stress is made continuous within a layer by projection from "
         "that layer's elements alone (sim/fields/interface.py).",
-        command=f"tacauchy-rig press {_PRESS}",
+        command=f"tacauchy-rig press {PRESS}",
     )

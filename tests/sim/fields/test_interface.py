@@ -11,12 +11,13 @@ from sim.material.per_element import element_constants
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.verification.interface import interface_press, interface_scene
+from sim.studies.verification.interface import PRESS, interface_press
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 
@@ -100,7 +101,7 @@ def test_jump_shrinks_with_refinement() -> None:
 @pytest.mark.slow
 def test_9dtact_carries_the_press_through_its_interface() -> None:
     """A ball on the sensor itself: one traction by nodal forces, and two that come together."""
-    coarse, fine = (interface_press(interface_scene(), refinement=factor) for factor in (1.0, 1.5))
+    coarse, fine = (interface_press(scene_from(PRESS), refinement=factor) for factor in (1.0, 1.5))
     for found in (coarse, fine):
         assert found.interface.recovered_jump_relative < 1e-6
         assert found.interface.force_n[2] == pytest.approx(found.force_n, rel=1e-6)
