@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import SessionResult, Supervisor
-from protocols.trials.programme import PlannedTrial, fresh_plan
+from protocols.trials.programme import fresh_plan
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
@@ -15,10 +17,10 @@ from tacauchy_rig.store.run_store import RunStore
 def plan_session(store: RunStore) -> tuple[PlannedTrial, ...]:
     """Return what is left to do: trials without a passed attempt, numbered after earlier ones."""
     return tuple(
-        PlannedTrial(
-            spec=planned.spec,
-            next_attempt=store.next_attempt(planned.spec.index),
-            done=store.accepted(planned.spec.index) is not None,
+        replace(
+            planned,
+            next_attempt=store.next_attempt(planned.index),
+            done=store.accepted(planned.index) is not None,
         )
         for planned in fresh_plan(store.config)
     )

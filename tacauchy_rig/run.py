@@ -150,13 +150,33 @@ class Criterion:
     unit: str
     remedy: str = ""
 
+    @classmethod
+    def at_most(
+        cls, name: str, measured: float, limit: float, *, unit: str = "", remedy: str
+    ) -> Criterion:
+        """Return whether ``measured`` is no larger than ``limit``."""
+        return cls(
+            name=name,
+            passed=measured <= limit,
+            measured=measured,
+            limit=f"<= {limit:g} {unit}".strip(),
+            unit=unit,
+            remedy=remedy,
+        )
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrialSpec:
-    """One press that was asked for. ``index`` counts from 1."""
-
-    index: int
-    force_target_n: float
+    @classmethod
+    def at_least(
+        cls, name: str, measured: float, limit: float, *, unit: str, remedy: str
+    ) -> Criterion:
+        """Return whether ``measured`` is no smaller than ``limit``."""
+        return cls(
+            name=name,
+            passed=measured >= limit,
+            measured=measured,
+            limit=f">= {limit:g} {unit}",
+            unit=unit,
+            remedy=remedy,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,6 +6,7 @@ whether that is too old is judged by age, never by waiting.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -40,12 +41,12 @@ class StreamHealth:
         clipped_ratio: Share of the newest judged image that is at full scale; 0 for other streams.
     """
 
-    received_count: int
-    lost_count: int
-    corrupt_count: int
-    repeat_count: int
-    age_s: float
-    rate_hz: float
+    received_count: int = 0
+    lost_count: int = 0
+    corrupt_count: int = 0
+    repeat_count: int = 0
+    age_s: float = math.inf
+    rate_hz: float = 0.0
     clipped_ratio: float = 0.0
 
 

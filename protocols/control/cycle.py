@@ -5,7 +5,8 @@ Whatever a step waits for, it waits by turning this cycle, so nothing ever waits
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.rig import Rig
@@ -113,7 +114,9 @@ class Cycle:
         if breaches:
             raise max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
         if self.last_state is None:
-            raise _robot_breach(DeviceError("robot: it has reported no state"))
+            raise BreachError(
+                "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""
+            )
         return Reading(presses=tuple(presses), arm=self.last_state, now_ns=self.rig.clock.now_ns())
 
     def set_velocity(self, velocity: Vector6) -> None:
@@ -122,10 +125,8 @@ class Cycle:
         Raises:
             BreachError: The robot refuses.
         """
-        try:
+        with _as_breach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
-        except DeviceError as error:
-            raise _robot_breach(error) from error
         self._follow.tell(velocity[2])
 
     def start_move(self, target: Pose, *, speed: float) -> None:
@@ -136,7 +137,7 @@ class Cycle:
         """
         self.workspace.check_target(target)
         self._follow.forget()
-        try:
+        with _as_breach("robot"):
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
                     f"robot: its safety limits do not admit {target.position}",
@@ -145,8 +146,6 @@ class Cycle:
             self.rig.arm.start_move(
                 target, speed=speed, acceleration=self.config.robot.acceleration
             )
-        except DeviceError as error:
-            raise _robot_breach(error) from error
 
     def is_moving(self) -> bool:
         """Return whether the move that was started last goes on.
@@ -154,10 +153,8 @@ class Cycle:
         Raises:
             BreachError: The robot is gone.
         """
-        try:
+        with _as_breach("robot"):
             return self.rig.arm.is_moving()
-        except DeviceError as error:
-            raise _robot_breach(error) from error
 
     def stop(self) -> None:
         """End any motion; never raises."""
@@ -179,45 +176,31 @@ class Cycle:
         now_ns = self.rig.clock.now_ns()
         if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
             self._kicked_ns = now_ns
-            try:
+            with _as_breach("robot"):
                 self.rig.arm.kick_watchdog()
-            except DeviceError as error:
-                raise _robot_breach(error) from error
 
     def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
-        try:
+        with _as_breach("force sensor"):
             samples = sensor.drain()
             health = sensor.health()
-        except DeviceError as error:
-            raise _sensor_breach(error) from error
-        if samples:
-            self._streams.note_force(samples[-1])
-            self.rates.force_lag(self._streams.force_lag_s)
-            self._record_force(samples)
+            if samples:
+                self._streams.note_force(samples[-1])
+                self.rates.force_lag(self._streams.force_lag_s)
+                self.rates.force(samples)
+                self.sink.put(Force(tuple(samples)))
         for sample in samples:
             force_n = self.force_guard.check(sample)
             presses.append(Press(sample.stamp_ns, force_n, sample))
             self.last_force_n = force_n
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
-    def _record_force(self, samples: list[ForceSample]) -> None:
-        self.rates.force(samples)
-        try:
-            self.sink.put(Force(tuple(samples)))
-        except RecordError as error:
-            raise _recorder_breach(str(error)) from error
-
     def _read_arm(self) -> None:
-        try:
+        with _as_breach("robot"):
             states = self.rig.arm.drain()
             if states:
                 self.sink.put(Arm(tuple(states)))
             state = self.rig.arm.state()
-        except DeviceError as error:
-            raise _robot_breach(error) from error
-        except RecordError as error:
-            raise _recorder_breach(str(error)) from error
         self.last_state = state
         self.rates.arm(len(states))
         self.workspace.check_state(state)
@@ -231,28 +214,25 @@ class Cycle:
 
     def _watch_camera(self) -> None:
         camera = self.rig.camera
-        try:
+        with _as_breach("camera", Reaction.RETRACT):
             self.rates.frames(camera.poll())
             health = camera.health()
-        except DeviceError as error:
-            raise BreachError(
-                error.message, limit="camera", reaction=Reaction.RETRACT, remedy=error.remedy
-            ) from error
-        except RecordError as error:
-            raise _recorder_breach(str(error)) from error
         self.rates.frame_losses(health.lost_count)
         self.rates.exposure(health.clipped_ratio)
         self._streams.check_image(health)
 
 
-def _robot_breach(error: DeviceError) -> BreachError:
-    return BreachError(error.message, limit="robot", reaction=Reaction.HOLD, remedy=error.remedy)
-
-
-def _sensor_breach(error: DeviceError) -> BreachError:
-    return BreachError(
-        error.message, limit="force sensor", reaction=Reaction.HOLD, remedy=error.remedy
-    )
+@contextmanager
+def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
+    """Make the loss of a device, or of the record, a breach."""
+    try:
+        yield
+    except DeviceError as error:
+        raise BreachError(
+            error.message, limit=device, reaction=reaction, remedy=error.remedy
+        ) from error
+    except RecordError as error:
+        raise _recorder_breach(str(error)) from error
 
 
 def _recorder_breach(problem: str) -> BreachError:

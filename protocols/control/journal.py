@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.device.clock import Clock
-from protocols.control.record import Event, Sink
+from protocols.control.record import Sink
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import JournalEvent, Phase
 
@@ -24,7 +24,7 @@ class Journal:
     """
 
     def __init__(
-        self, sink: Sink, clock: Clock, *, listener: Callable[[JournalEvent], None]
+        self, sink: Sink, clock: Clock, *, listener: Callable[[JournalEvent], object]
     ) -> None:
         self.trial = 0
         self.attempt = 0
@@ -42,7 +42,7 @@ class Journal:
         """Keep and show an event. A record that is gone is the cycle's matter, not raised here."""
         event = self._event(name, detail)
         try:
-            self._sink.put(Event(event))
+            self._sink.put(event)
         except RecordError as error:
             event.detail["not_recorded"] = error.message
         self._listener(event)

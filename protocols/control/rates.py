@@ -17,8 +17,7 @@ class RateMeter:
     """Counts what arrives; ``report`` says how well."""
 
     def __init__(self) -> None:
-        self._force_stamps: list[int] = []
-        self._force_counters: list[int] = []
+        self._force: list[ForceSample] = []
         self._frames: list[FrameMark] = []
         self._turns_s: list[float] = []
         self._arm_count = 0
@@ -29,8 +28,7 @@ class RateMeter:
 
     def force(self, samples: Sequence[ForceSample]) -> None:
         """Count force samples."""
-        self._force_stamps += [sample.stamp_ns for sample in samples]
-        self._force_counters += [sample.counter for sample in samples]
+        self._force += samples
 
     def frames(self, marks: Sequence[FrameMark]) -> None:
         """Count camera frames."""
@@ -67,21 +65,12 @@ class RateMeter:
 
     def report(self) -> dict[str, float]:
         """Return the numbers of ``TrialRecord.rates``; units are in the keys."""
-        force = _stream(self._force_stamps, self._force_counters, "force")
-        image = _stream(
-            [mark.stamp_ns for mark in self._frames],
-            [mark.counter for mark in self._frames],
-            "image",
-        )
         turns_ms = np.array(self._turns_s or [0.0]) * 1e3
         span_s = float(np.sum(turns_ms)) * 1e-3
         dropped = self._frames_lost or [0]
-        frames_lost = _missing([mark.counter for mark in self._frames]) + dropped[-1] - dropped[0]
         return {
-            **force,
-            "force_lost_count": float(_missing(self._force_counters)),
-            **image,
-            "image_lost_count": float(frames_lost),
+            **_stream("force", self._force),
+            **_stream("image", self._frames, dropped_count=dropped[-1] - dropped[0]),
             "image_clipped_ratio": self._clipped_ratio,
             "arm_rate_hz": self._arm_count / span_s if span_s > 0.0 else 0.0,
             "force_lag_max_ms": self._force_lag_s * 1e3,
@@ -90,10 +79,6 @@ class RateMeter:
             "control_loop_ms_p99": float(np.percentile(turns_ms, 99)),
             "control_loop_ms_max": float(np.max(turns_ms)),
         }
-
-
-def _missing(counters: list[int]) -> int:
-    return counters[-1] - counters[0] + 1 - len(counters) if counters else 0
 
 
 def lateness_ms(stamps_ns: Sequence[int], counters: Sequence[int]) -> FloatArray:
@@ -111,7 +96,12 @@ def lateness_ms(stamps_ns: Sequence[int], counters: Sequence[int]) -> FloatArray
     return np.asarray(late - late.min())
 
 
-def _stream(stamps_ns: list[int], counters: list[int], name: str) -> dict[str, float]:
+def _stream(
+    name: str, arrived: Sequence[ForceSample | FrameMark], *, dropped_count: int = 0
+) -> dict[str, float]:
+    stamps_ns = [one.stamp_ns for one in arrived]
+    counters = [one.counter for one in arrived]
+    missing_count = counters[-1] - counters[0] + 1 - len(counters) if counters else 0
     late_ms = lateness_ms(stamps_ns, counters)
     late_ms = late_ms if len(late_ms) else np.zeros(1)
     gaps_ms = np.diff(np.array(stamps_ns, dtype=np.int64)) * 1e-6
@@ -123,4 +113,5 @@ def _stream(stamps_ns: list[int], counters: list[int], name: str) -> dict[str, f
         f"{name}_latency_ms_p50": float(np.percentile(late_ms, 50)),
         f"{name}_latency_ms_p99": float(np.percentile(late_ms, 99)),
         f"{name}_latency_ms_max": float(np.max(late_ms)),
+        f"{name}_lost_count": float(missing_count + dropped_count),
     }

@@ -31,20 +31,6 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """A camera frame."""
-
-    frame: ImageFrame
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """A line of the journal."""
-
-    event: JournalEvent
-
-
-@dataclass(frozen=True, slots=True)
 class End:
     """An attempt ended; frames up to ``stamp_ns`` belong to it."""
 
@@ -52,7 +38,7 @@ class End:
     stamp_ns: int
 
 
-Entry = Begin | Force | Arm | Frame | Event | End
+Entry = Begin | Force | Arm | ImageFrame | JournalEvent | End
 
 
 class Sink(Protocol):

@@ -23,7 +23,6 @@ class ForceWindow:
     mean_n: float
     deviation_n: float
     slope_n_s: float
-    sample_count: int
 
 
 def summarise(presses: Sequence[Press]) -> ForceWindow:
@@ -44,7 +43,6 @@ def summarise(presses: Sequence[Press]) -> ForceWindow:
         mean_n=float(force.mean()),
         deviation_n=float(force.std(ddof=1)),
         slope_n_s=float(centred @ force) / spread if spread > 0.0 else 0.0,
-        sample_count=len(presses),
     )
 
 
@@ -58,24 +56,12 @@ def listen(cycle: Cycle, duration_s: float) -> list[Press]:
     return presses
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReferenceWindow:
-    """When the no-contact frames arrived, and how many."""
-
-    start_ns: int
-    end_ns: int
-    frame_count: int
-
-
-def take_reference(cycle: Cycle) -> ReferenceWindow:
-    """Stand still for ``protocol.reference_duration``.
+def take_reference(cycle: Cycle) -> tuple[int, int]:
+    """Stand still for ``protocol.reference_duration``; return first and last moment [ns].
 
     Raises:
         BreachError: A limit was passed.
     """
     start_ns = cycle.rig.clock.now_ns()
     listen(cycle, cycle.config.protocol.reference_duration)
-    end_ns = cycle.rig.clock.now_ns()
-    return ReferenceWindow(
-        start_ns=start_ns, end_ns=end_ns, frame_count=cycle.rates.frame_count(start_ns, end_ns)
-    )
+    return start_ns, cycle.rig.clock.now_ns()

@@ -13,10 +13,19 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
+logger = logging.getLogger(__name__)
+
+SIGNALS = {
+    signal.SIGINT: "Ctrl-C",
+    signal.SIGTERM: "SIGTERM",
+    signal.SIGHUP: "the terminal was lost",
+    signal.SIGTSTP: "Ctrl-Z",
+}
 SAME_WISH_S = 0.7
+LOOK_MS = 100
 
 
 class Abort:
@@ -47,6 +56,13 @@ class Abort:
         """Call ``listener(reason)`` at each request, in the caller's thread; it must not block."""
         self._listeners.append(listener)
 
+    def heed_signals(self) -> dict[int, Any]:
+        """Make each of ``SIGNALS`` a request; return what they did before."""
+        return {number: signal.signal(number, self._heed) for number in SIGNALS}
+
+    def _heed(self, number: int, _frame: FrameType | None) -> None:
+        self.request(SIGNALS[signal.Signals(number)])
+
     @property
     def count(self) -> int:
         """How often it was asked."""
@@ -56,17 +72,6 @@ class Abort:
     def reason(self) -> str:
         """The first reason, or an empty text."""
         return self._reasons[0] if self._reasons else ""
-
-
-logger = logging.getLogger(__name__)
-
-SIGNALS = {
-    signal.SIGINT: "Ctrl-C",
-    signal.SIGTERM: "SIGTERM",
-    signal.SIGHUP: "the terminal was lost",
-    signal.SIGTSTP: "Ctrl-Z",
-}
-LOOK_MS = 100
 
 
 class AbortWatch:
@@ -87,8 +92,7 @@ class AbortWatch:
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        for number in SIGNALS:
-            self._handlers[number] = signal.signal(number, self._heed)
+        self._handlers = self.abort.heed_signals()
         if self._terminal is not None and os.isatty(self._terminal):
             self._settings = termios.tcgetattr(self._terminal)
             tty.setcbreak(self._terminal, termios.TCSANOW)
@@ -98,12 +102,7 @@ class AbortWatch:
             self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -114,9 +113,6 @@ class AbortWatch:
                 logger.warning("the terminal could not be put back: %s", problem)
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
-
-    def _heed(self, number: int, _frame: FrameType | None) -> None:
-        self.abort.request(SIGNALS[signal.Signals(number)])
 
     def _watch_keys(self, terminal: int) -> None:
         poll = select.poll()

@@ -45,13 +45,12 @@ class Workspace:
         Raises:
             BreachError: Which bound, and by how much.
         """
-        problem = self._outside(state.pose.position) or self._tilted(state.pose)
-        if problem is None:
-            problem = self._too_fast(state)
+        pose = state.pose
+        problem = self._outside(pose.position) or self._tilted(pose) or self._too_fast(state)
         if problem:
             limit, text = problem
             raise BreachError(
-                f"{limit}: the tip is at {describe(state.pose)}: {text}",
+                f"{limit}: the tip is at {describe(pose)}: {text}",
                 limit=limit,
                 reaction=Reaction.HOLD,
                 remedy="move the arm back by hand in local mode, and see why it left",
@@ -87,13 +86,9 @@ class Workspace:
         tilt = math.acos(min(1.0, max(-1.0, cosine)))
         if tilt <= self._box.max_tilt:
             return None
-        return (
-            "workspace.max_tilt",
-            (
-                f"the tool is tilted by {math.degrees(tilt):.1f} deg, more than "
-                f"{math.degrees(self._box.max_tilt):g} deg"
-            ),
-        )
+        allowed = f"{math.degrees(self._box.max_tilt):g} deg"
+        found = f"the tool is tilted by {math.degrees(tilt):.1f} deg, more than {allowed}"
+        return "workspace.max_tilt", found
 
     def _too_fast(self, state: ArmSample) -> tuple[str, str] | None:
         speed = math.hypot(*state.velocity[:3])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import socket
 import sys
 import time
 from dataclasses import replace
@@ -11,14 +10,12 @@ from dataclasses import replace
 from drivers.camera.interface import Camera
 from drivers.camera.jpeg import clipped_ratio
 from drivers.rig import FrameMark, build_camera
-from protocols.control.record import Frame
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.link import RecorderLink
-from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Ready, Stop
+from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Order, Ready
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
-from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
@@ -42,19 +39,14 @@ def film(job: Job, supervisor: Channel) -> None:
     control = Channel.inherited(job.descriptors["control-status"])
     camera = build_camera(job.config)
     identity = camera.connect()
-    link = RecorderLink(
-        socket.socket(fileno=job.descriptors["recorder-data"]),
-        Channel.inherited(job.descriptors["recorder-acks"]),
-        store=RunStore.open(job.root),
-        source="camera",
-    )
+    link = RecorderLink.inherited(job, source="camera")
     supervisor.send(Ready(devices={"camera": identity}))
     try:
         _film_until_told(camera, link, supervisor=supervisor, control=control)
     finally:
         camera.close()
         link.close(timeout_s=CLOSE_S)
-        supervisor.send(Kept(source="camera", count=link.kept_count))
+        supervisor.send(Kept(link.kept_count))
 
 
 def _film_until_told(
@@ -65,7 +57,7 @@ def _film_until_told(
     told_s = 0.0
     orphaned_s: float | None = None
     while True:
-        if any(isinstance(message, Stop) for message in supervisor.receive()):
+        if Order.STOP in supervisor.receive():
             return
         now_s = time.monotonic()
         if supervisor.closed:
@@ -78,7 +70,7 @@ def _film_until_told(
         link.poll()
         if now_s - told_s > TELL_S:
             told_s = now_s
-            supervisor.send(Kept(source="camera", count=link.kept_count))
+            supervisor.send(Kept(link.kept_count))
         if alive:
             alive = _pass_on(camera, link, marks)
 
@@ -130,7 +122,7 @@ def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost) -> bool:
         marks.fail(error)
         return False
     for frame in frames:
-        link.put(Frame(frame))
+        link.put(frame)
     marks.post(frames, camera)
     return True
 

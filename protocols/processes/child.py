@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 
+from protocols.guard.abort import SIGNALS
 from protocols.processes.channel import Channel
 from protocols.processes.messages import Failed, Job
 from tacauchy_rig.errors import DeviceError, RigError
@@ -61,7 +62,7 @@ def ask_for_priority(niceness: int) -> None:
 
 def ignore_signals() -> None:
     """Leave signals meant for the run to the processes that can act on them."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP):
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 

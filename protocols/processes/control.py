@@ -6,11 +6,9 @@ import ctypes
 import logging
 import math
 import signal
-import socket
 import sys
 import threading
 import time
-from types import FrameType
 
 from drivers.arm.interface import Arm
 from drivers.device.clock import HostClock
@@ -23,18 +21,9 @@ from protocols.guard.abort import Abort
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child
 from protocols.processes.link import RecorderLink, RemoteCamera
-from protocols.processes.messages import (
-    AbortRequest,
-    Finished,
-    Go,
-    Job,
-    Kept,
-    Ready,
-)
+from protocols.processes.messages import AbortRequest, Job, Kept, Order, Ready
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.errors import AbortedError, DeviceError, RigError
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +53,7 @@ class Orders:
             for message in messages:
                 if isinstance(message, AbortRequest):
                     self._abort.request(message.reason)
-                elif isinstance(message, Go):
+                elif message is Order.GO:
                     self.go.set()
             if self._supervisor.closed:
                 self._abort.request("the program that watches the run is gone")
@@ -85,18 +74,13 @@ def control(job: Job, supervisor: Channel) -> None:
     _die_with_parent(signal.SIGKILL)
     ask_for_priority(NICENESS)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
-    link = RecorderLink(
-        socket.socket(fileno=job.descriptors["recorder-data"]),
-        Channel.inherited(job.descriptors["recorder-acks"]),
-        store=RunStore.open(job.root),
-        source="control",
-    )
+    link = RecorderLink.inherited(job, source="control")
     camera = RemoteCamera(Channel.inherited(job.descriptors["camera-status"]))
     try:
         devices = _connect(arm, force_sensor)
         _die_with_parent(0)
         abort = Abort()
-        _heed_signals(abort)
+        abort.heed_signals()
         orders = Orders(supervisor, abort)
         supervisor.send(Ready(devices=devices))
         rig = Rig(arm=arm, force_sensor=force_sensor, camera=camera, clock=HostClock())
@@ -106,8 +90,8 @@ def control(job: Job, supervisor: Channel) -> None:
         arm.close()
         force_sensor.close()
         link.close(timeout_s=CLOSE_S)
-        supervisor.send(Kept(source="control", count=link.kept_count))
-    _tell(supervisor, Finished(result=result))
+        supervisor.send(Kept(link.kept_count))
+    _tell(supervisor, result)
 
 
 def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdentity]:
@@ -152,7 +136,7 @@ def _run(
     rig: Rig, job: Job, link: RecorderLink, supervisor: Channel, abort: Abort
 ) -> ProgrammeResult:
     cycle = Cycle(rig, job.config, sink=link, abort=abort)
-    journal = Journal(link, rig.clock, listener=lambda event: _show(supervisor, event))
+    journal = Journal(link, rig.clock, listener=supervisor.send)
     shown_s = 0.0
 
     def show() -> None:
@@ -165,36 +149,17 @@ def _run(
                 force_n=cycle.last_force_n,
                 height_m=state.pose.position[2] if state else None,
             )
-            supervisor.send(Kept(source="control", count=link.kept_count))
+            supervisor.send(Kept(link.kept_count))
 
     cycle.observers.append(show)
     return run_programme(cycle, journal, job.plan)
 
 
-def _show(supervisor: Channel, event: JournalEvent) -> None:
-    supervisor.send(event)
-
-
-def _tell(supervisor: Channel, message: Finished) -> None:
+def _tell(supervisor: Channel, result: ProgrammeResult) -> None:
     deadline = time.monotonic() + 2.0
-    while not supervisor.send(message) and not supervisor.closed and time.monotonic() < deadline:
+    while not supervisor.send(result) and not supervisor.closed and time.monotonic() < deadline:
         time.sleep(0.02)
-    logger.info("ended: %s", message.result.outcome)
-
-
-def _heed_signals(abort: Abort) -> None:
-    names = {
-        signal.SIGINT: "Ctrl-C",
-        signal.SIGTERM: "SIGTERM",
-        signal.SIGHUP: "the terminal was lost",
-        signal.SIGTSTP: "Ctrl-Z",
-    }
-
-    def heed(number: int, _frame: FrameType | None) -> None:
-        abort.request(names[signal.Signals(number)])
-
-    for number in names:
-        signal.signal(number, heed)
+    logger.info("ended: %s", result.outcome)
 
 
 def _die_with_parent(number: int) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import protocols
 from protocols.processes.channel import Channel
 from protocols.processes.messages import Job
-from protocols.trials.programme import PlannedTrial
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 
 LOG_FOLDER = "logs"
@@ -60,24 +60,12 @@ class Launched:
         self.channel.send(job)
 
     @property
-    def pid(self) -> int:
-        """Process id."""
-        return self.process.pid
-
-    @property
     def has_ended(self) -> bool:
         """Whether the process is gone."""
         return self.process.poll() is not None
 
-    def wait(self, *, timeout_s: float) -> None:
-        """Wait for its end; kill it after ``timeout_s`` [s]."""
-        try:
-            self.process.wait(timeout=max(timeout_s, 0.0))
-        except subprocess.TimeoutExpired:
-            self.kill()
-
     def kill(self) -> None:
-        """End it at once. An arm in motion is then stopped by its own watchdog."""
+        """End it at once, if it runs. An arm in motion is then stopped by its own watchdog."""
         if not self.has_ended:
             self.killed = True
             self.process.kill()
@@ -142,26 +130,9 @@ def launch_children(
 
 
 def _connect_all() -> Ends:
-    control_data, recorder_control_data = socket.socketpair()
-    camera_data, recorder_camera_data = socket.socketpair()
-    control_acks, recorder_control_acks = Channel.pair()
-    camera_acks, recorder_camera_acks = Channel.pair()
-    control_status, camera_status = Channel.pair()
-    return {
-        "recorder": {
-            "control-data": recorder_control_data,
-            "control-acks": recorder_control_acks,
-            "camera-data": recorder_camera_data,
-            "camera-acks": recorder_camera_acks,
-        },
-        "camera": {
-            "recorder-data": camera_data,
-            "recorder-acks": camera_acks,
-            "control-status": camera_status,
-        },
-        "control": {
-            "recorder-data": control_data,
-            "recorder-acks": control_acks,
-            "camera-status": control_status,
-        },
-    }
+    ends: Ends = {"recorder": {}, "camera": {}, "control": {}}
+    for producer in ("camera", "control"):
+        for what, make_pair in (("data", socket.socketpair), ("acks", Channel.pair)):
+            ends[producer][f"recorder-{what}"], ends["recorder"][f"{producer}-{what}"] = make_pair()
+    ends["camera"]["control-status"], ends["control"]["camera-status"] = Channel.pair()
+    return ends

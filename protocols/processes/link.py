@@ -9,15 +9,17 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import Self
 
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
-from protocols.control.record import Begin, End, Entry, Frame
+from protocols.control.record import Begin, End, Entry
 from protocols.processes.channel import Channel
 from protocols.processes.framing import encode
-from protocols.processes.messages import Ack, CameraStatus, Failed
+from protocols.processes.messages import Ack, CameraStatus, Failed, Job
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import DeviceError, RecordError
+from tacauchy_rig.run import ImageFrame
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -66,9 +68,19 @@ class RecorderLink:
         self._thread = threading.Thread(target=self._deliver, name="recorder-link", daemon=True)
         self._thread.start()
 
+    @classmethod
+    def inherited(cls, job: Job, *, source: str) -> Self:
+        """Return the link whose sockets the parent process left open for this one."""
+        return cls(
+            socket.socket(fileno=job.descriptors["recorder-data"]),
+            Channel.inherited(job.descriptors["recorder-acks"]),
+            store=RunStore.open(job.root),
+            source=source,
+        )
+
     def put(self, entry: Entry) -> None:
         """Queue an entry."""
-        size = len(entry.frame.jpeg) if isinstance(entry, Frame) else SMALL_ENTRY_BYTES
+        size = len(entry.jpeg) if isinstance(entry, ImageFrame) else SMALL_ENTRY_BYTES
         with self._changed:
             self._number += 1
             waiting = _Waiting(self._number, entry, size, time.monotonic())
@@ -186,14 +198,7 @@ class RemoteCamera:
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
-        self._health = StreamHealth(
-            received_count=0,
-            lost_count=0,
-            corrupt_count=0,
-            repeat_count=0,
-            age_s=math.inf,
-            rate_hz=0.0,
-        )
+        self._health = StreamHealth()
         self._newest_ns: int | None = None
 
     def poll(self) -> list[FrameMark]:

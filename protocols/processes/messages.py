@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from pathlib import Path
 
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.rig import FrameMark
-from protocols.trials.programme import PlannedTrial, ProgrammeResult
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
 
@@ -47,19 +48,12 @@ class Failed:
         return cls(message=error.message, remedy=error.remedy, exit_code=error.exit_code)
 
 
-@dataclass(frozen=True, slots=True)
-class Go:
-    """Every child is ready: begin."""
+class Order(Enum):
+    """What the supervisor tells its children: begin, finish what is begun and end, or "I live"."""
 
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """Finish what is begun and end."""
-
-
-@dataclass(frozen=True, slots=True)
-class Alive:
-    """The supervisor lives."""
+    GO = auto()
+    STOP = auto()
+    ALIVE = auto()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,18 +63,10 @@ class AbortRequest:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
-    """The programme ended, one way or another."""
-
-    result: ProgrammeResult
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Kept:
-    """How many samples, frames and events of a producer the recorder has acknowledged."""
+    """How many samples, frames and events of this producer the recorder has acknowledged."""
 
-    source: str
     count: int
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from protocols.control.record import Arm, Begin, End, Entry, Event, Force, Frame
+from protocols.control.record import Arm, Begin, End, Entry, Force
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.run import ImageFrame, JournalEvent
 from tacauchy_rig.store.journal import append_event, read_journal
 from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.run_store import RunStore
@@ -43,14 +43,11 @@ class RecordKeeper:
             case End(record=record):
                 self._store.save_result(record)
                 self.close()
-            case Event(event=event):
-                if not (self._spill_source and _is_journalled(self._store, event)):
-                    append_event(self._store.paths.journal, event)
-                if self._writer is not None:
-                    self._writer.write_event(event)
-                    self.kept_count += 1
-            case _ if self._writer is not None:
-                self._write(self._writer, entry)
+            case JournalEvent():
+                if not (self._spill_source and _is_journalled(self._store, entry)):
+                    append_event(self._store.paths.journal, entry)
+        if self._writer is not None:
+            self._write(self._writer, entry)
 
     def _open(self, trial: int, attempt: int) -> None:
         self.close()
@@ -74,8 +71,11 @@ class RecordKeeper:
             case Arm(samples=arm):
                 writer.write_arm(arm)
                 self.kept_count += len(arm)
-            case Frame(frame=frame):
-                writer.write_frame(frame)
+            case ImageFrame():
+                writer.write_frame(entry)
+                self.kept_count += 1
+            case JournalEvent():
+                writer.write_event(entry)
                 self.kept_count += 1
 
     def close(self) -> None:

@@ -9,14 +9,14 @@ import sys
 import time
 from collections import deque
 
-from protocols.control.record import Begin, End, Entry, Event, Frame
+from protocols.control.record import Begin, End, Entry
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.framing import EntryReader
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.run import ImageFrame, JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -86,7 +86,7 @@ class Recorder:
         end = JournalEvent(
             stamp_ns=time.monotonic_ns(), name="record-end", detail={"acknowledged": acknowledged}
         )
-        self._keeper.keep(Event(end))
+        self._keeper.keep(end)
 
     def step(self) -> None:
         """Write what has arrived and acknowledge it."""
@@ -102,8 +102,8 @@ class Recorder:
         before = self._keeper.kept_count
         self._keeper.keep(entry)
         producer.kept_count += self._keeper.kept_count - before
-        if isinstance(entry, Frame):
-            producer.newest_frame_ns = entry.frame.stamp_ns
+        if isinstance(entry, ImageFrame):
+            producer.newest_frame_ns = entry.stamp_ns
         elif isinstance(entry, Begin):
             self._attempt = (entry.trial, entry.attempt)
         elif isinstance(entry, End):

@@ -13,27 +13,18 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Any, Self
 
 from drivers.device.interface import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.cut_off import complete_results, last_results
 from protocols.processes.launched import Launched, launch_children
-from protocols.processes.messages import (
-    AbortRequest,
-    Alive,
-    Failed,
-    Finished,
-    Go,
-    Kept,
-    Ready,
-    Stop,
-)
-from protocols.trials.programme import PlannedTrial, ProgrammeResult, describe_safe
+from protocols.processes.messages import AbortRequest, Failed, Kept, Order, Ready
+from protocols.trials.programme import ProgrammeResult, describe_safe
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
-from tacauchy_rig.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.run import JournalEvent, Outcome
 from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
 
@@ -49,22 +40,15 @@ _SEE_DISK = "see to the disk, then `tacauchy-rig resume` tries them again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SessionResult:
+class SessionResult(ProgrammeResult):
     """How a session ended.
 
     Attributes:
-        records: Last attempt of each trial that was tried.
-        reason: What went wrong and where the arm is, for a person; empty after a pass.
-        remedy: What to do about it.
         died: Processes that ended before they were told to, and how.
         acknowledged: Samples, frames and events that the recorder acknowledged, by producer, as
             far as the producer lived to tell.
     """
 
-    outcome: Outcome
-    records: tuple[TrialRecord, ...]
-    reason: str
-    remedy: str
     died: dict[str, str]
     acknowledged: dict[str, int]
 
@@ -116,12 +100,7 @@ class Supervisor:
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         if error is not None:
             # Whoever watches has failed; the arm is still to be made safe and the record finished.
             self._on_event = _unseen
@@ -145,8 +124,9 @@ class Supervisor:
             return self._result(
                 Outcome.ABORTED, f"aborted before anything moved: {self._abort.reason}."
             )
-        self._note("run-start", pids={name: child.pid for name, child in self._children.items()})
-        self._children["control"].channel.send(Go())
+        pids = {name: child.process.pid for name, child in self._children.items()}
+        self._note("run-start", pids=pids)
+        self._children["control"].channel.send(Order.GO)
         self._watch()
         self._end_children()
         complete_results(
@@ -170,7 +150,7 @@ class Supervisor:
 
     def _beat(self) -> None:
         while not self._ended.wait(HEARTBEAT_S):
-            self._children["control"].channel.send(Alive())
+            self._children["control"].channel.send(Order.ALIVE)
 
     def _await_ready(self) -> None:
         deadline = time.monotonic() + START_MARGIN_S + self._connect_timeout_s()
@@ -257,21 +237,21 @@ class Supervisor:
                 if message.name == "attempt-start":
                     self._begun.append(message)
                 self._show(message)
-            case Kept(source=source, count=count):
-                self._acknowledged[source] = count
+            case Kept(count=count):
+                self._acknowledged[name] = count
             case Ready(devices=devices):
                 self._ready.add(name)
                 self._devices.update(devices)
             case Failed():
                 self._failures[name] = message
-            case Finished(result=result):
-                self._finished = result
+            case ProgrammeResult():
+                self._finished = message
 
     def _end_children(self) -> None:
         """Let each finish in the order in which they depend on one another."""
         control, camera = self._children["control"], self._children["camera"]
         for child in (control, camera):
-            child.channel.send(Stop())
+            child.channel.send(Order.STOP)
             if self._finished is None and child is control:
                 control.channel.send(AbortRequest(reason="the session ends"))
         for name in ("control", "camera", "recorder"):
@@ -279,7 +259,7 @@ class Supervisor:
             deadline = time.monotonic() + END_TIMEOUT_S
             while not child.has_ended and time.monotonic() < deadline:
                 self._listen()
-            child.wait(timeout_s=0.0)
+            child.kill()
             died = child.process.returncode < 0 or (name == "control" and not self._finished)
             if died and name not in self._died and len(self._ready) == len(self._children):
                 self._note_death(name, child)
@@ -313,7 +293,7 @@ class Supervisor:
         return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe()}")
 
     def _safe(self) -> str:
-        trials = [planned.spec.index for planned in self._plan]
+        trials = [planned.index for planned in self._plan]
         return describe_safe([t for t in trials if self._store.accepted(t) is not None])
 
     def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
@@ -13,21 +11,12 @@ TRAVEL_M = 0.001
 OVERRUN_LIMIT_M = 0.0003
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AirPress:
-    """What the press in the air showed.
-
-    Attributes:
-        overrun_m: Travel from the stop command to rest.
-        peak_force_n: Largest force felt where nothing touches.
-    """
-
-    overrun_m: float
-    peak_force_n: float
-
-
-def press_air(cycle: Cycle) -> AirPress:
+def press_air(cycle: Cycle) -> dict[str, float]:
     """Go down by 1 mm at search speed, ``air_press_height`` above the gel, stop, and go home.
+
+    Returns:
+        ``overrun_m``, the travel from the stop command to rest, and ``peak_force_n``, the largest
+        force felt where nothing touches.
 
     Raises:
         BreachError: Something was felt, or the arm did not move or stop as it was told.
@@ -50,7 +39,7 @@ def press_air(cycle: Cycle) -> AirPress:
             remedy="raise robot.acceleration or lower the speeds",
         )
     move_to(cycle, home_pose(cycle), speed=robot.retract_speed)
-    return AirPress(overrun_m=overrun_m, peak_force_n=peak_n)
+    return {"overrun_m": overrun_m, "peak_force_n": peak_n}
 
 
 def _descend(cycle: Cycle, floor_m: float) -> float:

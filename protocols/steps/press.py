@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.control.window import ForceWindow, summarise
@@ -121,24 +120,11 @@ def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dwell:
-    """The window that counts.
+def hold(cycle: Cycle, drive: PressDrive) -> tuple[ForceWindow, float]:
+    """Hold for ``protocol.dwell_duration``: the window that counts.
 
-    Attributes:
-        depth_m: Mean depth below contact [m].
-        settled: Whether the force had settled before it began.
-        frame_count: Camera frames that arrived within it.
-    """
-
-    force: ForceWindow
-    depth_m: float
-    settled: bool
-    frame_count: int
-
-
-def hold(cycle: Cycle, drive: PressDrive, *, settled: bool) -> Dwell:
-    """Hold for ``protocol.dwell_duration`` and summarise what was felt.
+    Returns:
+        What was felt, and the mean depth below contact [m].
 
     Raises:
         BreachError: A limit was passed.
@@ -150,10 +136,4 @@ def hold(cycle: Cycle, drive: PressDrive, *, settled: bool) -> Dwell:
         reading = drive.turn()
         presses += reading.presses
         depths.append(drive.depth(reading))
-    force = summarise(presses)
-    return Dwell(
-        force=force,
-        depth_m=sum(depths) / len(depths),
-        settled=settled,
-        frame_count=cycle.rates.frame_count(force.start_ns, force.end_ns),
-    )
+    return summarise(presses), sum(depths) / len(depths)

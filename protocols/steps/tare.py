@@ -54,22 +54,18 @@ def take_quiet_tare(cycle: Cycle) -> Tare:
 def judge_tare(tare: Tare, config: RigConfig) -> tuple[Criterion, ...]:
     """Compare mean and deviation of an unloaded interval with their gates."""
     protocol = config.protocol
-    deviation = max(tare.deviation[:3])
-    mean = max(map(abs, tare.mean[:3]))
     return (
-        Criterion(
-            name="tare_deviation",
-            passed=deviation <= protocol.tare_deviation,
-            measured=deviation,
-            limit=f"<= {protocol.tare_deviation:g} N",
+        Criterion.at_most(
+            "tare_deviation",
+            max(tare.deviation[:3]),
+            protocol.tare_deviation,
             unit="N",
             remedy="let the table come to rest; look for fans and loose cables",
         ),
-        Criterion(
-            name="tare_mean",
-            passed=mean <= protocol.tare_mean,
-            measured=mean,
-            limit=f"<= {protocol.tare_mean:g} N",
+        Criterion.at_most(
+            "tare_mean",
+            max(map(abs, tare.mean[:3])),
+            protocol.tare_mean,
             unit="N",
             remedy="see what hangs on the sensor; zero the box",
         ),

@@ -11,24 +11,10 @@ from protocols.guard.breach import reaction_to
 from protocols.steps.air_press import press_air
 from protocols.steps.make_safe import make_safe
 from protocols.steps.preflight import run_preflight
-from protocols.trials.trial import run_trial
+from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RigError
-from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedTrial:
-    """A trial that may still have to be run.
-
-    Attributes:
-        next_attempt: Number of its next attempt; attempts are never overwritten.
-        done: True when an earlier run has an attempt that passed.
-    """
-
-    spec: TrialSpec
-    next_attempt: int = 1
-    done: bool = False
+from tacauchy_rig.run import Outcome, Phase, TrialRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,10 +36,7 @@ class ProgrammeResult:
 def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
     """Return the plan of a run that has no attempts yet."""
     targets = enumerate(config.protocol.force_targets, start=1)
-    return tuple(
-        PlannedTrial(spec=TrialSpec(index=index, force_target_n=target))
-        for index, target in targets
-    )
+    return tuple(PlannedTrial(index=index, force_target_n=target) for index, target in targets)
 
 
 def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) -> ProgrammeResult:
@@ -65,7 +48,7 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
             if not planned.done:
                 _try(cycle, journal, planned, records)
     except RigError as error:
-        safe = [p.spec.index for p in plan if p.done]
+        safe = [planned.index for planned in plan if planned.done]
         safe += [index for index, record in records.items() if record.passed]
         return ProgrammeResult(
             outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
@@ -89,8 +72,7 @@ def _prepare(cycle: Cycle, journal: Journal) -> None:
         journal.enter(Phase.PREFLIGHT)
         run_preflight(cycle)
         journal.enter(Phase.AIR_PRESS)
-        air = press_air(cycle)
-        journal.write("air-press", overrun_m=air.overrun_m, peak_force_n=air.peak_force_n)
+        journal.write("air-press", **press_air(cycle))
     except RigError as error:
         reaction = reaction_to(error)
         end = make_safe(cycle, reaction)
@@ -112,11 +94,10 @@ def _try(
     """Run attempts until one passes; ``records`` keeps the last one whatever happens."""
     first = planned.next_attempt
     for attempt in range(first, first + cycle.config.protocol.attempts):
-        end = run_trial(cycle, journal, planned.spec, attempt=attempt)
-        records[planned.spec.index] = end.record
-        if end.error is not None:
-            raise end.error
-        if end.record.passed:
+        records[planned.index], error = run_trial(cycle, journal, planned, attempt=attempt)
+        if error is not None:
+            raise error
+        if records[planned.index].passed:
             break
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
@@ -19,49 +19,66 @@ from protocols.steps.search import search_contact
 from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
 from protocols.trials.verdict import Findings, judge
 from tacauchy_rig.errors import AbortedError, RecordError, RigError
-from tacauchy_rig.run import Outcome, Phase, TrialRecord, TrialSpec
+from tacauchy_rig.run import Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialEnd:
-    """How an attempt ended.
+class PlannedTrial:
+    """A trial that may still have to be run.
 
     Attributes:
-        error: What cut it off (a breach, an abort or a refusal), after the arm was made safe;
-            None where it ran to its end.
+        index: Counts from 1.
+        next_attempt: Number of its next attempt; attempts are never overwritten.
+        done: True when an earlier run has an attempt that passed.
     """
 
-    record: TrialRecord
-    error: RigError | None = None
+    index: int
+    force_target_n: float
+    next_attempt: int = 1
+    done: bool = False
 
 
-def run_trial(cycle: Cycle, journal: Journal, spec: TrialSpec, *, attempt: int) -> TrialEnd:
-    """Run one attempt; its record is kept whatever happens."""
-    findings = Findings(spec=spec, attempt=attempt)
-    journal.trial, journal.attempt = spec.index, attempt
+def run_trial(
+    cycle: Cycle, journal: Journal, trial: PlannedTrial, *, attempt: int
+) -> tuple[TrialRecord, RigError | None]:
+    """Run one attempt; its record is kept whatever happens.
+
+    Returns:
+        The record, and what cut the attempt off (a breach, an abort or a refusal), after the arm
+        was made safe; None where it ran to its end.
+    """
+    index, target_n = trial.index, trial.force_target_n
+    findings = Findings(
+        record=TrialRecord(
+            index=index, attempt=attempt, outcome=Outcome.FAULT, force_target_n=target_n
+        )
+    )
+    journal.trial, journal.attempt = index, attempt
     cycle.rates = RateMeter()
     error: RigError | None = None
     try:
-        cycle.sink.put(Begin(spec.index, attempt))
-        journal.write("attempt-start", force_target_n=spec.force_target_n)
+        cycle.sink.put(Begin(index, attempt))
+        journal.write("attempt-start", force_target_n=target_n)
         _press_once(cycle, journal, findings)
         record = _judge(cycle, journal, findings)
     except RigError as problem:
         error = problem
         record = _record_fault(cycle, journal, findings, problem)
     _finish(cycle, journal, record)
-    return TrialEnd(record=record, error=error)
+    return record, error
 
 
 def _judge(cycle: Cycle, journal: Journal, findings: Findings) -> TrialRecord:
     journal.enter(Phase.VERDICT)
     rates = cycle.rates.report()
-    criteria = judge(findings, cycle.config, rates)
+    criteria = tuple(judge(findings, cycle.config, rates))
     missed = [criterion.name for criterion in criteria if not criterion.passed]
-    return findings.record(
-        Outcome.FAILED if missed or findings.dwell is None else Outcome.PASSED,
+    is_cut = findings.record.force_measured_n is None
+    return replace(
+        findings.record,
+        outcome=Outcome.FAILED if missed or is_cut else Outcome.PASSED,
         rates=rates,
         reason=f"missed: {', '.join(missed)}" if missed else "",
         criteria=criteria,
@@ -69,32 +86,47 @@ def _judge(cycle: Cycle, journal: Journal, findings: Findings) -> TrialRecord:
 
 
 def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
-    config, target_n = cycle.config, findings.spec.force_target_n
+    config, target_n = cycle.config, findings.record.force_target_n
     cycle.force_guard.contact = Contact.NONE
     journal.enter(Phase.HOME)
     move_to(cycle, home_pose(cycle), speed=config.robot.approach_speed)
     journal.enter(Phase.TARE)
-    findings.tare_before = take_quiet_tare(cycle)
-    if not all(criterion.passed for criterion in judge_tare(findings.tare_before, config)):
+    tare = take_quiet_tare(cycle)
+    findings.record = replace(findings.record, tare_before=tare)
+    if not all(criterion.passed for criterion in judge_tare(tare, config)):
         return
-    cycle.force_guard.set_zero(findings.tare_before)
+    cycle.force_guard.set_zero(tare)
     journal.enter(Phase.REFERENCE)
-    findings.reference = take_reference(cycle)
+    start_ns, end_ns = take_reference(cycle)
+    findings.record = replace(findings.record, reference_start_ns=start_ns, reference_end_ns=end_ns)
+    findings.reference_frame_count = cycle.rates.frame_count(start_ns, end_ns)
     journal.enter(Phase.APPROACH)
     approach(cycle)
     journal.enter(Phase.SEARCH)
-    findings.contact_z_m = search_contact(cycle)
-    journal.enter(Phase.PRESS, contact_z_m=findings.contact_z_m, force_target_n=target_n)
-    drive = PressDrive(cycle, target_n=target_n, contact_z_m=findings.contact_z_m)
+    contact_z_m = search_contact(cycle)
+    findings.record = replace(findings.record, contact_z_m=contact_z_m)
+    journal.enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
+    drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
     press_to_target(cycle, drive)
-    settled = settle(cycle, drive)
+    findings.settled = settle(cycle, drive)
     journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
-    findings.dwell = hold(cycle, drive, settled=settled)
-    journal.enter(Phase.RETRACT, force_mean_n=findings.dwell.force.mean_n)
-    retract(cycle, contact_z_m=findings.contact_z_m)
+    force, depth_m = hold(cycle, drive)
+    findings.record = replace(
+        findings.record,
+        force_measured_n=force.mean_n,
+        force_deviation_n=force.deviation_n,
+        force_rate_n_s=force.slope_n_s,
+        depth_measured_m=depth_m,
+        dwell_start_ns=force.start_ns,
+        dwell_end_ns=force.end_ns,
+    )
+    findings.dwell_frame_count = cycle.rates.frame_count(force.start_ns, force.end_ns)
+    journal.enter(Phase.RETRACT, force_mean_n=force.mean_n)
+    retract(cycle, contact_z_m=contact_z_m)
     journal.enter(Phase.DRIFT_CHECK)
-    findings.tare_after = take_tare(cycle)
-    findings.drift_n = force_drift(findings.tare_before, findings.tare_after, config=config)
+    tare_after = take_tare(cycle)
+    drift_n = force_drift(tare, tare_after, config=config)
+    findings.record = replace(findings.record, tare_after=tare_after, force_drift_n=drift_n)
 
 
 def _record_fault(
@@ -119,9 +151,10 @@ def _record_fault(
         arm=end.text,
     )
     error.message = (
-        f"{error.message} during {phase.value} of trial {findings.spec.index}. {end.text}"
+        f"{error.message} during {phase.value} of trial {findings.record.index}. {end.text}"
     )
-    return findings.record(outcome, rates=cycle.rates.report(), reason=error.message)
+    rates = cycle.rates.report()
+    return replace(findings.record, outcome=outcome, rates=rates, reason=error.message)
 
 
 def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:

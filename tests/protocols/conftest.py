@@ -15,7 +15,7 @@ from drivers.mock.world import MockWorld
 from drivers.rig import FrameMark, Rig
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
-from protocols.control.record import Arm, Begin, End, Entry, Event, Force
+from protocols.control.record import Arm, Begin, End, Entry, Force
 from protocols.guard.abort import Abort
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.config.model import RigConfig
@@ -61,8 +61,8 @@ class KeptInMemory:
                 self.samples += samples
             case Arm(samples=states):
                 self.states += states
-            case Event(event=event):
-                self.events.append(event)
+            case JournalEvent():
+                self.events.append(entry)
             case End(record=record):
                 self.records.append(record)
 

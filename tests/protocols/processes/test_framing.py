@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.control.record import Begin, Force, Frame
+from protocols.control.record import Begin, Force
 from protocols.processes.framing import EntryReader, encode
 from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
 
@@ -18,10 +18,8 @@ ENTRIES = [
             ),
         )
     ),
-    Frame(
-        ImageFrame(
-            stamp_ns=1, counter=2, device_stamp_s=None, width=3, height=4, jpeg=b"\xff\xd8" * 400
-        )
+    ImageFrame(
+        stamp_ns=1, counter=2, device_stamp_s=None, width=3, height=4, jpeg=b"\xff\xd8" * 400
     ),
 ]
 

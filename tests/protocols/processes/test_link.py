@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from protocols.control.record import Begin, End, Event, Force
+from protocols.control.record import Begin, End, Force
 from protocols.processes import link as link_module
 from protocols.processes.channel import Channel
 from protocols.processes.framing import EntryReader
@@ -105,7 +105,7 @@ def test_journal_lines_are_not_written_twice(far):
     append_event(store.paths.journal, events[0])
     far.link.put(Begin(1, 1))
     for event in events:
-        far.link.put(Event(event))
+        far.link.put(event)
     far.die()
     far.link.close(timeout_s=4.0)
     assert read_journal(store.paths.journal) == events

@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from protocols.control.record import Begin, End, Frame
+from protocols.control.record import Begin, End
 from protocols.processes.channel import Channel
 from protocols.processes.framing import encode
 from protocols.processes.record_keeper import RecordKeeper
@@ -19,15 +19,13 @@ RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=
 
 def frame(stamp_ns):
     """Return a frame entry."""
-    return Frame(
-        ImageFrame(
-            stamp_ns=stamp_ns,
-            counter=stamp_ns,
-            device_stamp_s=None,
-            width=4,
-            height=4,
-            jpeg=b"\xff\xd8\xff\xd9",
-        )
+    return ImageFrame(
+        stamp_ns=stamp_ns,
+        counter=stamp_ns,
+        device_stamp_s=None,
+        width=4,
+        height=4,
+        jpeg=b"\xff\xd8\xff\xd9",
     )
 
 

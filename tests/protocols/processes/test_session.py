@@ -115,7 +115,7 @@ def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
     assert_all_gone(watcher.pids)
     torn = store.paths.recording(2, 1).read_bytes()
     plan = plan_session(store)
-    assert [(p.spec.index, p.done, p.next_attempt) for p in plan] == [(1, True, 2), (2, False, 2)]
+    assert [(p.index, p.done, p.next_attempt) for p in plan] == [(1, True, 2), (2, False, 2)]
 
     result = run_session(store, store.config, on_event=Watcher(), abort=Abort())
     assert result.outcome is Outcome.PASSED
