@@ -38,8 +38,30 @@ def prose(package: str, template: str, block: str, /, **facts: object) -> str:
         block: Which of its blocks.
         facts: What it is told.
     """
+    return " ".join(_block(package, template, block, facts).split())
+
+
+def table_prose(package: str, template: str, block: str, /, **facts: object) -> dict[str, str]:
+    """Return title, criterion and note of a table: the paragraphs of a block, in this order.
+
+    Args:
+        package: As for ``page``.
+        template: Its file's name.
+        block: Which of its blocks.
+        facts: What it is told.
+    """
+    parts = _paragraphs(_block(package, template, block, facts))
+    return dict(zip(("title", "criterion", "note"), parts, strict=True))
+
+
+def _block(package: str, template: str, block: str, facts: dict[str, object]) -> str:
     found = _environment(package).get_template(template)
-    return " ".join("".join(found.blocks[block](found.new_context(facts))).split())
+    return "".join(found.blocks[block](found.new_context(facts)))
+
+
+def _paragraphs(text: str) -> tuple[str, ...]:
+    parts = re.split(r"\n\s*\n", text)
+    return tuple(" ".join(part.split()) for part in parts if part.strip())
 
 
 def sentences(
@@ -59,8 +81,7 @@ def sentences(
     """
     environment = _environment(package)
     environment.filters |= filters
-    text = environment.get_template(template).render(**facts)
-    return tuple(" ".join(part.split()) for part in re.split(r"\n\s*\n", text) if part.strip())
+    return _paragraphs(environment.get_template(template).render(**facts))
 
 
 def _environment(package: str) -> Environment:

@@ -9,6 +9,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.layered_solution import BondedLayers, Ply, hertz_force
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table
 
 _YOUNG_PA = 0.3e6
@@ -43,16 +44,10 @@ def measure_punch(
         kappa = layer.punch_factor(_PUNCH.radius_m)
         rows.append((poisson, kappa, force, expected, 100.0 * error, 100.0 * limit))
     return Table(
-        title="Flat punch on a bonded layer (Hayes et al. 1972)",
+        **stated("punch", preset=preset),
         columns=("nu", "kappa", "F_z [N]", "exact [N]", "error [%]", "allowed [%]"),
         rows=tuple(rows),
-        criterion="F_z within 1.5 % of the exact force at nu 0.45, 0.47 and 0.49, within 3 % at "
-        f"0.499; preset {preset.value}",
         passed=passed,
-        note="F = 2 a E d kappa / (1 - nu^2); punch radius a = 2.5 mm without friction, layer of "
-        "4.5 mm, E = 0.3 MPa, d = 0.05 mm, law linear, as the solution's is. Its layer is endless; "
-        "the disc's radius is five thicknesses. kappa is solved from the integral equation "
-        "and agrees with the published values to their four digits.",
         command=press_command(scenes[0]),
     )
 
@@ -75,7 +70,7 @@ def measure_ball(
         pad = (height * 1e3, depth * 1e3, contact / height)
         rows.append((*pad, force, hertz, off_hertz, layer, off_layer))
     return Table(
-        title="Ball on a bonded layer (Hertz; exact layer)",
+        **stated("ball", preset=preset),
         columns=(
             "pad [mm]",
             "depth [mm]",
@@ -87,13 +82,7 @@ def measure_ball(
             "off the layer [%]",
         ),
         rows=tuple(rows),
-        criterion="F_z within 1.5 % of Hertz where the contact radius a is below 1 % of the "
-        f"thickness h, else of the exact layer's force; preset {preset.value}",
         passed=passed,
-        note="Ball of radius 1 mm without friction, E = 0.3 MPa, nu = 0.48, law linear, discs of "
-        "radius 15 mm. The layer's force is that of a paraboloid on an endless bonded layer, from "
-        "the same integral equation as the punch's; on the thick pads it says how much of the "
-        "difference from Hertz is the pad's and not the program's.",
         command=press_command(_ball_scene(*presses[0], preset)),
     )
 

@@ -16,6 +16,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.scene import Preset
 from sim.solve.load_steps.path import LoadingPath
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table
 
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
@@ -66,7 +67,7 @@ def measure() -> Table:
         rows.append((describe(indenter), *forces, limit, order, wanted))
         passed &= order >= wanted
     return Table(
-        title="Order of convergence of F_z",
+        **stated("convergence"),
         columns=(
             "indenter",
             *(f"F_z, edges 1/{factor:g} [N]" for factor in REFINEMENTS),
@@ -75,10 +76,7 @@ def measure() -> Table:
             "at least",
         ),
         rows=tuple(rows),
-        criterion="about 1 (at least 0.9) under a sharp rim, at least 1.8 under a ball",
         passed=passed,
-        note="the fit is F = limit + C h^p; under a sharp rim an order above 1 says that the rim's "
-        "own edges, which refine at order 1, are not yet what is missing most",
     )
 
 
@@ -100,7 +98,7 @@ def measure_rim() -> Table:
     forces = rim_forces()
     order, limit = fitted_order(np.array(EDGE_SHARES), np.array(forces))
     return Table(
-        title="Order of convergence at a sharp rim",
+        **stated("rim", lowest=_LOWEST, highest=_HIGHEST),
         columns=(
             "indenter",
             *(f"F_z, edges of {share:g} radii [N]" for share in EDGE_SHARES),
@@ -108,9 +106,5 @@ def measure_rim() -> Table:
             "order",
         ),
         rows=((describe(_RIM.indenter), *forces, limit, order),),
-        criterion=f"about 1: between {_LOWEST:g} and {_HIGHEST:g}",
         passed=_LOWEST <= order <= _HIGHEST,
-        note="Only the edges at the rim are refined, and those that grow from them. Stress goes "
-        "there with the inverse root of the distance, so that the energy's error, and with it "
-        "F_z's, goes with the edge length whatever the element.",
     )

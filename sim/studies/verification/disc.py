@@ -13,6 +13,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table
 
 _ALLOWED = 0.01
@@ -45,7 +46,7 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
             depth = round(reference.depth_m * 1e3, 6)
             rows.append((law.value, depth, force, reference.force_n, 100 * error, 100 * doubt))
     return Table(
-        title="Bonded punch on a clamped disc at finite strain (felupe, CalculiX)",
+        **stated("disc", preset=preset),
         columns=(
             "law",
             "depth [mm]",
@@ -55,13 +56,7 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
             "reference's own doubt [%]",
         ),
         rows=tuple(rows),
-        criterion=f"F_z within 1 % of the reference at every depth; preset {preset.value}",
         passed=worst <= _ALLOWED,
-        note="Disc of radius 12 mm and height 4.5 mm, punch radius 2.5 mm, E = 0.3 MPa, nu = 0.45; "
-        "points that touch stick. The reference is axisymmetric and extrapolated over three "
-        "meshes (felupe 11.3.0; CalculiX 2.20 lies 0.3 % above it on equal meshes, for "
-        "neo-hookean): sim/studies/verification/data says how. Both programs approach the limit "
-        "from above.",
         command=press_command(disc_scene(LawName.STABLE_NEO_HOOKEAN, depth_max_m, preset)),
     )
 

@@ -18,6 +18,7 @@ from sim.press_command import scene_from
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Table, table_of
 
 logger = logging.getLogger(__name__)
@@ -105,11 +106,8 @@ def judged(found: Sequence[RefinedPress]) -> Table:
             "estimated_force_error_relative": lambda press: press.estimate.relative,
             "inside": lambda press: "yes" if press.is_inside else "no",
         },
-        title="Estimated force error on scenes held out",
-        criterion="the true error lies inside the estimate on at least nine scenes of ten",
+        **stated("estimates", inside=inside, count=len(found), ratio=ratios[len(ratios) // 2]),
         passed=inside >= _INSIDE_WANTED * len(found),
-        note=f"inside on {inside} of {len(found)}; the estimate is "
-        f"{ratios[len(ratios) // 2]:.1f} times the true error in the middle of the list",
         command="tacauchy-rig press --pad disc:radius=7mm,height=3.5mm --young 0.2MPa "
         "--poisson 0.47 --indenter cylinder:diameter=4mm --depth 0.1mm --preset fast "
         "--estimate-error",

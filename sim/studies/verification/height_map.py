@@ -33,6 +33,7 @@ from sim.scene.pad import ParametricPad, SurfacePad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Table, table_of
 
 LIMIT_M = 10e-6
@@ -122,15 +123,8 @@ def measure() -> Table:
             "pixels above 10 um": lambda error: error.above_limit,
             "pixels above the indenter": lambda error: error.above_indenter,
         },
-        title="Height map against preset `reference`",
-        criterion="presets `balanced` and `accurate`: every pixel of the image within 10 um, none "
-        "above the indenter",
+        **stated("heights"),
         passed=all(error.kept for error in found if error.preset in _JUDGED),
-        note="The image of the sensor's camera, 320 x 240 px of 0.0634 mm, pressed to equal depth. "
-        "The maps of preset `reference` are kept; `python -m sim.studies.verification.height_map` "
-        "makes them again. The edge is that of a chisel whose four faces fall off by 30 degrees; "
-        "it is pressed into a quarter of the pad, with the edge lengths of each preset's footprint "
-        "mesh.",
     )
 
 

@@ -10,6 +10,7 @@ from sim.fields.interface import InterfaceTraction, interface_traction
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Scene
+from sim.studies.verification.prose import stated
 from tacauchy_rig.errors import ConvergenceError
 from tacauchy_rig.tables import Table, table_of
 
@@ -85,13 +86,7 @@ def measure(*, refinements: tuple[float, ...] = REFINEMENTS) -> Table:
             ),
             "jump of sigma n, each element's own": lambda row: row.interface.element.jump_relative,
         },
-        title="Traction through the interface of a 9DTact",
-        criterion="the tractions that the nodal forces of either layer stand for are the same "
-        f"within {NODAL_ALLOWED:g}; on the finest mesh sigma n of either layer integrates to F_z "
-        f"within {SUM_ALLOWED:.0%}; its jump shrinks with every refinement",
+        **stated("interface", nodal=NODAL_ALLOWED, sum=SUM_ALLOWED),
         passed=nodal < NODAL_ALLOWED and sums < SUM_ALLOWED and shrinks,
-        note="A jump is the norm of the difference of both sides' sigma n over that of their mean, "
-        "both over the interface. Stress is made continuous within a layer by projection from "
-        "that layer's elements alone (sim/fields/interface.py).",
         command=f"tacauchy-rig press {PRESS}",
     )

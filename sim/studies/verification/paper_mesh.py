@@ -21,6 +21,7 @@ from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
@@ -39,7 +40,7 @@ def measure_mesh() -> Table:
     density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
     sizing = PAPER_SIZING
     return Table(
-        title="The paper's mesh",
+        **stated("mesh"),
         columns=("quantity", "paper", "here"),
         rows=(
             ("tetrahedra, not refined", 661, coarse.tet_count),
@@ -58,13 +59,7 @@ def measure_mesh() -> Table:
             ("envelope epsilon_r over the same", None, sizing.envelope_share),
             ("AMIPS energy to stop at", None, sizing.stop_energy),
         ),
-        criterion="none: the paper does not state its pad, l_r, epsilon_r and energy, so its "
-        "counts cannot be met but by chance; preset paper",
         passed=True,
-        note="fTetWild with the paper's sizing field on the domed pad of the sensor file; it gives "
-        "another mesh every time, so that these two are kept with the program. Density is the "
-        "square of the ratio of edge lengths (the paper's rounded lengths give 7.16); the middle "
-        "is what lies within 2.5 mm of it.",
     )
 
 
@@ -101,7 +96,7 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
             )
         )
     return Table(
-        title="Cost of extracting the surface's stress",
+        **stated("stress_cost", repeats=_REPEATS, machine=platform.machine()),
         columns=(
             "preset",
             "element",
@@ -114,12 +109,7 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
             "median below 1 ms",
         ),
         rows=tuple(rows),
-        criterion="none: a time belongs to the machine and what else it does, so it is reported "
-        "and not judged; the paper states less than 1 ms",
         passed=True,
-        note=f"{_REPEATS} extractions (Algorithm 1: Cauchy stress in every element, traction, its "
-        "normal and tangential part on every unclamped face), from positions in memory to arrays "
-        f"in memory, on {platform.machine()}.",
         command=press_command(replace(_SCENE, preset=presets[0])),
     )
 

@@ -13,6 +13,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
+from sim.studies.verification.prose import stated
 from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.tables import Table
 
@@ -46,23 +47,14 @@ def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
     scene = real_scene(real, fits[0], *asked[0], preset)
     force = press(scene).force_n[2]
     forces = (force, None, None, None)
-    off = (fits[0] - young.value) / young.uncertainty
     return Table(
-        title="One press of a real gel",
+        **stated("real", preset=preset, real=real, fit=fits[0], young=young),
         columns=("nu", "contact", "fitted E [MPa]", "F_z pressed anew [N]", "measured [N]"),
         rows=tuple(
             (nu, contact.value, fit * 1e-6, again, real.force_n)
             for (nu, contact), fit, again in zip(asked, fits, forces, strict=True)
         ),
-        criterion="E is fitted to the one point and stated; pressed anew with it, F_z is the "
-        f"measured one within 0.1 %; preset {preset.value}",
         passed=abs(force / real.force_n - 1.0) <= _ALLOWED,
-        note=f"{real.source}: radius {real.ball_radius_m * 1e3:g} mm, {real.force_n:g} N at "
-        f"{real.depth_m * 1e3:g} mm, on the sensor's own domed pad. The fit is "
-        f"E = {fits[0] * 1e-6:.4f} MPa (first row), {off:+.1f} standard uncertainties from "
-        f"the sensor file's {young.value * 1e-6:g} MPa, which was measured on another unit "
-        "and stays. A fit to one point verifies nothing by itself; the presses to other depths "
-        "do.",
         command=press_command(scene),
     )
 

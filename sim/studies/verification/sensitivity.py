@@ -13,6 +13,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
+from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Table, table_of
 
 _SHARP, _ROUNDED = Cylinder(diameter_m=5e-3), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
@@ -83,10 +84,8 @@ def measure_barrier() -> Table:
             "F_z, d_hat to 0 [N]": lambda row: row.limit_n,
             "difference": lambda row: row.difference,
         },
-        title="Contact distance d_hat",
-        criterion="F_z extrapolated to d_hat = 0 differs from the preset's by less than 0.3 %",
+        **stated("barrier"),
         passed=all(row.difference < _BARRIER_ALLOWED for row in found),
-        note="every preset has the same d_hat; under a sharp rim it is smaller",
     )
 
 
@@ -142,10 +141,8 @@ def measure_shift() -> Table:
             "change": lambda row: row.change,
             "allowed": lambda row: _SHIFT_ALLOWED[row.scene.preset],
         },
-        title="The indenter moved sideways by half an element",
-        criterion="F_z changes by less than 1 % on preset accurate, 3 % on preset balanced",
+        **stated("shift"),
         passed=all(row.change < _SHIFT_ALLOWED[row.scene.preset] for row in found),
-        note="the mesh stays; elements are counted at the rim, or under a ball",
     )
 
 
@@ -153,7 +150,7 @@ def measure_drives(
     *, preset: Preset = Preset.BALANCED, forces_n: Sequence[float] = _FORCES_N
 ) -> Table:
     """Reach every force by load and by displacement."""
-    sensor = load_sensor("gelsight-mini")
+    sensor, body = load_sensor("gelsight-mini"), describe(_ROUNDED)
     scene = replay_scene(sensor, _ROUNDED, forces_n, preset=preset, tolerance_n=_TOLERANCE_N)
     load, search = (
         replay_forces(replace(scene, drive=drive), forces_n)[0].trials
@@ -174,12 +171,8 @@ def measure_drives(
             "iterations by load": lambda row: row[0][0].newton_iterations,
             "by displacement": lambda row: row[0][1].newton_iterations,
         },
-        title="Replays driven by load and by displacement",
-        criterion=f"the depths differ by at most 0.1 %; preset {preset.value}",
+        **stated("drives", preset=preset, sensor=sensor, body=body, tolerance=_TOLERANCE_N),
         passed=max(map(abs, apart)) <= _DRIVE_ALLOWED,
-        note=f"{sensor.title} and {describe(_ROUNDED)}, the six forces of the paper. Driven by "
-        "displacement (the paper's search) a replay ends within a tenth of its force tolerance, "
-        f"here of {_TOLERANCE_N:g} N; driven by load it has none.",
-        command=f"tacauchy-rig press --sensor {sensor.name} --indenter {describe(_ROUNDED)} "
+        command=f"tacauchy-rig press --sensor {sensor.name} --indenter {body} "
         f"--force {forces_n[0]:g}N --drive search --preset {preset.value}",
     )
