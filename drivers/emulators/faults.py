@@ -7,8 +7,11 @@ emulator polls in its loop.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from drivers.device.faults import Device, Fault
 from tacauchy_rig.errors import ConfigError, DeviceError, RigError
+
+_logger = logging.getLogger(__name__)
 
 _DATAGRAM_LIMIT = 65536
 _FAULT = TypeAdapter(Fault)
@@ -29,7 +34,7 @@ def post_fault(folder: Path, fault: Fault) -> None:
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         try:
-            with _ShortAddress(folder, fault.device) as address:
+            with _short_address(folder, fault.device) as address:
                 sender.sendto(encode_fault(fault), address)
         except OSError as error:
             raise DeviceError(
@@ -62,12 +67,11 @@ class FaultInbox:
     def __init__(self, folder: Path, device: Device) -> None:
         self.path = control_path(folder, device)
         self.device = device
-        self.rejected: list[str] = []
         folder.mkdir(parents=True, exist_ok=True)
         self.path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        with _ShortAddress(folder, device) as address:
+        with _short_address(folder, device) as address:
             self._socket.bind(address)
 
     def fileno(self) -> int:
@@ -75,7 +79,7 @@ class FaultInbox:
         return self._socket.fileno()
 
     def poll(self) -> list[Fault]:
-        """Return the faults that arrived since the last call; bad messages go to ``rejected``."""
+        """Return the faults that arrived since the last call; bad messages are logged."""
         faults: list[Fault] = []
         while True:
             try:
@@ -85,7 +89,7 @@ class FaultInbox:
             try:
                 fault = decode_fault(datagram)
             except RigError as error:
-                self.rejected.append(str(error))
+                _logger.warning("%s", error)
                 continue
             if fault.device is self.device:
                 faults.append(fault)
@@ -120,16 +124,11 @@ def control_path(folder: Path, device: Device) -> Path:
     return folder / f"{device.value}.control"
 
 
-class _ShortAddress:
-    """An address of the socket that fits the 107 bytes that Unix sockets allow."""
-
-    def __init__(self, folder: Path, device: Device) -> None:
-        self._folder = folder
-        self._name = control_path(folder, device).name
-
-    def __enter__(self) -> str:
-        self._descriptor = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
-        return f"/proc/self/fd/{self._descriptor}/{self._name}"
-
-    def __exit__(self, *_: object) -> None:
-        os.close(self._descriptor)
+@contextmanager
+def _short_address(folder: Path, device: Device) -> Iterator[str]:
+    """Yield an address of the socket that fits the 107 bytes that Unix sockets allow."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{descriptor}/{control_path(folder, device).name}"
+    finally:
+        os.close(descriptor)

@@ -51,15 +51,16 @@ def emulated_devices(config: RigConfig) -> frozenset[Device]:
 
 def with_addresses(config: RigConfig, addresses: EmulatedAddresses) -> RigConfig:
     """Return the configuration with the emulated devices' addresses filled in."""
-    changes: dict[str, Any] = {}
-    if addresses.robot_host is not None:
-        changes["robot"] = config.robot.model_copy(update={"host": addresses.robot_host})
-    if addresses.force_sensor_port is not None:
-        changes["force_sensor"] = config.force_sensor.model_copy(
-            update={"port": addresses.force_sensor_port}
-        )
-    if addresses.camera_url is not None:
-        changes["camera"] = config.camera.model_copy(update={"device": addresses.camera_url})
+    places = {
+        "robot": ("host", addresses.robot_host),
+        "force_sensor": ("port", addresses.force_sensor_port),
+        "camera": ("device", addresses.camera_url),
+    }
+    changes = {
+        device: getattr(config, device).model_copy(update={field: place})
+        for device, (field, place) in places.items()
+        if place is not None
+    }
     return config.model_copy(update=changes)
 
 

@@ -19,7 +19,6 @@ import sys
 import time
 import zlib
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 from rtde_receive import RTDEReceiveInterface
@@ -31,26 +30,15 @@ from tacauchy_rig.run import Pose, Vector6
 
 WORLD_FILE = "world.bin"
 
-_MAGIC = b"TACWRLD1"
-_HEADER = struct.Struct("=8s3q")  # magic, current slot, writer kind, writer's process id
-_CURRENT_SLOT, _WRITER_KIND, _WRITER_PID = 1, 2, 3  # in words of eight bytes
+_MAGIC = b"TACWRLD2"
+_HEADER = struct.Struct("=8sq")  # magic, current slot
+_CURRENT_SLOT = 1  # in words of eight bytes
 _STATE = struct.Struct("=2q12d")  # sequence, stamp, pose, velocity
 _CHECKSUM = struct.Struct("=q")
 _SLOT_SIZE = _STATE.size + _CHECKSUM.size
 _FILE_SIZE = _HEADER.size + 2 * _SLOT_SIZE
 _READ_TRIES = 1000
 _OVERTAKEN_TRIES = 500
-
-
-class WorldWriter(StrEnum):
-    """Whose motion the world follows."""
-
-    NOBODY = "nobody"
-    EMULATED_ARM = "emulated-arm"
-    REPORTED_POSE = "reported-pose"
-
-
-_WRITERS = tuple(WorldWriter)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,15 +50,12 @@ class WorldState:
         velocity: Tool velocity [m/s, rad/s].
         stamp_ns: CLOCK_MONOTONIC of the moment the pose belongs to.
         sequence: Number of states published so far; 0 means that none was.
-        writer: Who publishes; ``writer_pid`` is its process.
     """
 
     pose: Pose
     velocity: Vector6
     stamp_ns: int
     sequence: int
-    writer: WorldWriter
-    writer_pid: int
 
 
 class SharedWorld:
@@ -80,8 +65,7 @@ class SharedWorld:
         self.path = path
         self._mapping = mapping
         self._words = memoryview(mapping).cast("q")
-        self._sequence = 0
-        self._writing = False
+        self._sequence: int | None = None
 
     @classmethod
     def create(cls, path: Path) -> SharedWorld:
@@ -91,7 +75,7 @@ class SharedWorld:
             fresh = path.with_name(f".{path.name}.{os.getpid()}")
             empty = _STATE.pack(0, 0, *(0.0,) * 12)
             slot = empty + _CHECKSUM.pack(zlib.crc32(empty))
-            fresh.write_bytes(_HEADER.pack(_MAGIC, 0, 0, 0) + slot + slot)
+            fresh.write_bytes(_HEADER.pack(_MAGIC, 0) + slot + slot)
             fresh.replace(path)
         return cls.open(path)
 
@@ -110,18 +94,10 @@ class SharedWorld:
         with path.open("r+b") as file:
             return cls(path, mmap.mmap(file.fileno(), _FILE_SIZE))
 
-    def claim(self, writer: WorldWriter) -> None:
-        """Say who publishes from now on and continue the previous writer's sequence."""
-        self._sequence = self.read().sequence
-        self._words[_WRITER_KIND] = _WRITERS.index(writer)
-        self._words[_WRITER_PID] = os.getpid()
-        self._writing = True
-
     def publish(self, pose: Pose, velocity: Vector6, stamp_ns: int) -> None:
-        """Make a state the newest one; the first call claims the world for an emulated arm."""
-        if not self._writing:
-            self.claim(WorldWriter.EMULATED_ARM)
-        self._sequence += 1
+        """Make a state the newest one, in the sequence of whoever published before."""
+        before = self.read().sequence if self._sequence is None else self._sequence
+        self._sequence = before + 1
         slot = 1 - (self._words[_CURRENT_SLOT] & 1)
         offset = _HEADER.size + slot * _SLOT_SIZE
         body = _STATE.pack(self._sequence, stamp_ns, *pose.as_vector(), *velocity)
@@ -162,8 +138,6 @@ class SharedWorld:
             velocity=(v[6], v[7], v[8], v[9], v[10], v[11]),
             stamp_ns=stamp_ns,
             sequence=sequence,
-            writer=_WRITERS[self._words[_WRITER_KIND] % len(_WRITERS)],
-            writer_pid=self._words[_WRITER_PID],
         )
 
 
@@ -206,7 +180,6 @@ def follow(settings: FollowerSettings) -> None:
         host, -1.0, ["timestamp", "actual_TCP_pose", "actual_TCP_speed"]
     )
     world = SharedWorld.create(settings.world)
-    world.claim(WorldWriter.REPORTED_POSE)
     print(json.dumps({"device": "pose_follower", "host": host}), flush=True)
     newest, moved = receiver.getTimestamp(), time.monotonic()
     while parent_pid is None or os.getppid() == parent_pid:

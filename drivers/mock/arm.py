@@ -8,8 +8,7 @@ from typing import Self
 
 from drivers.device.clock import HostClock
 from drivers.device.interface import DeviceIdentity
-from drivers.mock.fault_plan import plan_faults
-from drivers.mock.world import MockWorld, Still, beside_no_mock
+from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import MOCK, RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
@@ -141,17 +140,14 @@ class MockArm:
 
     def protective_stop(self) -> None:
         """Lock the arm; nothing here unlocks it."""
-        self._lock()
-
-    def close(self) -> None:
-        """Stop."""
-        self.stop()
-
-    def _lock(self) -> None:
         self._locked = True
         self._target = None
         self._wanted = Still
         self._commands.clear()
+
+    def close(self) -> None:
+        """Stop."""
+        self.stop()
 
     def _velocity_after(self, step_s: float) -> Vector6:
         now_ns = self.world.now_ns
@@ -162,7 +158,7 @@ class MockArm:
         wanted = self._wanted if self._target is None else self._towards_target(step_s)
         if wanted != Still and now_ns - self._kicked_ns > self._watchdog_ns:
             self.watchdog_stops += 1
-            self._lock()
+            self.protective_stop()
             return Still
         most = max(self._acceleration * step_s, 1e-9)
         old = self.world.velocity

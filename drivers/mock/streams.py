@@ -11,8 +11,7 @@ import numpy as np
 
 from drivers.device.clock import HostClock
 from drivers.device.interface import DeviceIdentity, StreamHealth
-from drivers.mock.fault_plan import plan_faults
-from drivers.mock.world import MockWorld, beside_no_mock
+from drivers.mock.world import MockWorld, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, ImageFrame, Vector6, Wrench

@@ -39,43 +39,28 @@ class Victim(StrEnum):
     RECORDER = "recorder"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviceFault:
-    """A device fails."""
-
-    device: Device
-    kind: FaultKind
-
-    def __str__(self) -> str:
-        return f"{self.device.value}:{self.kind.value}"
-
-    @property
-    def fault(self) -> Fault:
-        """What to tell the emulator."""
-        return Fault(device=self.device, kind=self.kind)
-
-
-@dataclass(frozen=True, slots=True)
-class Kill:
-    """A process of the run is killed, as by the kernel when memory runs out."""
-
-    victim: Victim
-
-    def __str__(self) -> str:
-        return f"kill:{self.victim.value}"
-
-
 @dataclass(frozen=True, slots=True)
 class FaultCase:
-    """One row of the table."""
+    """One row of the table.
 
-    cause: DeviceFault | Kill
+    Attributes:
+        cause: A device fails, or a process is killed as by the kernel when memory runs out.
+    """
+
+    cause: Fault | Victim
     moment: Moment
+
+    @property
+    def cause_name(self) -> str:
+        """What goes wrong, without the moment."""
+        if isinstance(self.cause, Victim):
+            return f"kill:{self.cause.value}"
+        return f"{self.cause.device.value}:{self.cause.kind.value}"
 
     @property
     def name(self) -> str:
         """Text that ``--only`` matches."""
-        return f"{self.cause}@{self.moment.value}"
+        return f"{self.cause_name}@{self.moment.value}"
 
     @property
     def slug(self) -> str:
@@ -85,13 +70,13 @@ class FaultCase:
 
 def all_cases() -> tuple[FaultCase, ...]:
     """Return every fault that an emulator knows and every process, at every moment."""
-    causes: list[DeviceFault | Kill] = [
-        DeviceFault(device=device, kind=kind)
+    causes: list[Fault | Victim] = [
+        Fault(device=device, kind=kind)
         for device in Device
         for kind in FaultKind
         if kind in FAULTS_OF_DEVICE[device]
     ]
-    causes += [Kill(victim) for victim in Victim]
+    causes += Victim
     return tuple(FaultCase(cause, moment) for cause in causes for moment in Moment)
 
 
@@ -122,4 +107,4 @@ def select_cases(
 
 
 def _matches(case: FaultCase, pattern: str) -> bool:
-    return fnmatch(case.name, pattern) or fnmatch(str(case.cause), pattern)
+    return fnmatch(case.name, pattern) or fnmatch(case.cause_name, pattern)

@@ -6,21 +6,18 @@ import re
 import socket
 from importlib import resources
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from jinja2 import Template
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.device.faults import Device, FaultKind
+from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.arm.trace import TraceRow, read_trace
-from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.fault_table.cases import DeviceFault
 
 EMULATION_NAME = "emulation"
 _DASHBOARD_TIMEOUT_S = 5.0
@@ -72,12 +69,7 @@ class EmulatedRig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._emulation.stop()
 
     @property
@@ -93,11 +85,7 @@ class EmulatedRig:
         """
         self._emulation.start()
 
-    def break_device(self, cause: DeviceFault) -> None:
-        """Let a device fail until it is mended."""
-        post_fault(self.emulation, cause.fault)
-
-    def mend(self, cause: DeviceFault | None) -> None:
+    def mend(self, cause: Fault | None) -> None:
         """Do what a person does after the fault: unlock, power on, or exchange the device.
 
         The arm stays where the fault has left it.

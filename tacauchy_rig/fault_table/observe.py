@@ -8,9 +8,10 @@ import shutil
 import time
 from pathlib import Path
 
+from drivers.emulators.faults import post_fault
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
-from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase
+from tacauchy_rig.fault_table.cases import FaultCase, Victim
 from tacauchy_rig.fault_table.emulated_rig import EmulatedRig
 from tacauchy_rig.fault_table.observation import (
     KILLED_EXIT_CODE,
@@ -114,10 +115,10 @@ class _Case:
         if self._run.command.process.poll() is not None:
             raise DeviceError(f"the run ended by itself: {self._run.command.error_text()}")
         fault_ns = time.monotonic_ns()
-        if isinstance(cause, DeviceFault):
-            self._rig.break_device(cause)
+        if isinstance(cause, Victim):
+            self._run.kill(cause)
         else:
-            self._run.kill(cause.victim)
+            post_fault(self._rig.emulation, cause)
         return fault_ns
 
     def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
@@ -166,7 +167,7 @@ class _Case:
 
     def _resume(self, run: Path) -> tuple[Resumed, ...]:
         cause = self._case.cause
-        self._rig.mend(cause if isinstance(cause, DeviceFault) else None)
+        self._rig.mend(None if isinstance(cause, Victim) else cause)
         resumed: list[Resumed] = []
         while len(resumed) < RESUME_TRIES and not (resumed and resumed[-1].exit_code == 0):
             name = f"resume-{len(resumed) + 1}"

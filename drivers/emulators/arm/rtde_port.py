@@ -45,11 +45,6 @@ class RtdePort:
         self._clients: dict[Connection, _Client] = {}
         self._owners: dict[str, Connection] = {}
 
-    @property
-    def client_count(self) -> int:
-        """Number of connected clients."""
-        return len(self._clients)
-
     def service(self, now_s: float) -> set[str]:
         """Read what clients sent; return the names of the input fields they wrote."""
         for connection in self.port.accept():

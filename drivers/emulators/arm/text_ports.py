@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 from drivers.arm.ur5_safety import RobotMode, RuntimeState
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
@@ -11,20 +13,50 @@ from drivers.emulators.arm.body import VERSIONS, ControllerBody
 from drivers.emulators.arm.connection import Connection, Port
 from tacauchy_rig.config.model import RobotModel
 
-_GREETING = b"Connected: Universal Robots Dashboard Server\n"
 _SCRIPT_END = re.compile(rb"^end[ \t]*\r?\n", re.MULTILINE)
 _REGISTER_OFFSET = re.compile(rb"reg_offset_int\s*=\s*(\d+)")
 _CONTROL_PROGRAM = re.compile(rb"^def rtde_control\(", re.MULTILINE)
 _SCRIPT_LIMIT = 1 << 20
 
 
-class DashboardPort:
+class _TextPort(ABC):
+    """A port that keeps each client's text until there is something to do with it."""
+
+    greeting: ClassVar[bytes] = b""
+
+    def __init__(self, host: str, number: int) -> None:
+        self.port = Port(host, number)
+        self._partial: dict[Connection, bytes] = {}
+
+    def service(self, now_s: float) -> None:
+        """Greet new clients and take what arrived."""
+        for connection in self.port.accept():
+            self._partial[connection] = b""
+            if self.greeting:
+                connection.send(self.greeting, now_s)
+        for connection in self.port.connections:
+            text = self._partial[connection] + connection.receive(now_s)
+            replies, self._partial[connection] = self._take(text)
+            for reply in replies:
+                connection.send(reply, now_s)
+            connection.service(now_s)
+        for connection in self.port.reap():
+            self._partial.pop(connection, None)
+
+    @abstractmethod
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+        """Do what a client's text asks for; return the replies and what is not complete yet."""
+
+
+class DashboardPort(_TextPort):
     """The dashboard server: one line in, one line out.
 
     Args:
         stop_program: Called by ``stop``.
         reset_safety: Called by ``unlock protective stop`` and by powering on.
     """
+
+    greeting = b"Connected: Universal Robots Dashboard Server\n"
 
     def __init__(
         self,
@@ -34,26 +66,15 @@ class DashboardPort:
         stop_program: Callable[[], None],
         reset_safety: Callable[[], None],
     ) -> None:
-        self.port = Port(host, DASHBOARD_PORT)
+        super().__init__(host, DASHBOARD_PORT)
         self._body = body
         self._stop_program = stop_program
         self._reset_safety = reset_safety
-        self._partial: dict[Connection, bytes] = {}
 
-    def service(self, now_s: float) -> None:
-        """Greet new clients and answer the lines that arrived."""
-        for connection in self.port.accept():
-            self._partial[connection] = b""
-            connection.send(_GREETING, now_s)
-        for connection in self.port.connections:
-            *lines, rest = (self._partial[connection] + connection.receive(now_s)).split(b"\n")
-            self._partial[connection] = rest
-            for line in lines:
-                reply = self._answer(line.decode("latin-1").strip())
-                connection.send(reply.encode() + b"\n", now_s)
-            connection.service(now_s)
-        for connection in self.port.reap():
-            self._partial.pop(connection, None)
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+        *lines, rest = text.split(b"\n")
+        answers = [self._answer(line.decode("latin-1").strip()) for line in lines]
+        return [f"{answer}\n".encode() for answer in answers], rest
 
     def _answer(self, command: str) -> str:
         body = self._body
@@ -92,7 +113,7 @@ class DashboardPort:
         return f"could not understand: {command!r}"
 
 
-class ScriptPort:
+class ScriptPort(_TextPort):
     """The port that takes programs.
 
     Args:
@@ -100,27 +121,15 @@ class ScriptPort:
     """
 
     def __init__(self, host: str, *, start_program: Callable[[int], None]) -> None:
-        self.port = Port(host, SCRIPT_PORT)
+        super().__init__(host, SCRIPT_PORT)
         self._start_program = start_program
-        self._partial: dict[Connection, bytes] = {}
 
-    def service(self, now_s: float) -> None:
-        """Collect program text and start what is complete."""
-        for connection in self.port.accept():
-            self._partial[connection] = b""
-        for connection in self.port.connections:
-            data = connection.receive(now_s)
-            if data:
-                self._partial[connection] = self._take(self._partial[connection] + data)
-        for connection in self.port.reap():
-            self._partial.pop(connection, None)
-
-    def _take(self, text: bytes) -> bytes:
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
         end = _SCRIPT_END.search(text)
         if end is None:
-            return text[-_SCRIPT_LIMIT:]
+            return [], text[-_SCRIPT_LIMIT:]
         program = text[: end.end()]
         if _CONTROL_PROGRAM.search(program):
             offset = _REGISTER_OFFSET.search(program)
             self._start_program(int(offset.group(1)) if offset else 0)
-        return text[end.end() :]
+        return [], text[end.end() :]

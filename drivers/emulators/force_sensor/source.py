@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Protocol, TextIO
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.shared_world import SharedWorld
@@ -43,7 +43,7 @@ class ForceChannel:
             stamp_ns: When; drift counts from the channel's start.
         """
         truth = self._truth
-        turn = _sensor_from_base(rotation_vector)
+        turn = np.diag([1.0, -1.0, -1.0]) @ Rotation.from_rotvec(rotation_vector).as_matrix().T
         fx, fy, fz = (float(value) for value in turn @ np.asarray(force))
         mx, my, mz = (float(value) for value in turn @ np.asarray(torque))
         drift = truth.force_drift_n_s * (stamp_ns - self._start_ns) * 1e-9
@@ -58,18 +58,6 @@ class ForceChannel:
             my + float(m_noise[1]),
             mz + float(m_noise[2]),
         )
-
-
-def _sensor_from_base(rotation_vector: Vector3) -> FloatArray:
-    vector = np.asarray(rotation_vector, dtype=np.float64)
-    angle = float(np.linalg.norm(vector))
-    turn = np.eye(3)
-    if angle > 1e-12:
-        x, y, z = vector / angle
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    sensor: FloatArray = np.diag([1.0, -1.0, -1.0]) @ turn.T
-    return sensor
 
 
 TRACE_FILE = "force_trace.jsonl"

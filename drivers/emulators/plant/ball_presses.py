@@ -54,13 +54,22 @@ class FrameNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Press:
-    """One press: its number, where the robot went [m], how deep [m], and what it touched."""
+    """One press.
+
+    Attributes:
+        number: From one on.
+        commanded_m: Where the robot went [m].
+        depth_m: How deep [m].
+        touched_m: Where the ball touched the gel [m]; ``lean_rad`` is the contact's lean there.
+        circle_px: Column, row and radius of the contact in the image that is scored [px].
+    """
 
     number: int
     commanded_m: tuple[float, float]
     depth_m: float
     touched_m: tuple[float, float]
     lean_rad: tuple[float, float]
+    circle_px: tuple[float, float, float]
 
 
 def write_ball_presses(
@@ -77,8 +86,6 @@ def write_ball_presses(
         noise_free: Leave out the camera's noise and the JPEG of its stream.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
-    view = view_of(truth, _RAW_SIZE)
     clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
     unloaded = _noise_free(truth, None) if noise_free else _averaged(truth)
     cv2.imwrite(str(folder / NO_CONTACT), unloaded)
@@ -87,10 +94,7 @@ def write_ball_presses(
         name = f"press-{press.number:02d}.png"
         frame = _noise_free(truth, press) if noise_free else _recorded(truth, press)
         cv2.imwrite(str(folder / name), frame)
-        radius = float(np.interp(press.depth_m, table.depths, table.contact_radius))
-        column, row = _scored_pixel(view.pixel(*press.touched_m), truth.unit)
-        contact = np.array([column, row, radius / view.m_per_px[0] * _ratio(truth.unit)[0]])
-        clicked = contact + CLICK_ERROR_PX * click
+        clicked = np.array(press.circle_px) + CLICK_ERROR_PX * click
         circles.append([name, *(f"{value:.2f}" for value in clicked)])
         positions.append([name, *(f"{value:.7f}" for value in press.commanded_m)])
     _write(folder / CIRCLES, ["image", "center_x_px", "center_y_px", "radius_px"], circles)
@@ -105,15 +109,11 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         count: Number of presses.
         first: Number of the first press.
     """
-    table = press_table(case_for(_TIP, truth.poisson, gel=truth.unit.gel))
-    view = view_of(truth, _RAW_SIZE)
     noise, recorded = [], []
+    rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]
     for press in _presses(truth, count, first):
-        radius = float(np.interp(press.depth_m, table.depths, table.contact_radius))
-        column, row = _scored_pixel(view.pixel(*press.touched_m), truth.unit)
-        rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]
-        across = np.hypot(columns - column, rows - row)
-        inside = across < radius / view.m_per_px[0] * _ratio(truth.unit)[0]
+        column, row, radius_px = press.circle_px
+        inside = np.hypot(columns - column, rows - row) < radius_px
         still = _noise_free(truth, press)[inside].astype(np.float64)
         noise.append(np.abs(_scored(_raw(truth, press), truth.unit)[inside] - still).ravel())
         recorded.append(np.abs(_recorded(truth, press)[inside] - still).ravel())
@@ -124,11 +124,29 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
 
 
 def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:
-    for number, (x, y, depth) in _places(count, first, truth.unit):
-        axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
-        place, lean = _touched(axis, truth.unit)
+    """Yield presses whose places fill the image evenly (R2 sequence)."""
+    unit, view = truth.unit, view_of(truth, _RAW_SIZE)
+    table = press_table(case_for(_TIP, truth.poisson, gel=unit.gel))
+    plastic = 1.324717957244746
+    deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
+    reach_x, reach_y = (
+        share * 0.5 * size * pixel
+        for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
+    )
+    for k in range(first, first + count):
+        u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
+        x, y = (2 * u - 1) * reach_x, (2 * v - 1) * reach_y
+        depth_m = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
+        place, lean = _touched((x + truth.pose_error_m[0], y + truth.pose_error_m[1]), unit)
+        radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
+        column, row = _scored_pixel(view.pixel(*place), unit)
         yield _Press(
-            number=number, commanded_m=(x, y), depth_m=depth, touched_m=place, lean_rad=lean
+            number=k,
+            commanded_m=(x, y),
+            depth_m=depth_m,
+            touched_m=place,
+            lean_rad=lean,
+            circle_px=(column, row, radius_m / view.m_per_px[0] * _ratio(unit)[0]),
         )
 
 
@@ -160,22 +178,6 @@ def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def _places(
-    count: int, first: int, unit: EmulatedUnit
-) -> Iterator[tuple[int, tuple[float, float, float]]]:
-    """Yield number, and x, y, depth [m], of each press, filling the image evenly (R2 sequence)."""
-    plastic = 1.324717957244746
-    deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
-    reach_x, reach_y = (
-        share * 0.5 * size * pixel
-        for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
-    )
-    for k in range(first, first + count):
-        u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
-        depth = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
-        yield k, ((2 * u - 1) * reach_x, (2 * v - 1) * reach_y, depth)
 
 
 def _touched(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.press_table import case_for, press_table
@@ -131,7 +132,7 @@ class Plant:
 
     def lean(self, pose: Pose) -> tuple[float, float]:
         """Return how the indenter's axis (tip to flange) leans towards base x and y [rad]."""
-        axis = _tool_axis(pose.rotation_vector)
+        axis = Rotation.from_rotvec(pose.rotation_vector).apply((0.0, 0.0, 1.0)).tolist()
         return (-axis[0] + self.truth.tilt_rad[0], -axis[1] + self.truth.tilt_rad[1])
 
     def relaxed_force(self, depth: float) -> float:
@@ -184,18 +185,3 @@ class Plant:
             height=height,
             radius_rest=table.radius_rest,
         )
-
-
-def _tool_axis(rotation_vector: Vector3) -> tuple[float, float, float]:
-    """Return the tool's z axis in the base frame: Rodrigues' formula applied to (0, 0, 1)."""
-    rx, ry, rz = rotation_vector
-    angle = math.sqrt(rx * rx + ry * ry + rz * rz)
-    if angle < 1e-12:
-        return (0.0, 0.0, 1.0)
-    kx, ky, kz = rx / angle, ry / angle, rz / angle
-    sine, versine = math.sin(angle), 1.0 - math.cos(angle)
-    return (
-        ky * sine + kx * kz * versine,
-        -kx * sine + ky * kz * versine,
-        1.0 - versine * (1 - kz * kz),
-    )

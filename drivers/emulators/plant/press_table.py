@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray
-from drivers.emulators.plant.axisymmetric import GelSolver
+from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip, Tip
@@ -83,15 +83,8 @@ class PressTable:
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
         with fresh.open("wb") as file:
-            np.savez_compressed(
-                file,
-                depths=self.depths,
-                force=self.force,
-                contact_radius=self.contact_radius,
-                radius_rest=self.radius_rest,
-                height_rest=self.height_rest,
-                displacement=self.displacement.astype(np.float32),
-            )
+            shortened = {"displacement": self.displacement.astype(np.float32)}
+            np.savez_compressed(file, **(asdict(self) | shortened))
         fresh.replace(path)
 
     @classmethod
@@ -148,10 +141,11 @@ def compute_table(case: PressCase) -> PressTable:
     depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
     regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
     depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
-    solved, rows = [0.0], [(0.0, 0.0, np.zeros_like(mesh.nodes))]
+    solved = [0.0]
+    states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
     for depth in depths:
         try:
-            rows.append(_advance(solver, case, solved, [row[2] for row in rows[-2:]], depth))
+            states.append(_advance(solver, case, solved, states, float(depth)))
         except ConvergenceError:
             if depth < 0.5 * case.max_depth_m:
                 raise
@@ -161,39 +155,38 @@ def compute_table(case: PressCase) -> PressTable:
     rest = sample(mesh.nodes)
     return PressTable(
         depths=np.array(solved),
-        force=np.array([row[0] for row in rows]),
-        contact_radius=np.array([row[1] for row in rows]),
+        force=np.array([state.force for state in states]),
+        contact_radius=np.array([state.contact_radius_m for state in states]),
         radius_rest=rest[:, 0],
         height_rest=rest[:, 1] - case.gel.thickness_m,
-        displacement=np.stack([sample(row[2]) for row in rows]),
+        displacement=np.stack([sample(state.displacement) for state in states]),
     )
 
 
 def _advance(
-    solver: GelSolver, case: PressCase, solved: list[float], states: list[FloatArray], depth: float
-) -> tuple[float, float, FloatArray]:
+    solver: GelSolver,
+    case: PressCase,
+    solved: list[float],
+    states: list[Equilibrium],
+    depth: float,
+) -> Equilibrium:
     """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
-    start = states[-1]
-    if len(states) == 2:
+    last = states[-1].displacement
+    ahead = last
+    if len(states) > 1:
         ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
-        start = start + ratio * (states[-1] - states[-2])
-    try:
-        found = solver.press(case.tip, case.gel.thickness_m - depth, start)
-    except ConvergenceError as error:
-        last = error
-    else:
-        return found.force, found.contact_radius_m, found.displacement
-    for cut in range(_CUT_LIMIT):
-        state = states[-1]
+        ahead = last + ratio * (last - states[-2].displacement)
+    tries = [(ahead, 1), *((last, 2**cut) for cut in range(_CUT_LIMIT))]
+    for state, step_count in tries:
         try:
-            for z in np.linspace(solved[-1], depth, 2**cut + 1)[1:]:
+            for z in np.linspace(solved[-1], depth, step_count + 1)[1:]:
                 found = solver.press(case.tip, case.gel.thickness_m - float(z), state)
                 state = found.displacement
         except ConvergenceError as error:
-            last = error
+            failure = error
         else:
-            return found.force, found.contact_radius_m, found.displacement
-    raise last
+            return found
+    raise failure
 
 
 def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from drivers.mock.fault_plan import plan_faults
+from drivers.mock.world import plan_faults
 from tacauchy_rig.errors import DeviceError
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.device.faults import Device, FaultKind
-from tacauchy_rig.fault_table.cases import DeviceFault, FaultCase, Kill, Moment, Victim
+from drivers.device.faults import Device, Fault, FaultKind
+from tacauchy_rig.fault_table.cases import FaultCase, Moment, Victim
 from tacauchy_rig.fault_table.observe import observe_case
 
 CASES = [
-    FaultCase(Kill(Victim.RECORDER), Moment.PRESS),
-    FaultCase(DeviceFault(device=Device.FORCE_SENSOR, kind=FaultKind.UNPLUG), Moment.DWELL),
+    FaultCase(Victim.RECORDER, Moment.PRESS),
+    FaultCase(Fault(device=Device.FORCE_SENSOR, kind=FaultKind.UNPLUG), Moment.DWELL),
 ]
 
 

@@ -139,7 +139,7 @@ def test_every_fault_is_explained():
         config=load_config().config,
         case_count=len(all_cases()),
     )
-    for cause in {str(case.cause) for case in all_cases()}:
+    for cause in {case.cause_name for case in all_cases()}:
         assert f"**{cause}**: " in text
 
 

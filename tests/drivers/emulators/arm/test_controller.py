@@ -20,7 +20,7 @@ from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.arm.trace import read_events, read_trace
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import arguments_of, settings_from
-from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldWriter
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.fault_table.arm import arm_after
 from tacauchy_rig.run import Vector6
@@ -176,8 +176,6 @@ def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
     while state.sequence == 0:
         state = SharedWorld.open(robot.folder / WORLD_FILE).read()
     assert state.pose.position == (0.1, -0.4, 0.15)
-    assert state.writer is WorldWriter.EMULATED_ARM
-    assert state.writer_pid == robot.process.process.pid
 
 
 def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ class _TextOnly(ScriptPort):
 
     def feed(self, data: bytes) -> None:
         """Take in a piece."""
-        self._text = self._take(self._text + data)
+        _, self._text = self._take(self._text + data)
 
 
 def test_script_port_listens() -> None:
