@@ -8,13 +8,12 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self
 
 from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_safety import safety_reason
 from drivers.device.interface import DeviceIdentity
-from tacauchy_rig.config.model import RigConfig, RobotModel
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError, SafetyError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
@@ -26,6 +25,8 @@ _POLL_S = 0.002
 _RECORD_LIMIT = 100_000
 _CENTRE_OF_GRAVITY_M = [0.0, 0.0, 0.0]  # of the payload, in the flange frame
 _CAP_ROUNDING = 1.0 + 1e-9
+_TURN_SPEED_CAP_RAD_S = 0.2
+_STOP_DECELERATION_M_S2 = 1.0
 
 
 class _Motion(StrEnum):
@@ -90,74 +91,29 @@ class Ur5:
     After any loss (silent controller, broken connection, ended program) the arm counts as lost:
     every further call raises the same error, nothing reconnects, and a person starts again. The
     controller's watchdog stops the arm when nobody calls ``kick_watchdog`` or ``set_velocity``
-    at ``watchdog_hz``; it is armed by the first motion and stays armed.
+    at ``robot.watchdog``; it is armed by the first motion and stays armed. Motion beyond the
+    largest speed and the acceleration of ``[robot]`` is refused here, whatever the caller checked.
 
     Args:
-        host: Name or address of the controller.
-        model: Generation that must answer.
-        max_speed: Larger speeds are refused here, whatever the caller checked [m/s].
-        max_turn_speed: The same for turning [rad/s].
-        max_acceleration: The same for accelerations [m/s^2].
-        tcp_offset: Flange to tip [m, rad]; None keeps the controller's own.
-        payload_kg: Mass in the flange's centre [kg]; None keeps the controller's own.
-        stop_deceleration: Used by ``stop`` [m/s^2].
-        stale_limit_s: Age at which data count as lost [s].
-        watchdog_hz: Slowest feeding that the controller accepts [Hz].
-        timeout_s: Deadline for the probe, and again for the client library [s].
-        simulated: True when the controller is emulated, for the record.
+        config: Address, model and limits; an emulated arm is this one at its address.
     """
 
-    def __init__(
-        self,
-        *,
-        host: str,
-        model: RobotModel,
-        max_speed: float,
-        stale_limit_s: float,
-        max_turn_speed: float = 0.2,
-        max_acceleration: float = 0.5,
-        tcp_offset: Vector6 | None = None,
-        payload_kg: float | None = None,
-        stop_deceleration: float = 1.0,
-        watchdog_hz: float = 10.0,
-        timeout_s: float = 5.0,
-        simulated: bool = False,
-    ) -> None:
-        self._host, self._model = host, model
-        self._device = f"robot {host}"
+    def __init__(self, config: RigConfig) -> None:
+        robot = config.robot
+        speeds = (robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
+        self._robot = robot
+        self._device = f"robot {robot.host}"
         self._caps = MotionCaps(
-            speed=max_speed, turn_speed=max_turn_speed, acceleration=max_acceleration
+            speed=max(speeds), turn_speed=_TURN_SPEED_CAP_RAD_S, acceleration=robot.acceleration
         )
-        self._stop_deceleration = stop_deceleration
-        self._stale_limit_s = stale_limit_s
-        self._tcp_offset = tcp_offset
-        self._payload_kg = payload_kg
-        self._watchdog_hz, self._timeout_s = watchdog_hz, timeout_s
-        self._simulated = simulated
+        self._stale_limit_s = config.limits.stale_robot
+        self._tcp_offset = (*robot.tcp_offset, 0.0, 0.0, 0.0)
         self._link: UrLink | None = None
         self._motion = _Motion.NONE
         self._velocity: tuple[Vector6, float] = ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
         self._watchdog_armed = False
         self._line: LineMove | None = None
         self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
-
-    @classmethod
-    def from_config(cls, config: RigConfig) -> Self:
-        """Return the configured arm, not yet connected; an emulated one is this at its address."""
-        robot = config.robot
-        speeds = (robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
-        return cls(
-            host=robot.host,
-            model=robot.model,
-            max_speed=max(speeds),
-            max_acceleration=robot.acceleration,
-            tcp_offset=(*robot.tcp_offset, 0.0, 0.0, 0.0),
-            payload_kg=robot.payload,
-            timeout_s=robot.connect_timeout,
-            stale_limit_s=config.limits.stale_robot,
-            watchdog_hz=robot.watchdog,
-            simulated=robot.is_emulated,
-        )
 
     def connect(self) -> DeviceIdentity:
         """Probe the controller, then let ur_rtde connect, each with a deadline.
@@ -166,13 +122,14 @@ class Ur5:
             DeviceError: Unreachable, another model, in local control, not powered, stopped for
                 safety, in use, or silent.
         """
-        report = probe_controller(self._host, timeout_s=self._timeout_s)
-        require_ready(report, model=self._model)
+        robot = self._robot
+        report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
+        require_ready(report, model=robot.model)
         self._link = UrLink(
-            self._host,
+            robot.host,
             stale_limit_s=self._stale_limit_s,
-            watchdog_hz=self._watchdog_hz,
-            timeout_s=self._timeout_s,
+            watchdog_hz=robot.watchdog,
+            timeout_s=robot.connect_timeout,
         )
         self._motion, self._watchdog_armed = _Motion.NONE, False
         try:
@@ -183,15 +140,15 @@ class Ur5:
             raise
         return DeviceIdentity(
             driver="ur5",
-            address=self._host,
+            address=robot.host,
             model=f"UR5 {report.model.value}",
             serial=report.serial,
-            simulated=self._simulated,
+            simulated=robot.is_emulated,
             settings={
                 "controller_version": report.version_text,
                 "tcp_offset": str(self._tcp_offset),
-                "payload_kg": str(self._payload_kg),
-                "watchdog_hz": str(self._watchdog_hz),
+                "payload_kg": str(robot.payload),
+                "watchdog_hz": str(robot.watchdog),
                 "stale_limit_s": str(self._stale_limit_s),
             },
         )
@@ -267,7 +224,7 @@ class Ur5:
         self._send_velocity(link)
 
     def kick_watchdog(self) -> None:
-        """Tell the controller that this program lives; call it at ``watchdog_hz`` or faster.
+        """Tell the controller that this program lives; call it at ``robot.watchdog`` or faster.
 
         Raises:
             DeviceError: The arm is lost, so feeding it would only keep it moving.
@@ -292,7 +249,7 @@ class Ur5:
             if self._motion is _Motion.VELOCITY:
                 self._stop_velocity(self._link)
             elif self._line is not None:
-                self._line.stop(self._stop_deceleration, deadline_s=_STOP_S)
+                self._line.stop(_STOP_DECELERATION_M_S2, deadline_s=_STOP_S)
         except DeviceError as error:
             _logger.error("%s", error)
         self._motion = _Motion.NONE
@@ -334,8 +291,10 @@ class Ur5:
         )
 
     def _stop_velocity(self, link: UrLink) -> None:
-        deceleration = self._stop_deceleration
-        if not link.call("stopping", lambda c: c.speedStop(deceleration), deadline_s=_STOP_S):
+        stopped = link.call(
+            "stopping", lambda c: c.speedStop(_STOP_DECELERATION_M_S2), deadline_s=_STOP_S
+        )
+        if not stopped:
             raise link.health.lose("did not take the stop", "see why its program ended")
 
     def _prepare_motion(self, wanted: _Motion) -> UrLink:
@@ -344,16 +303,14 @@ class Ur5:
         if self._motion is _Motion.LINE or self._motion not in (_Motion.NONE, wanted):
             self.stop()
         if not self._watchdog_armed:
-            link.command("setting the watchdog", lambda c: c.setWatchdog(self._watchdog_hz))
+            link.command("setting the watchdog", lambda c: c.setWatchdog(self._robot.watchdog))
             self._watchdog_armed = True
         return link
 
     def _set_tool(self, link: UrLink) -> None:
-        offset, mass = self._tcp_offset, self._payload_kg
-        if offset is not None:
-            link.command("setting the tool centre point", lambda c: c.setTcp(list(offset)))
-        if mass is not None:
-            link.command("setting the payload", lambda c: c.setPayload(mass, _CENTRE_OF_GRAVITY_M))
+        offset, mass = list(self._tcp_offset), self._robot.payload
+        link.command("setting the tool centre point", lambda c: c.setTcp(offset))
+        link.command("setting the payload", lambda c: c.setPayload(mass, _CENTRE_OF_GRAVITY_M))
 
     def _require_link(self) -> UrLink:
         if self._link is None:

@@ -20,7 +20,6 @@ import select
 import signal
 import subprocess
 import sys
-from types import TracebackType
 
 _RELEASE_S = 1.0
 
@@ -47,12 +46,7 @@ class Guardian:
         )
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:

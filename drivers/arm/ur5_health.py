@@ -6,6 +6,8 @@ import os
 import socket
 import time
 
+import psutil
+
 from drivers.arm.ur5_safety import (
     RobotMode,
     RuntimeState,
@@ -124,9 +126,9 @@ class RtdeSockets:
         """Take the connections to ``host`` that are open now as the ones to watch."""
         address = socket.gethostbyname(host)
         self._names = {
-            number: name
-            for number, name in _open_sockets().items()
-            if _peer(number) == (address, RTDE_PORT)
+            link.fd: os.readlink(f"{_DESCRIPTORS}/{link.fd}")  # noqa: PTH115 - as below
+            for link in psutil.Process().net_connections("tcp4")
+            if link.raddr == (address, RTDE_PORT)
         }
 
     def are_unchanged(self) -> bool:
@@ -138,26 +140,3 @@ class RtdeSockets:
             )
         except OSError:
             return False
-
-
-def _open_sockets() -> dict[int, str]:
-    found: dict[int, str] = {}
-    for entry in os.listdir(_DESCRIPTORS):  # noqa: PTH208 - names of descriptors, not files
-        try:
-            name = os.readlink(f"{_DESCRIPTORS}/{entry}")  # noqa: PTH115
-        except OSError:
-            continue
-        if name.startswith("socket:"):
-            found[int(entry)] = name
-    return found
-
-
-def _peer(descriptor: int) -> tuple[str, int] | None:
-    try:
-        with socket.socket(fileno=os.dup(descriptor)) as link:
-            if link.family != socket.AF_INET:
-                return None
-            host, port = link.getpeername()
-            return host, port
-    except OSError:
-        return None

@@ -205,12 +205,7 @@ class UrLink:
     def command(
         self, activity: str, function: Callable[[Any], object], *, deadline_s: float = COMMAND_S
     ) -> None:
-        """Make a control call that answers whether it was accepted.
-
-        Args:
-            activity: What it does, for messages.
-            function: Makes one call on the control interface.
-            deadline_s: How long to wait [s].
+        """Make a control call that answers whether it was accepted; see ``Commander.call``.
 
         Raises:
             DeviceError: Refused, no answer in time, or the arm is lost.
@@ -223,12 +218,7 @@ class UrLink:
     def call(
         self, activity: str, function: Callable[[Any], T], *, deadline_s: float = COMMAND_S
     ) -> T:
-        """Return what ``function`` returns; works on a lost arm too, as far as it can.
-
-        Args:
-            activity: What it does, for messages.
-            function: Makes one call on the control interface.
-            deadline_s: How long to wait [s].
+        """Return what ``function`` returns of the control interface; works on a lost arm too.
 
         Raises:
             DeviceError: No answer in time, or the library complained; the arm is then lost.

@@ -11,7 +11,6 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
-from types import TracebackType
 
 from drivers.arm.ur5_safety import RobotMode, robot_mode_name, safety_reason
 from drivers.arm.ur5_wire import (
@@ -187,12 +186,7 @@ class _Port:
     def __enter__(self) -> _Port:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._link.close()
 
     def send(self, data: bytes) -> None:

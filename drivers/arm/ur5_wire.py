@@ -214,9 +214,3 @@ class InputRecipe:
         for name, field in zip(self.names, self._fields, strict=True):
             inputs[name] = field.unpack_from(body, offset)
             offset += field.size
-
-    def pack(self, values: Mapping[str, Value]) -> bytes:
-        """Return the fields as ``unpack_into`` reads them."""
-        return b"".join(
-            field.pack(*values[name]) for name, field in zip(self.names, self._fields, strict=True)
-        )

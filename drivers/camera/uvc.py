@@ -16,9 +16,7 @@ import os
 import threading
 import time
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import cv2
 
@@ -32,7 +30,7 @@ from drivers.camera.video_device import (
 )
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.device.stream_buffer import StreamBuffer
-from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.model import CameraSection, RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 
@@ -45,25 +43,6 @@ _JOIN_TIMEOUT_S = 0.5
 _WRONG_FRAMES = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraMode:
-    """What is asked of a camera.
-
-    Attributes:
-        width: Pixels; so is ``height``.
-        rate_hz: Frames per second [Hz].
-        exposure: In the driver's own unit, like ``gain``; ``white_balance`` in kelvin. Locked
-            where given, left as they are where None.
-    """
-
-    width: int
-    height: int
-    rate_hz: float
-    exposure: int | None = None
-    gain: int | None = None
-    white_balance: int | None = None
-
-
 class UvcCamera:
     """A camera that delivers the JPEG bytes it sends, untouched; see ``Camera``.
 
@@ -73,25 +52,14 @@ class UvcCamera:
     reconnects by itself: after a failure make a new object.
 
     Args:
-        device: Part of the name, serial number, ``/dev`` path, or URL.
-        connect_timeout_s: From opening to the first valid frame [s].
-        simulated: Whether an emulator is behind the address, for the record; a stream from this
-            computer itself is recorded as simulated whatever is said here.
+        config: Which camera, in which mode; ``camera.connect_timeout`` is from opening to the
+            first valid frame. An emulated camera is this one at its URL, and a stream from this
+            computer itself is recorded as simulated whatever the driver is called.
     """
 
-    def __init__(
-        self,
-        device: str,
-        *,
-        mode: CameraMode,
-        connect_timeout_s: float = 10.0,
-        simulated: bool = False,
-    ) -> None:
-        self._device = device
-        self._mode = mode
-        self._connect_timeout_s = connect_timeout_s
-        self._simulated = simulated
-        self._buffer = StreamBuffer[ImageFrame](capacity=max(8, int(_BUFFERED_S * mode.rate_hz)))
+    def __init__(self, config: RigConfig) -> None:
+        camera = self._camera = config.camera
+        self._buffer = StreamBuffer[ImageFrame](capacity=max(8, int(_BUFFERED_S * camera.rate)))
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self._settings: dict[str, str] = {}
@@ -99,27 +67,9 @@ class UvcCamera:
         self._corrupt_count = 0
         self._other_size: tuple[int, int] | None = None
 
-    @classmethod
-    def from_config(cls, config: RigConfig) -> Self:
-        """Return the configured camera, not yet connected; an emulated one is this at its URL."""
-        camera = config.camera
-        return cls(
-            camera.device,
-            mode=CameraMode(
-                width=camera.width,
-                height=camera.height,
-                rate_hz=camera.rate,
-                exposure=camera.exposure,
-                gain=camera.gain,
-                white_balance=camera.white_balance,
-            ),
-            connect_timeout_s=camera.connect_timeout,
-            simulated=camera.is_emulated,
-        )
-
     def connect(self) -> DeviceIdentity:
         """Open, set the mode, read it back, see the first frame; see ``StreamingDevice``."""
-        deadline = time.monotonic() + self._connect_timeout_s
+        deadline = time.monotonic() + self._camera.connect_timeout
         found = self._find()
         _quiet_opencv()
         self._thread = threading.Thread(
@@ -137,7 +87,8 @@ class UvcCamera:
             address=found.path,
             model=found.name or "MJPEG stream",
             serial=found.serial,
-            simulated=self._simulated or (is_url(found.path) and is_on_this_computer(found.path)),
+            simulated=self._camera.is_emulated
+            or (is_url(found.path) and is_on_this_computer(found.path)),
             settings=dict(self._settings),
         )
 
@@ -159,17 +110,17 @@ class UvcCamera:
             self._thread.join(_JOIN_TIMEOUT_S)
 
     def _find(self) -> VideoDevice:
-        if not is_url(self._device):
-            return find_device(self._device)
-        probe_url(self._device, timeout_s=self._connect_timeout_s)
-        return VideoDevice(path=self._device, name="", serial="")
+        if not is_url(self._camera.device):
+            return find_device(self._camera.device)
+        probe_url(self._camera.device, timeout_s=self._camera.connect_timeout)
+        return VideoDevice(path=self._camera.device, name="", serial="")
 
     def _run(self, path: str) -> None:
         try:
             if is_url(path):
-                capture, self._settings = _open_url(path, timeout_s=self._connect_timeout_s)
+                capture, self._settings = _open_url(path, timeout_s=self._camera.connect_timeout)
             else:
-                capture, self._settings = _open_v4l2(path, self._mode)
+                capture, self._settings = _open_v4l2(path, self._camera)
         except DeviceError as error:
             self._buffer.fail(error)
             return
@@ -197,7 +148,7 @@ class UvcCamera:
         jpeg = raw.tobytes()
         self._read_count += 1
         size = jpeg_size(jpeg)
-        if size != (self._mode.width, self._mode.height):
+        if size != (self._camera.width, self._camera.height):
             self._corrupt_count += 1
             self._other_size = size or self._other_size
             return self._may_still_come()
@@ -231,22 +182,21 @@ class UvcCamera:
         )
 
     def _no_frame(self) -> DeviceError:
-        waited = f"in {self._connect_timeout_s:g} s"
+        device, waited = self._camera.device, f"in {self._camera.connect_timeout:g} s"
         if self._other_size is not None:
             width, height = self._other_size
             return DeviceError(
-                f"camera: {self._device} sends {width}x{height} px instead of "
-                f"{self._mode.width}x{self._mode.height} px",
+                f"camera: {device} sends {width}x{height} px instead of "
+                f"{self._camera.width}x{self._camera.height} px",
                 remedy="set camera.width and camera.height to what it sends, or change its mode",
             )
         if self._read_count:
             return DeviceError(
-                f"camera: none of {self._read_count} frames from {self._device} {waited} is a "
-                "whole JPEG",
+                f"camera: none of {self._read_count} frames from {device} {waited} is a whole JPEG",
                 remedy="check the USB cable, and that no hub shares its bandwidth",
             )
         return DeviceError(
-            f"camera: {self._device} is silent: no frame {waited}",
+            f"camera: {device} is silent: no frame {waited}",
             remedy="check its cable and power, or raise camera.connect_timeout",
         )
 
@@ -280,7 +230,7 @@ def _open_url(url: str, *, timeout_s: float) -> tuple[cv2.VideoCapture, dict[str
     return capture, {"backend": capture.getBackendName()}
 
 
-def _open_v4l2(path: str, mode: CameraMode) -> tuple[cv2.VideoCapture, dict[str, str]]:
+def _open_v4l2(path: str, mode: CameraSection) -> tuple[cv2.VideoCapture, dict[str, str]]:
     """Open a camera for raw MJPEG, lock what is asked, and read everything back.
 
     Raises:
@@ -293,10 +243,10 @@ def _open_v4l2(path: str, mode: CameraMode) -> tuple[cv2.VideoCapture, dict[str,
             remedy="unplug it and plug it in again; check `v4l2-ctl --list-devices`",
         )
     # The order matters: a later format change would undo size and rate.
-    capture.set(cv2.CAP_PROP_FOURCC, float(_fourcc("MJPG")))
+    capture.set(cv2.CAP_PROP_FOURCC, float(cv2.VideoWriter.fourcc(*"MJPG")))
     capture.set(cv2.CAP_PROP_FRAME_WIDTH, float(mode.width))
     capture.set(cv2.CAP_PROP_FRAME_HEIGHT, float(mode.height))
-    capture.set(cv2.CAP_PROP_FPS, mode.rate_hz)
+    capture.set(cv2.CAP_PROP_FPS, mode.rate)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 4.0)
     capture.set(cv2.CAP_PROP_CONVERT_RGB, 0.0)
     _lock(capture, mode)
@@ -316,7 +266,7 @@ def _open_v4l2(path: str, mode: CameraMode) -> tuple[cv2.VideoCapture, dict[str,
     return capture, settings
 
 
-def _lock(capture: cv2.VideoCapture, mode: CameraMode) -> None:
+def _lock(capture: cv2.VideoCapture, mode: CameraSection) -> None:
     if mode.exposure is not None:
         capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL_EXPOSURE)
         _set_checked(capture, "exposure", cv2.CAP_PROP_EXPOSURE, mode.exposure)
@@ -348,7 +298,3 @@ def _read_back(capture: cv2.VideoCapture) -> dict[str, str]:
         "auto_white_balance": f"{capture.get(cv2.CAP_PROP_AUTO_WB):g}",
         "white_balance": f"{capture.get(cv2.CAP_PROP_WB_TEMPERATURE):g}",
     }
-
-
-def _fourcc(text: str) -> int:
-    return int.from_bytes(text.encode("ascii"), "little")

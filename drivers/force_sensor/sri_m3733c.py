@@ -14,7 +14,6 @@ import termios
 import threading
 import time
 from pathlib import Path
-from typing import Self
 
 import serial
 from serial.tools import list_ports
@@ -30,7 +29,7 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
-from tacauchy_rig.config.model import Checksum, RigConfig
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample, Wrench
 
@@ -56,54 +55,26 @@ class SriM3733c:
     itself: after a failure make a new object.
 
     Args:
-        port: Path of the serial port.
-        rate_hz: Frames per second asked of the box [Hz].
-        connect_timeout_s: From opening the port to the first valid frame [s].
-        simulated: Whether an emulator is behind the port, for the record; a pseudo-terminal is
-            recorded as simulated whatever is said here.
+        config: Which port, and how the box is set; ``force_sensor.connect_timeout`` is from
+            opening the port to the first valid frame. An emulated sensor is this one at its port,
+            and one on a pseudo-terminal is recorded as simulated whatever the driver is called.
     """
 
-    def __init__(
-        self,
-        port: str,
-        *,
-        baud_rate: int = 115200,
-        rate_hz: float = 100.0,
-        checksum: Checksum = Checksum.SUM,
-        connect_timeout_s: float = 5.0,
-        simulated: bool = False,
-    ) -> None:
-        self._path = port
-        self._baud_rate = baud_rate
-        self._rate_hz = rate_hz
-        self._checksum = checksum
-        self._connect_timeout_s = connect_timeout_s
-        self._simulated = simulated
+    def __init__(self, config: RigConfig, _arm: object = None) -> None:
+        sensor = self._sensor = config.force_sensor
+        self._path = sensor.port
         self._port: serial.Serial | None = None
-        self._parser = FrameParser(checksum=checksum)
-        self._buffer = StreamBuffer[ForceSample](capacity=int(_BUFFERED_S * rate_hz))
+        self._parser = FrameParser(checksum=sensor.checksum)
+        self._buffer = StreamBuffer[ForceSample](capacity=int(_BUFFERED_S * sensor.rate))
         self._stopping = threading.Event()
         self._reader: threading.Thread | None = None
         self._first_bytes = b""
 
-    @classmethod
-    def from_config(cls, config: RigConfig, _arm: object = None) -> Self:
-        """Return the configured sensor, not yet connected; an emulated one is this at its port."""
-        sensor = config.force_sensor
-        return cls(
-            sensor.port,
-            baud_rate=sensor.baud_rate,
-            rate_hz=sensor.rate,
-            checksum=sensor.checksum,
-            connect_timeout_s=sensor.connect_timeout,
-            simulated=sensor.is_emulated,
-        )
-
     def connect(self) -> DeviceIdentity:
         """Open the port, configure the box, start the stream; see ``StreamingDevice``."""
-        deadline = time.monotonic() + self._connect_timeout_s
+        deadline = time.monotonic() + self._sensor.connect_timeout
         self._check_bandwidth()
-        self._port = _open_port(self._path, baud_rate=self._baud_rate)
+        self._port = _open_port(self._path, baud_rate=self._sensor.baud_rate)
         try:
             settings = self._configure(self._port)
             self._start_reader(self._port)
@@ -122,7 +93,7 @@ class SriM3733c:
             address=self._path,
             model="SRI M3733C, M8128-family box",
             serial=_adapter_serial(self._path),
-            simulated=self._simulated or _is_pseudo_terminal(self._path),
+            simulated=self._sensor.is_emulated or _is_pseudo_terminal(self._path),
             settings=settings,
         )
 
@@ -152,22 +123,22 @@ class SriM3733c:
         port.close()
 
     def _check_bandwidth(self) -> None:
-        needed = self._rate_hz * frame_length(self._checksum) * BITS_PER_BYTE
-        if needed > 0.9 * self._baud_rate:
+        needed = self._sensor.rate * frame_length(self._sensor.checksum) * BITS_PER_BYTE
+        if needed > 0.9 * self._sensor.baud_rate:
             raise DeviceError(
-                f"force sensor: {self._rate_hz:g} Hz needs {needed:.0f} baud; "
-                f"{self._path} is set to {self._baud_rate}",
+                f"force sensor: {self._sensor.rate:g} Hz needs {needed:.0f} baud; "
+                f"{self._path} is set to {self._sensor.baud_rate}",
                 remedy="lower force_sensor.rate or raise force_sensor.baud_rate (and the box's)",
             )
 
     def _configure(self, port: serial.Serial) -> dict[str, str]:
         """Stop whatever streams, set the box up, and return what was set and acknowledged."""
         self._silence(port)
-        settings = {"baud_rate": str(self._baud_rate)}
+        settings = {"baud_rate": str(self._sensor.baud_rate)}
         for names, value in (
-            (("SMPF", "SMPR"), f"{self._rate_hz:g}"),
+            (("SMPF", "SMPR"), f"{self._sensor.rate:g}"),
             (("SGDM",), FORMAT),
-            (("DCKMD",), self._checksum.value),
+            (("DCKMD",), self._sensor.checksum.value),
         ):
             name, acknowledged = self._set(port, names, value)
             settings[name] = value if acknowledged else f"{value} (not acknowledged)"
@@ -253,15 +224,16 @@ class SriM3733c:
             self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=v)
 
     def _no_frame(self) -> DeviceError:
+        sensor = self._sensor
         if not self._first_bytes:
             return DeviceError(
-                f"force sensor: {self._path} is silent: no byte in {self._connect_timeout_s:g} s",
+                f"force sensor: {self._path} is silent: no byte in {sensor.connect_timeout:g} s",
                 remedy=f"check the box's power, the cable, and that it is set to "
-                f"{self._baud_rate} baud",
+                f"{sensor.baud_rate} baud",
             )
         start = self._first_bytes[:_QUOTED_BYTES].hex(" ").upper()
         return DeviceError(
-            f"force sensor: {self._path} sends something that is no {self._checksum.value} frame "
+            f"force sensor: {self._path} sends something that is no {sensor.checksum.value} frame "
             f"of six channels; it begins {start}",
             remedy="check force_sensor.baud_rate and force_sensor.checksum, and that this port is "
             "the sensor's box",

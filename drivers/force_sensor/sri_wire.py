@@ -145,15 +145,11 @@ class FrameParser:
     outside the checksum and may itself be damaged.
 
     Attributes:
-        frame_count: Valid frames returned.
-        lost_count: Frames missing by the package number; a damaged frame is missing too.
+        lost_count: Frames missing by the package number; a damaged frame is missing too. Where
+            the number repeated or ran backwards, as after a power cycle of the box, it is unknown.
         corrupt_frame_count: Damaged stretches in units of a frame, at least one each; frames with
             a right checksum that hold NaN or infinity, which are never returned; and frames whose
             package number alone was damaged, which are.
-        corrupt_byte_count: Bytes thrown away after the first valid frame.
-        leading_byte_count: Bytes thrown away before it: replies, or a frame joined in the middle.
-        restart_count: Times that the package number repeated or ran backwards, as after a power
-            cycle of the box; what was lost there is unknown.
     """
 
     def __init__(self, *, checksum: Checksum = Checksum.SUM) -> None:
@@ -165,12 +161,8 @@ class FrameParser:
         self._last_number: int | None = None
         self._counter = 0
         self._jump: _Jump | None = None
-        self.frame_count = 0
         self.lost_count = 0
         self.corrupt_frame_count = 0
-        self.corrupt_byte_count = 0
-        self.leading_byte_count = 0
-        self.restart_count = 0
 
     def feed(self, data: bytes) -> list[SriFrame]:
         """Add bytes and return the frames that they complete, oldest first."""
@@ -207,15 +199,11 @@ class FrameParser:
         return 0
 
     def _skip(self, length: int) -> None:
-        if length == 0:
-            return
         del self._buffer[:length]
-        if self._last_number is None:
-            self.leading_byte_count += length
+        if self._last_number is None:  # replies, or a frame joined in the middle
             return
         before = math.ceil(self._damage_length / self._length)
         self._damage_length += length
-        self.corrupt_byte_count += length
         self.corrupt_frame_count += math.ceil(self._damage_length / self._length) - before
 
     def _decode(self, raw: bytes) -> SriFrame | None:
@@ -224,7 +212,6 @@ class FrameParser:
         if not all(math.isfinite(value) for value in values):
             self.corrupt_frame_count += 1
             return None
-        self.frame_count += 1
         return SriFrame(counter=self._counter, values=values)
 
     def _count(self, number: int) -> None:
@@ -244,12 +231,8 @@ class FrameParser:
 
     def _confirm_jump(self) -> None:
         jump, self._jump = self._jump, None
-        if jump is None:
-            return
-        if _is_forward(jump.step):
+        if jump is not None and _is_forward(jump.step):
             self.lost_count += jump.step - 1
-        else:
-            self.restart_count += 1
 
 
 def _is_forward(step: int) -> bool:

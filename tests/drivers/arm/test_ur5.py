@@ -25,6 +25,7 @@ from drivers.device.faults import parse_fault
 from drivers.emulators.arm.trace import read_events, read_trace
 from drivers.emulators.faults import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after
@@ -39,16 +40,21 @@ _ANSWERS = "TEST_UR5_ANSWERS"
 
 
 def _arm(host: str, model: str) -> Ur5:
-    return Ur5(
-        host=host,
-        model=RobotModel(model),
-        max_speed=0.05,
-        tcp_offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0),
-        payload_kg=0.5,
-        watchdog_hz=_WATCHDOG_HZ,
-        stale_limit_s=_STALE_S,
-        simulated=True,
+    config = load_config().config
+    robot = config.robot.model_copy(
+        update={
+            "host": host,
+            "model": RobotModel(model),
+            "retract_speed": 0.05,  # the largest of them caps all
+            "acceleration": 0.5,
+            "tcp_offset": (0.0, 0.0, 0.1),
+            "payload": 0.5,
+            "watchdog": _WATCHDOG_HZ,
+            "connect_timeout": 5.0,
+        }
     )
+    limits = config.limits.model_copy(update={"stale_robot": _STALE_S})
+    return Ur5(config.model_copy(update={"robot": robot, "limits": limits}))
 
 
 def _say(**found: object) -> None:

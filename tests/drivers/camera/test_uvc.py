@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.uvc import CameraMode, UvcCamera
+from drivers.camera.uvc import UvcCamera
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 
@@ -41,8 +42,11 @@ def steady(ended: threading.Event) -> Iterator[bytes]:
 
 def make_camera(url: str, *, timeout_s: float = 5.0) -> UvcCamera:
     """Return a camera in the tests' mode."""
-    mode = CameraMode(width=WIDTH, height=HEIGHT, rate_hz=RATE_HZ)
-    return UvcCamera(url, mode=mode, connect_timeout_s=timeout_s)
+    config = load_config().config
+    changes = {"driver": "uvc", "device": url, "connect_timeout": timeout_s}
+    mode = {"width": WIDTH, "height": HEIGHT, "rate": RATE_HZ}
+    camera = config.camera.model_copy(update={**changes, **mode})
+    return UvcCamera(config.model_copy(update={"camera": camera}))
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from drivers.device.device_file import device_holders
 from drivers.device.faults import Fault, FaultKind, parse_fault
 from drivers.emulators.faults import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import Checksum
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ForceSample
@@ -35,10 +36,17 @@ def box(run_box: RunBox, tmp_path_factory: pytest.TempPathFactory) -> Iterator[t
         yield folder, port
 
 
+def sensor_at(port: str, **changes: object) -> SriM3733c:
+    """Return a driver for ``port``, fields of ``[force_sensor]`` changed, not yet connected."""
+    config = load_config().config
+    section = config.force_sensor.model_copy(update={"driver": "m3733c", "port": port, **changes})
+    return SriM3733c(config.model_copy(update={"force_sensor": section}))
+
+
 @contextmanager
-def connected(port: str, **arguments: object) -> Iterator[SriM3733c]:
+def connected(port: str, **changes: object) -> Iterator[SriM3733c]:
     """Yield a connected driver and close it."""
-    sensor = SriM3733c(port, **arguments)  # type: ignore[arg-type]
+    sensor = sensor_at(port, **changes)
     try:
         sensor.connect()
         yield sensor
@@ -85,7 +93,7 @@ def test_streams_with_consecutive_counters_and_arrival_stamps(box: tuple[Path, s
 
 def test_identity_records_what_was_set(box: tuple[Path, str]) -> None:
     """The identity says what the box was told and what it acknowledged."""
-    sensor = SriM3733c(box[1], rate_hz=200)
+    sensor = sensor_at(box[1], rate=200)
     identity = sensor.connect()
     sensor.close()
     assert identity.simulated  # a pseudo-terminal is no sensor, whatever it was opened as
@@ -103,7 +111,7 @@ def test_crc32_frames(box: tuple[Path, str]) -> None:
 def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
     """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
     with run_box(tmp_path, "--rate-command", "SMPR", "--replies", "bare-ok") as port:
-        sensor = SriM3733c(port)
+        sensor = sensor_at(port)
         identity = sensor.connect()
         sensor.close()
     assert identity.settings["SMPR"] == "100"
@@ -113,7 +121,7 @@ def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
 def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
     """Missing acknowledgements are recorded and not fatal where frames arrive."""
     with run_box(tmp_path, "--replies", "silent") as port:
-        sensor = SriM3733c(port, connect_timeout_s=10.0)
+        sensor = sensor_at(port, connect_timeout=10.0)
         identity = sensor.connect()
         sensor.close()
     assert identity.settings["DCKMD"] == "SUM (not acknowledged)"
@@ -133,7 +141,7 @@ def test_close_and_open_again(box: tuple[Path, str]) -> None:
 
 def test_close_twice_and_before_connect() -> None:
     """Closing is always allowed."""
-    sensor = SriM3733c("/dev/never-opened")
+    sensor = sensor_at("/dev/never-opened")
     sensor.close()
     sensor.close()
 
@@ -208,7 +216,7 @@ def test_box_that_hangs_holds_up_neither_drain_nor_close(run_box: RunBox, tmp_pa
         collect(sensor, lambda _: sensor.health().age_s > 0.1)
         assert sensor.drain() == []
         sensor.close()
-        second = SriM3733c(port, connect_timeout_s=0.1)
+        second = sensor_at(port, connect_timeout=0.1)
         with pytest.raises(DeviceError, match="silent"):
             second.connect()
         os.kill(ready["pid"], signal.SIGKILL)
@@ -218,7 +226,7 @@ def test_second_owner_is_refused(box: tuple[Path, str]) -> None:
     """The port is open for one owner alone."""
     with connected(box[1]) as sensor:
         with pytest.raises(DeviceError, match="in use"):
-            SriM3733c(box[1]).connect()
+            sensor_at(box[1]).connect()
         assert collect(sensor, lambda found: len(found) >= 3)
 
 
@@ -229,7 +237,7 @@ def test_other_program_is_named(box: tuple[Path, str]) -> None:
     try:
         assert device_holders(box[1]) == [f"sleep (pid {program.pid})"]
         with pytest.raises(DeviceError, match=rf"in use by sleep \(pid {program.pid}\)"):
-            SriM3733c(box[1]).connect()
+            sensor_at(box[1]).connect()
     finally:
         program.kill()
         program.wait()
@@ -238,7 +246,7 @@ def test_other_program_is_named(box: tuple[Path, str]) -> None:
 def test_absent_port() -> None:
     """A port that is not there is named, with where to look."""
     with pytest.raises(DeviceError, match="/dev/ttyUSB77 does not exist") as caught:
-        SriM3733c("/dev/ttyUSB77").connect()
+        sensor_at("/dev/ttyUSB77").connect()
     assert "/dev/serial/by-id" in caught.value.remedy
 
 
@@ -251,7 +259,7 @@ def test_no_permission(run_box: RunBox, tmp_path: Path) -> None:
             if user == 0:
                 os.seteuid(65534)
             with pytest.raises(DeviceError, match="no permission") as caught:
-                SriM3733c(port).connect()
+                sensor_at(port).connect()
         finally:
             os.seteuid(user)
     assert "dialout" in caught.value.remedy
@@ -262,7 +270,7 @@ def test_plain_file_is_no_port(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"")
     with pytest.raises(DeviceError, match="cannot be used as a serial port"):
-        SriM3733c(str(path)).connect()
+        sensor_at(str(path)).connect()
 
 
 def test_unexplained_error_keeps_its_text() -> None:
@@ -285,7 +293,7 @@ def raw_terminal() -> Iterator[tuple[int, str]]:
 def test_silent_port_names_the_deadline() -> None:
     """A port with nothing behind it fails at the deadline and says what to check."""
     with raw_terminal() as (_, port), pytest.raises(DeviceError, match="silent") as caught:
-        SriM3733c(port, connect_timeout_s=2.5).connect()
+        sensor_at(port, connect_timeout=2.5).connect()
     assert "115200 baud" in caught.value.remedy
 
 
@@ -295,7 +303,7 @@ def test_other_device_shows_what_it_said() -> None:
         chatter = subprocess.Popen(["yes", "$GPGGA,nothing"], stdout=master)
         try:
             with pytest.raises(DeviceError, match="no SUM frame") as caught:
-                SriM3733c(port, connect_timeout_s=3.0).connect()
+                sensor_at(port, connect_timeout=3.0).connect()
         finally:
             chatter.kill()
             chatter.wait()
@@ -305,4 +313,4 @@ def test_other_device_shows_what_it_said() -> None:
 def test_rate_that_does_not_fit_the_line() -> None:
     """More frames than the baud rate carries is refused before anything is opened."""
     with pytest.raises(DeviceError, match="500 Hz needs 155000 baud"):
-        SriM3733c("/dev/ttyUSB77", rate_hz=500.0).connect()
+        sensor_at("/dev/ttyUSB77", rate=500.0).connect()

@@ -66,7 +66,7 @@ def test_any_chunking_gives_the_same_frames(
         frames += parser.feed(stream[start:end])
     assert [frame.values for frame in frames] == values
     assert [frame.counter for frame in frames] == [65530 + i for i in range(len(values))]
-    assert (parser.lost_count, parser.corrupt_frame_count, parser.leading_byte_count) == (0, 0, 0)
+    assert (parser.lost_count, parser.corrupt_frame_count) == (0, 0)
 
 
 garbage = st.binary(max_size=70).filter(lambda data: b"\xaa" not in data)
@@ -77,15 +77,16 @@ garbage = st.binary(max_size=70).filter(lambda data: b"\xaa" not in data)
 def test_garbage_between_frames_loses_none(
     pieces: list[tuple[bytes, Vector6]], checksum: Checksum
 ) -> None:
-    """Bytes between frames are counted and cost no valid frame."""
+    """Bytes between frames are counted in units of a frame and cost no valid one."""
     parser = FrameParser(checksum=checksum)
     stream = b"".join(
         junk + encode_frame(i, v, checksum=checksum) for i, (junk, v) in enumerate(pieces)
     )
     frames = parser.feed(stream)
     assert [frame.values for frame in frames] == [v for _, v in pieces]
-    assert parser.leading_byte_count == len(pieces[0][0])
-    assert parser.corrupt_byte_count == sum(len(junk) for junk, _ in pieces[1:])
+    length = frame_length(checksum)
+    damaged = sum(math.ceil(len(junk) / length) for junk, _ in pieces[1:])
+    assert (parser.lost_count, parser.corrupt_frame_count) == (0, damaged)
 
 
 @settings(deadline=None)
@@ -99,13 +100,11 @@ def test_one_flipped_byte_costs_one_frame(index: int, offset: int, flip: int) ->
     if offset in (4, 5):  # the package number is outside the checksum
         assert len(found) == 43
         assert found[index + 1].counter == index + 1
-        assert (parser.lost_count, parser.restart_count) == (0, 0)
-        assert parser.corrupt_frame_count == 1
+        assert (parser.lost_count, parser.corrupt_frame_count) == (0, 1)
         return
     assert len(found) == 42
     assert parser.lost_count == 1
     assert parser.corrupt_frame_count == 1
-    assert parser.corrupt_byte_count == 31
 
 
 def test_header_inside_a_float_is_not_a_frame() -> None:
@@ -127,7 +126,7 @@ def test_gap_is_counted_across_the_wrap(first: int, gap: int) -> None:
     numbers = (first, first + gap + 1, first + gap + 2)
     frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
     assert [frame.counter for frame in frames] == list(numbers)
-    assert (parser.lost_count, parser.restart_count, parser.corrupt_frame_count) == (gap, 0, 0)
+    assert (parser.lost_count, parser.corrupt_frame_count) == (gap, 0)
 
 
 @settings(deadline=None)
@@ -139,7 +138,7 @@ def test_any_pattern_of_losses_is_counted(missing: set[int]) -> None:
     frames = parser.feed(b"".join(encode_frame(65500 + number, ONES) for number in kept))
     assert [frame.counter for frame in frames] == [65500 + number for number in kept]
     assert parser.lost_count == len(missing)
-    assert (parser.restart_count, parser.corrupt_frame_count) == (0, 0)
+    assert parser.corrupt_frame_count == 0
 
 
 @pytest.mark.parametrize("second", [100, 7])
@@ -149,7 +148,7 @@ def test_number_that_repeats_or_runs_backwards_is_a_restart(second: int) -> None
     numbers = (100, second, second + 1)
     frames = parser.feed(b"".join(encode_frame(number, ONES) for number in numbers))
     assert [frame.counter for frame in frames] == [100, 101, 102]
-    assert (parser.lost_count, parser.restart_count) == (0, 1)
+    assert (parser.lost_count, parser.corrupt_frame_count) == (0, 0)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

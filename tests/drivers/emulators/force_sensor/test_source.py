@@ -17,6 +17,7 @@ from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from drivers.force_sensor.sri_m3733c import SriM3733c
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.run import Pose
 
 SURFACE = (0.0, -0.4, 0.2)
@@ -108,7 +109,9 @@ def test_a_box_that_is_started_again_keeps_what_it_traced_before(
 
 def _stream(port: str, *, count: int) -> None:
     """Let the box stream until a client has ``count`` frames."""
-    sensor = SriM3733c(port)
+    config = load_config().config
+    section = config.force_sensor.model_copy(update={"port": port})
+    sensor = SriM3733c(config.model_copy(update={"force_sensor": section}))
     try:
         sensor.connect()
         received, deadline = 0, time.monotonic() + 20.0
