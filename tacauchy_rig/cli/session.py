@@ -30,13 +30,13 @@ from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.recording.recover import recover_run
 from tacauchy_rig.store.run_store import RunStore
 
+PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
+
 
 def dry_run(
     overrides: Overrides = None,
     json_file: JsonFile = None,
-    press_only: Annotated[
-        bool, typer.Option("--press-only", help="Record only; no replay, no report.")
-    ] = False,
+    press_only: PressOnly = False,
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
     loaded = load_config(None, overrides=overrides or ())
@@ -52,9 +52,7 @@ def run(
     path: RequiredConfigFile,
     overrides: Overrides = None,
     json_file: JsonFile = None,
-    press_only: Annotated[
-        bool, typer.Option("--press-only", help="Record only; no replay, no report.")
-    ] = False,
+    press_only: PressOnly = False,
 ) -> None:
     """Press as a configuration says, replay and report."""
     loaded = load_config(path, overrides=overrides or ())
@@ -64,9 +62,7 @@ def run(
 def resume(
     folder: RunFolder,
     json_file: JsonFile = None,
-    press_only: Annotated[
-        bool, typer.Option("--press-only", help="Record only; no replay, no report.")
-    ] = False,
+    press_only: PressOnly = False,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     store = RunStore.open(folder)

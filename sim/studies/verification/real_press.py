@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
-from typing import Any
 
 from sim.press import press
-from sim.press_command import press_command
-from sim.scene.indenter import Sphere
-from sim.scene.material import Material
-from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.press_command import press_command, scene_from
+from sim.scene.scene import ContactMode, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.studies.verification.prose import stated
-from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.tables import Table
 
 _FILE = "real_press.toml"
@@ -26,16 +22,14 @@ class RealPress:
     """A press that somebody measured."""
 
     source: str
-    sensor: str
-    ball_radius_m: float
-    depth_m: float
+    scene: Scene
     force_n: float
 
 
 def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
     """Fit E, press anew with it, and show what the fit hangs on."""
     real = real_press()
-    numbers = load_sensor(real.sensor).numbers
+    numbers = load_sensor(real.scene.sensor).numbers
     young, poisson = numbers["material.young"], numbers["material.poisson"]
     asked = (
         (poisson.value, ContactMode.FRICTIONLESS),
@@ -62,19 +56,14 @@ def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
 def real_press() -> RealPress:
     """Return the measured press."""
     text = resources.files("sim.studies.verification.data").joinpath(_FILE).read_text("utf-8")
-    data: dict[str, Any] = tomllib.loads(text)
-    return RealPress(
-        source=data["source"],
-        sensor=data["sensor"],
-        ball_radius_m=parse_quantity(data["ball_radius"], dimension=Dimension.LENGTH),
-        depth_m=parse_quantity(data["depth"], dimension=Dimension.LENGTH),
-        force_n=parse_quantity(data["force"], dimension=Dimension.FORCE),
-    )
+    data = tomllib.loads(text)
+    scene = scene_from(data["press"])
+    return RealPress(source=data["source"], scene=scene, force_n=data["force_n"])
 
 
 def fitted_young(real: RealPress, poisson: float, contact: ContactMode, preset: Preset) -> float:
     """Return the E [Pa] at which a press gives the measured force, to which it is proportional."""
-    young = load_sensor(real.sensor).material.young_pa
+    young = real.scene.material.young_pa
     scene = real_scene(real, young, poisson, contact, preset)
     return young * real.force_n / press(scene).force_n[2]
 
@@ -83,8 +72,5 @@ def real_scene(
     real: RealPress, young_pa: float, poisson: float, contact: ContactMode, preset: Preset
 ) -> Scene:
     """Return the measured press as a scene."""
-    ball = Sphere(diameter_m=2.0 * real.ball_radius_m)
-    gel = Material(young_pa=young_pa, poisson=poisson)
-    return load_sensor(real.sensor).scene(
-        ball, Target(depth_m=real.depth_m), material=gel, contact=contact, preset=preset
-    )
+    gel = replace(real.scene.material, young_pa=young_pa, poisson=poisson)
+    return replace(real.scene, material=gel, contact=contact, preset=preset)
