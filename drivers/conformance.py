@@ -58,11 +58,8 @@ def _require(holds: bool, promise: str) -> None:
 
 def arm_says_who_it_is(make: Callable[[], Arm]) -> None:
     """``connect`` tells driver, model and address."""
-    arm = make()
-    try:
-        _require_identity(arm.connect())
-    finally:
-        arm.close()
+    with _connected(make()):
+        pass  # connecting looks at the identity
 
 
 def arm_tells_fresh_states(make: Callable[[], Arm]) -> None:

@@ -154,12 +154,7 @@ class Ur5:
         )
 
     def state(self) -> ArmSample:
-        """Return the newest state.
-
-        Raises:
-            DeviceError: The controller's time stamp stands still, the connection broke, or the
-                program ended (with the reason, as far as the controller tells it).
-        """
+        """Return the newest state; an error says what the controller tells of it. See ``Arm``."""
         sample, is_new = self._require_link().state()
         if is_new:
             self._record.append(sample)
@@ -172,11 +167,7 @@ class Ur5:
         return samples
 
     def is_pose_allowed(self, pose: Pose) -> bool:
-        """Ask the controller whether its safety limits admit ``pose``.
-
-        Raises:
-            DeviceError: The controller did not answer.
-        """
+        """Ask the controller whether its safety limits admit ``pose``; see ``Arm``."""
         vector = list(pose.as_vector())
         allowed = self._require_link().call(
             "checking a pose", lambda c: bool(c.isPoseWithinSafetyLimits(vector))
@@ -199,11 +190,7 @@ class Ur5:
         self._line.start(target.as_vector(), speed=speed, acceleration=acceleration)
 
     def is_moving(self) -> bool:
-        """Return True until the move started last has ended.
-
-        Raises:
-            DeviceError: The move never began, or the arm is lost.
-        """
+        """Return True until the move started last has ended; see ``Arm``."""
         if self._motion is _Motion.LINE and self._line is not None:
             self._require_link()
             if not self._line.is_running():
@@ -255,11 +242,7 @@ class Ur5:
         self._motion = _Motion.NONE
 
     def protective_stop(self) -> None:
-        """Trigger the controller's protective stop. A person has to unlock it.
-
-        Raises:
-            DeviceError: The controller did not take it.
-        """
+        """Trigger the controller's protective stop; see ``Arm``."""
         link = self._link
         if link is None:
             raise DeviceError(f"{self._device}: not connected", remedy="call connect first")

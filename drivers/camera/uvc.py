@@ -113,7 +113,7 @@ class UvcCamera:
         if not is_url(self._camera.device):
             return find_device(self._camera.device)
         probe_url(self._camera.device, timeout_s=self._camera.connect_timeout)
-        return VideoDevice(path=self._camera.device, name="", serial="")
+        return VideoDevice(path=self._camera.device)
 
     def _run(self, path: str) -> None:
         try:

@@ -19,8 +19,8 @@ class VideoDevice:
     """A capture device that the kernel lists; ``serial`` may be empty."""
 
     path: str
-    name: str
-    serial: str
+    name: str = ""
+    serial: str = ""
 
 
 def is_url(device: str) -> bool:
@@ -112,7 +112,7 @@ def _by_path(path: str, present: list[VideoDevice]) -> VideoDevice:
     for device in present:
         if os.path.realpath(device.path) == real:
             return VideoDevice(path=path, name=device.name, serial=device.serial)
-    return VideoDevice(path=path, name="", serial="")
+    return VideoDevice(path=path)
 
 
 def check_access(device: VideoDevice) -> None:

@@ -24,6 +24,9 @@ class StreamGuard:
     A computer that was held up finds old samples although the sensor is well. So an age counts
     only once the loop has been running undisturbed for as long as the limit; but never is more
     than ``PATIENCE`` times the limit accepted.
+
+    Attributes:
+        force_lag_s: How late the newest force sample arrived, against the undelayed stream [s].
     """
 
     def __init__(self, config: RigConfig) -> None:
@@ -33,12 +36,7 @@ class StreamGuard:
         self._held_up_s = 0.0
         self._period_ns = 1e9 / config.force_sensor.rate
         self._earliest: tuple[int, float] | None = None
-        self._lag_s = 0.0
-
-    @property
-    def force_lag_s(self) -> float:
-        """How late the newest force sample arrived, against the undelayed stream [s]."""
-        return self._lag_s
+        self.force_lag_s = 0.0
 
     def note_turn(self, turn_s: float) -> None:
         """Take how long the loop's last turn was [s]; once a turn, before the checks."""
@@ -60,7 +58,7 @@ class StreamGuard:
         since_ns, earliest_ns = self._earliest
         slack_ns = CLOCK_SLACK * (sample.stamp_ns - since_ns)
         self._earliest = (sample.stamp_ns, min(earliest_ns + slack_ns, offset_ns))
-        self._lag_s = (offset_ns - self._earliest[1]) * 1e-9
+        self.force_lag_s = (offset_ns - self._earliest[1]) * 1e-9
 
     def check_force(self, health: StreamHealth, *, now_ns: int) -> None:
         """Judge the force stream.
@@ -69,10 +67,10 @@ class StreamGuard:
             BreachError: Stale, late, or too many frames lost.
         """
         limit = self._limits.stale_force
-        if self._is_stale(self._lag_s, limit):
+        if self._is_stale(self.force_lag_s, limit):
             raise BreachError(
                 f"limits.stale_force {limit * 1e3:g} ms: force samples arrive "
-                f"{self._lag_s * 1e3:.0f} ms late{self._excuse()}",
+                f"{self.force_lag_s * 1e3:.0f} ms late{self._excuse()}",
                 limit="limits.stale_force",
                 reaction=Reaction.HOLD,
                 remedy="see `tacauchy-rig doctor`: latency timer of the serial adapter",

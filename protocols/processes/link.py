@@ -14,8 +14,7 @@ from typing import Self
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
 from protocols.control.record import Begin, End, Entry
-from protocols.processes.channel import Channel
-from protocols.processes.framing import encode
+from protocols.processes.channel import Channel, encode
 from protocols.processes.messages import Ack, CameraStatus, Failed, Job
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import DeviceError, RecordError

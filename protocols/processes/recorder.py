@@ -10,9 +10,8 @@ import time
 from collections import deque
 
 from protocols.control.record import Begin, End, Entry
-from protocols.processes.channel import Channel
+from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.framing import EntryReader
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.processes.record_keeper import RecordKeeper
 from tacauchy_rig.errors import RecordError

@@ -11,7 +11,7 @@ import logging
 import select
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -156,8 +156,8 @@ class Supervisor:
         deadline = time.monotonic() + START_MARGIN_S + self._connect_timeout_s()
         while len(self._ready) < len(self._children) and not self._abort.count:
             self._listen()
-            for name, child in self._children.items():
-                if child.has_ended and name not in self._ready and name not in self._failures:
+            for name, child in self._unheard():
+                if child.has_ended:
                     self._listen()
                     self._failures.setdefault(
                         name, Failed(message=child.describe_end(), remedy=f"read {child.log}")
@@ -165,7 +165,9 @@ class Supervisor:
             if len(self._ready) + len(self._failures) == len(self._children):
                 break
             if time.monotonic() > deadline:
-                self._note_late()
+                for name, child in self._unheard():
+                    late = f"{name}: not ready before its deadline"
+                    self._failures[name] = Failed(message=late, remedy=f"read {child.log}")
                 break
         if self._failures and not self._abort.count:
             self._end_children()
@@ -181,12 +183,10 @@ class Supervisor:
         arm_side_s = config.robot.connect_timeout * 2 + config.force_sensor.connect_timeout
         return max(arm_side_s, config.camera.connect_timeout)
 
-    def _note_late(self) -> None:
+    def _unheard(self) -> Iterator[tuple[str, Launched]]:
         for name, child in self._children.items():
             if name not in self._ready and name not in self._failures:
-                self._failures[name] = Failed(
-                    message=f"{name}: not ready before its deadline", remedy=f"read {child.log}"
-                )
+                yield name, child
 
     def _watch(self) -> None:
         """Listen until control has finished or is gone."""

@@ -26,6 +26,7 @@ class PressDrive:
     def __init__(self, cycle: Cycle, *, target_n: float, contact_z_m: float) -> None:
         self._cycle = cycle
         self._contact_z_m = contact_z_m
+        self.target_n = target_n
         self._servo = ForceServo(
             target_n=target_n,
             speed_cap=cycle.config.robot.press_speed,
@@ -35,14 +36,9 @@ class PressDrive:
         cycle.force_guard.contact = Contact.EXPECTED
 
     @property
-    def target_n(self) -> float:
-        """Force to reach and hold [N]."""
-        return self._servo.target_n
-
-    @property
     def error_n(self) -> float:
         """Target minus low-passed force [N]."""
-        return self._servo.target_n - self._servo.filtered_n
+        return self.target_n - self._servo.filtered_n
 
     def depth(self, reading: Reading) -> float:
         """Return the depth below contact [m]."""

@@ -8,8 +8,7 @@ import pytest
 
 from protocols.control.record import Begin, End, Force
 from protocols.processes import link as link_module
-from protocols.processes.channel import Channel
-from protocols.processes.framing import EntryReader
+from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import Ack, Failed
 from tacauchy_rig.errors import RecordError

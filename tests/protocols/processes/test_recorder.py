@@ -7,8 +7,7 @@ import socket
 import pytest
 
 from protocols.control.record import Begin, End
-from protocols.processes.channel import Channel
-from protocols.processes.framing import encode
+from protocols.processes.channel import Channel, encode
 from protocols.processes.record_keeper import RecordKeeper
 from protocols.processes.recorder import Producer, Recorder
 from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord
