@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
+from importlib import resources
+
+from pydantic import TypeAdapter
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.scene import Effect, Preset, Scene
 from sim.solve.newton import NewtonOptions
 from sim.studies.accuracy.force_limit import COARSENING
-
-PAPER_BARRIER_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,65 +73,21 @@ def coarser(reference: Configuration) -> Configuration:
     )
 
 
-_FAST = Configuration(name="fast", preset=Preset.FAST)
-_BALANCED = Configuration(name="balanced", preset=Preset.BALANCED)
-_ACCURATE = Configuration(name="accurate", preset=Preset.ACCURATE)
-_REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
-_PAPER = Configuration(name="paper", preset=Preset.PAPER, element=ElementOrder.P1)
-
-SHORT_REFERENCE = _ACCURATE
-FULL_REFERENCE = _REFERENCE
-
-SHORT: tuple[Configuration, ...] = (
-    _PAPER,
-    replace(_PAPER, name="paper, d_hat 1 mm", barrier_m=PAPER_BARRIER_M),
-    replace(_FAST, name="fast, P1", element=ElementOrder.P1),
-    replace(_ACCURATE, name="accurate, P1", element=ElementOrder.P1),
-    replace(_FAST, name="fast / 4", refinement=0.25),
-    replace(_FAST, name="fast / 2", refinement=0.5),
-    replace(_FAST, name="fast / 2, linear", refinement=0.5, finite_strain=False),
-    _FAST,
-    replace(_FAST, name="fast, linear", finite_strain=False),
-    replace(_FAST, name="fast, d_hat 10 um", barrier_m=1e-5),
-    replace(_FAST, name="fast, d_hat 50 um", barrier_m=5e-5),
-    replace(_FAST, name="fast, residual 1e-4", residual_relative=1e-4),
-    replace(_BALANCED, name="balanced / 1.13", refinement=1.0 / 1.13),
-    _BALANCED,
-    _ACCURATE,
+_FILE = resources.files("sim.studies.accuracy").joinpath("configurations.toml")
+SHORT, _LONG = (
+    TypeAdapter(tuple[Configuration, ...]).validate_python(rows)
+    for rows in tomllib.loads(_FILE.read_text("utf-8")).values()
 )
-"""At least twelve, in less than three minutes on two cores."""
-
-SHIFTED: tuple[Configuration, ...] = (
-    *(
-        each
-        for each in SHORT
-        if each.element is ElementOrder.P1 and each.preset is not Preset.PAPER
-    ),
-    replace(_FAST, name="fast / 4", refinement=0.25),
-    replace(_FAST, name="fast / 2", refinement=0.5),
-    _FAST,
+FULL = (*SHORT, *_LONG)
+SHORT_REFERENCE = Configuration(name="accurate", preset=Preset.ACCURATE)
+FULL_REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
+# What is pressed on two more meshes; the finer ones would take longer than all of these.
+SHIFTED = tuple(
+    each
+    for each in SHORT
+    if (each.element is ElementOrder.P1 and each.preset is not Preset.PAPER)
+    or each.name in ("fast / 4", "fast / 2", "fast")
 )
-"""What is pressed on two more meshes; the finer ones would take longer than all of these."""
-
-FULL: tuple[Configuration, ...] = (
-    *SHORT,
-    _REFERENCE,
-    replace(_PAPER, name="paper, P2", element=ElementOrder.P2),
-    replace(_BALANCED, name="balanced, P1", element=ElementOrder.P1),
-    replace(_FAST, name="fast / 3", refinement=1.0 / 3.0),
-    replace(_FAST, name="fast / 4, linear", refinement=0.25, finite_strain=False),
-    replace(_FAST, name="fast / 2, d_hat 10 um", refinement=0.5, barrier_m=1e-5),
-    replace(_FAST, name="fast x 1.5", refinement=1.5),
-    replace(_FAST, name="fast x 2", refinement=2.0),
-    replace(_BALANCED, name="balanced, linear", finite_strain=False),
-    replace(_BALANCED, name="balanced, d_hat 10 um", barrier_m=1e-5),
-    replace(_BALANCED, name="balanced x 1.5", refinement=1.5),
-    replace(_ACCURATE, name="accurate / 1.5", refinement=1.0 / 1.5),
-    replace(_ACCURATE, name="accurate, linear", finite_strain=False),
-    replace(_ACCURATE, name="accurate, d_hat 10 um", barrier_m=1e-5),
-    replace(_ACCURATE, name="accurate, residual 1e-4", residual_relative=1e-4),
-)
-"""The rest, for an hour that nobody waits for."""
 
 
 def reseeded(configuration: Configuration, seed: int) -> Configuration:
