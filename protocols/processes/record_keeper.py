@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from protocols.control.record import Arm, Begin, End, Entry, Force
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import ImageFrame, JournalEvent
 from tacauchy_rig.store.journal import append_event, read_journal
+from tacauchy_rig.store.recording.messages import Recorded
 from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.run_store import RunStore
 
@@ -46,8 +49,16 @@ class RecordKeeper:
             case JournalEvent():
                 if not (self._spill_source and _is_journalled(self._store, entry)):
                     append_event(self._store.paths.journal, entry)
+                self._write([entry])
+            case Force(samples=samples) | Arm(samples=samples):
+                self._write(samples)
+            case ImageFrame():
+                self._write([entry])
+
+    def _write(self, items: Sequence[Recorded]) -> None:
         if self._writer is not None:
-            self._write(self._writer, entry)
+            self._writer.write(items)
+            self.kept_count += len(items)
 
     def _open(self, trial: int, attempt: int) -> None:
         self.close()
@@ -62,21 +73,6 @@ class RecordKeeper:
             "source": source or "recorder",
         }
         self._writer = RecordingWriter(path, metadata=metadata)
-
-    def _write(self, writer: RecordingWriter, entry: Entry) -> None:
-        match entry:
-            case Force(samples=force):
-                writer.write_force(force)
-                self.kept_count += len(force)
-            case Arm(samples=arm):
-                writer.write_arm(arm)
-                self.kept_count += len(arm)
-            case ImageFrame():
-                writer.write_frame(entry)
-                self.kept_count += 1
-            case JournalEvent():
-                writer.write_event(entry)
-                self.kept_count += 1
 
     def close(self) -> None:
         """Finish the recording that is open.

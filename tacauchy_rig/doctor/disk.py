@@ -11,7 +11,8 @@ from pathlib import Path
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, passed
 from tacauchy_rig.errors import RecordError, RigError
-from tacauchy_rig.store.free_space import check_free_space, estimate_session, free_bytes
+from tacauchy_rig.store.durable import free_bytes
+from tacauchy_rig.store.free_space import check_free_space, estimate_session
 
 _BLOCK_BYTES = 1 << 20
 _SYNC_INTERVAL_S = 0.25

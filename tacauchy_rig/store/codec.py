@@ -13,7 +13,7 @@ import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pydantic_core
@@ -32,7 +32,7 @@ def to_json(value: object) -> Any:
     Raises:
         RecordError: It holds something that JSON cannot hold.
     """
-    return _plain(value, non_finite="strings")
+    return _without_non_finite(_plain(value), keep_as_text=True)
 
 
 def to_plain(value: object) -> Any:
@@ -41,19 +41,29 @@ def to_plain(value: object) -> Any:
     Raises:
         RecordError: It holds something that JSON cannot hold.
     """
-    return _plain(value, non_finite="null")
+    return _without_non_finite(_plain(value), keep_as_text=False)
 
 
-def _plain(value: object, *, non_finite: Literal["strings", "null"]) -> Any:
+def _plain(value: object) -> Any:
     try:
-        return json.loads(
-            pydantic_core.to_json(value, inf_nan_mode=non_finite, fallback=_arrays_and_mappings)
+        return pydantic_core.to_jsonable_python(
+            value, inf_nan_mode="constants", fallback=_arrays_and_mappings
         )
-    except pydantic_core.PydanticSerializationError as error:
+    except (pydantic_core.PydanticSerializationError, TypeError) as error:
         raise RecordError(
             f"a {type(value).__name__} cannot be written as JSON: {error}",
             remedy="this is a defect of the program: please report it",
         ) from error
+
+
+def _without_non_finite(plain: Any, *, keep_as_text: bool) -> Any:
+    if isinstance(plain, dict):
+        return {k: _without_non_finite(v, keep_as_text=keep_as_text) for k, v in plain.items()}
+    if isinstance(plain, list):
+        return [_without_non_finite(item, keep_as_text=keep_as_text) for item in plain]
+    if isinstance(plain, float) and not math.isfinite(plain):
+        return json.dumps(plain) if keep_as_text else None
+    return plain
 
 
 def _arrays_and_mappings(value: Any) -> Any:

@@ -100,11 +100,20 @@ def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
     )
 
 
+def free_bytes(path: Path) -> int:
+    """Return the free space [bytes] where ``path`` is or will be.
+
+    Raises:
+        OSError: No part of the path may be read.
+    """
+    existing = path.absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    return shutil.disk_usage(existing).free
+
+
 def _space(path: Path) -> str:
-    folder = path.parent
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
     try:
-        return f"{shutil.disk_usage(folder).free / 1e6:.1f} MB free"
+        return f"{free_bytes(path.parent) / 1e6:.1f} MB free"
     except OSError:
         return "free space unknown"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.durable import read_error
+from tacauchy_rig.store.durable import free_bytes, read_error
 
 FORCE_MESSAGE_BYTES = 280
 """Of one force sample in a recording, its share of the index included; a test measures it."""
@@ -53,7 +52,10 @@ def check_free_space(folder: Path, config: RigConfig) -> SessionEstimate:
         RecordError: It has not; the message says what is needed and what is free.
     """
     estimate = estimate_session(config)
-    free = free_bytes(folder)
+    try:
+        free = free_bytes(folder)
+    except OSError as error:
+        raise read_error(folder, error, what="the output directory") from error
     if free < estimate.total_bytes:
         camera = config.camera
         raise RecordError(
@@ -65,21 +67,6 @@ def check_free_space(folder: Path, config: RigConfig) -> SessionEstimate:
             "or lower camera.width and camera.height",
         )
     return estimate
-
-
-def free_bytes(folder: Path) -> int:
-    """Return the free space [bytes] where ``folder`` is or will be.
-
-    Raises:
-        RecordError: No part of the path exists or may be read.
-    """
-    existing = folder.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    try:
-        return shutil.disk_usage(existing).free
-    except OSError as error:
-        raise read_error(folder, error, what="the output directory") from error
 
 
 def _trial_duration_s(config: RigConfig) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 RECORDING_NAME = "recording.mcap"
@@ -12,56 +11,32 @@ SPILL_PATTERN = "unacknowledged-*.mcap"
 _ATTEMPT = re.compile(r"attempt-(\d+)")
 
 
-@dataclass(frozen=True, slots=True)
 class RunPaths:
-    """Names of a run folder's files. Trials and attempts count from 1."""
+    """Names of a run folder's files. Trials and attempts count from 1.
 
-    root: Path
+    Attributes:
+        run_json: What the run is: configuration, versions, devices, clock.
+        rig_toml: The configuration as it was written.
+        journal: One line for each change of state.
+        truth: What the emulated world really was; dry runs only.
+        emulation: Folder of the emulators.
+        lock: File whose lock says that a program is working on this run.
+        trials: Folder of all trials.
+        replays: Folder of all replays.
+        report: Folder of the report.
+    """
 
-    @property
-    def run_json(self) -> Path:
-        """What the run is: configuration, versions, devices, clock."""
-        return self.root / "run.json"
-
-    @property
-    def rig_toml(self) -> Path:
-        """The configuration as it was written."""
-        return self.root / "rig.toml"
-
-    @property
-    def journal(self) -> Path:
-        """One line for each change of state."""
-        return self.root / "journal.jsonl"
-
-    @property
-    def truth(self) -> Path:
-        """What the emulated world really was; dry runs only."""
-        return self.root / "truth.json"
-
-    @property
-    def emulation(self) -> Path:
-        """Folder of the emulators."""
-        return self.root / "emulation"
-
-    @property
-    def lock(self) -> Path:
-        """File whose lock says that a program is working on this run."""
-        return self.root / ".lock"
-
-    @property
-    def trials(self) -> Path:
-        """Folder of all trials."""
-        return self.root / "trials"
-
-    @property
-    def replays(self) -> Path:
-        """Folder of all replays."""
-        return self.root / "replay"
-
-    @property
-    def report(self) -> Path:
-        """Folder of the report."""
-        return self.root / "report"
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.run_json = root / "run.json"
+        self.rig_toml = root / "rig.toml"
+        self.journal = root / "journal.jsonl"
+        self.truth = root / "truth.json"
+        self.emulation = root / "emulation"
+        self.lock = root / ".lock"
+        self.trials = root / "trials"
+        self.replays = root / "replay"
+        self.report = root / "report"
 
     def trial(self, trial: int) -> Path:
         """Return the folder of a trial."""
@@ -97,17 +72,13 @@ class RunPaths:
         matches = (_ATTEMPT.fullmatch(path.name) for path in self.trial(trial).glob("attempt-*"))
         return sorted(int(match.group(1)) for match in matches if match)
 
-    def replay(self, name: str) -> Path:
-        """Return the folder of a replay."""
-        return self.replays / name
-
     def replay_json(self, name: str) -> Path:
         """Return the summary of a replay."""
-        return self.replay(name) / "replay.json"
+        return self.replays / name / "replay.json"
 
     def replay_trial(self, name: str, trial: int) -> Path:
         """Return the folder of one replayed trial: fields, surface, image, height."""
-        return self.replay(name) / "trials" / f"{trial:02d}"
+        return self.replays / name / "trials" / f"{trial:02d}"
 
 
 def run_root_of(path: Path) -> Path:

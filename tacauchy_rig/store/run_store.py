@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -90,7 +90,7 @@ class RunStore:
                 remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
                 "such as runs/20250131-101500-NAME",
             )
-        description = loads(read_bytes(path, what="the run's description"), source=str(path))
+        description = _read(Any, path, what="the run's description")
         _check_description(description, path)
         return cls(root, description)
 
@@ -143,29 +143,29 @@ class RunStore:
             RecordError: The file is damaged; names file and field.
         """
         path = self.paths.result(trial, attempt)
-        if not path.exists():
-            return None
-        data = loads(read_bytes(path, what="the result"), source=str(path))
-        return from_json(TrialRecord, data, source=str(path))
+        return _read(TrialRecord, path, what="the result") if path.exists() else None
 
     def latest(self, trial: int) -> TrialRecord | None:
         """Return the result of the latest attempt that has one."""
-        results = (self.load_result(trial, number) for number in reversed(self.attempts(trial)))
-        return next((result for result in results if result is not None), None)
+        return next(self._results(trial), None)
 
     def accepted(self, trial: int) -> TrialRecord | None:
         """Return the result of the latest attempt that passed."""
+        return next((result for result in self._results(trial) if result.passed), None)
+
+    def _results(self, trial: int) -> Iterator[TrialRecord]:
+        """Yield the results of a trial's attempts, the latest first."""
         results = (self.load_result(trial, number) for number in reversed(self.attempts(trial)))
-        return next((result for result in results if result is not None and result.passed), None)
+        return (result for result in results if result is not None)
 
     def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:
-        """Write a replay; the fields of trials saved before may be left out.
+        """Write a replay and the arrays and images of its trials.
 
         Raises:
             RecordError: The disk is full or gone.
         """
         for trial, trial_fields in fields.items():
-            self.save_replay_fields(replay.name, trial, trial_fields)
+            write_fields(self.paths.replay_trial(replay.name, trial), trial_fields)
         write_atomically(self.paths.replay_json(replay.name), dumps(replay))
 
     def load_replay(self, name: str) -> Replay:
@@ -181,20 +181,12 @@ class RunStore:
                 f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
                 remedy=f"`tacauchy-rig replay {self.paths.root}` makes one",
             )
-        data = loads(read_bytes(path, what="the replay"), source=str(path))
-        return from_json(Replay, data, source=str(path))
+        replay: Replay = _read(Replay, path, what="the replay")
+        return replay
 
     def replays(self) -> list[str]:
         """Return the names of finished replays."""
         return sorted(path.parent.name for path in self.paths.replays.glob("*/replay.json"))
-
-    def save_replay_fields(self, name: str, trial: int, fields: ReplayFields) -> None:
-        """Write one replayed trial's arrays and image.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        write_fields(self.paths.replay_trial(name, trial), fields)
 
     def load_replay_fields(self, name: str, trial: int) -> ReplayFields:
         """Read one replayed trial's arrays and image.
@@ -210,11 +202,8 @@ class RunStore:
         Raises:
             RecordError: The file is damaged.
         """
-        path = self.paths.truth
-        if not path.exists():
-            return None
-        truth = loads(read_bytes(path, what="the emulated world's truth"), source=str(path))
-        return from_json(dict[str, Any], truth, source=str(path))
+        path, what = self.paths.truth, "the emulated world's truth"
+        return _read(dict[str, Any], path, what=what) if path.exists() else None
 
     def lock(self) -> AbstractContextManager[None]:
         """Hold the run against other programs while in the returned context.
@@ -237,6 +226,11 @@ def _new_folder(parent: Path, name: str) -> Path:
             raise write_error(root, error) from error
         else:
             return root
+
+
+def _read(kind: Any, path: Path, *, what: str) -> Any:
+    data = loads(read_bytes(path, what=what), source=str(path))
+    return from_json(kind, data, source=str(path))
 
 
 def _check_description(description: Any, path: Path) -> None:

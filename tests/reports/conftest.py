@@ -367,18 +367,20 @@ def write_recording(path: Path, made: SimpleNamespace) -> None:
             counter = k if k < 100 else k + 3
             wrench = Wrench(force=(0.0, 0.0, force), torque=(0.0, 0.0, 0.0))
             stamp = at(k * 0.01)
-            writer.write_force([ForceSample(stamp_ns=stamp, counter=counter, wrench=wrench)])
-            writer.write_arm([arm_at(stamp, z)])
+            writer.write([ForceSample(stamp_ns=stamp, counter=counter, wrench=wrench)])
+            writer.write([arm_at(stamp, z)])
             if k % 4 == 0:
-                writer.write_frame(
-                    ImageFrame(
-                        stamp_ns=stamp,
-                        counter=k // 4,
-                        device_stamp_s=None,
-                        width=640,
-                        height=480,
-                        jpeg=pressed if k >= 150 else unloaded,
-                    )
+                writer.write(
+                    [
+                        ImageFrame(
+                            stamp_ns=stamp,
+                            counter=k // 4,
+                            device_stamp_s=None,
+                            width=640,
+                            height=480,
+                            jpeg=pressed if k >= 150 else unloaded,
+                        )
+                    ]
                 )
 
 

@@ -7,6 +7,7 @@ messages are described here; the description travels inside each recording.
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -23,6 +24,7 @@ WRENCH_FIELDS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
 POSE_FIELDS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 VELOCITY_FIELDS = ("vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s")
 ARM_STATES = ("runtime_state", "safety_bits", "robot_mode")
+_LATEST_STAMP_S = 1e9  # of a camera's clock, which counts from the start; later ones are no stamps
 
 
 class Topic(StrEnum):
@@ -77,41 +79,84 @@ MESSAGES: dict[Topic, Any] = {
 }
 
 
-def encode_force(sample: ForceSample) -> bytes:
-    """Encode a force sample."""
-    values = (*sample.wrench.force, *sample.wrench.torque)
-    message = ForceMessage(
-        stamp_ns=sample.stamp_ns,
-        counter=sample.counter,
-        **dict(zip(WRENCH_FIELDS, values, strict=True)),
+Recorded = ForceSample | ArmSample | ImageFrame | JournalEvent
+"""What a stream of a recording consists of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawMessage:
+    """One encoded message.
+
+    Attributes:
+        log_time: Arrival on this host [ns].
+        publish_time: The device's own stamp [ns]; ``log_time`` where it has none (MCAP's rule).
+        sequence: The device's counter; kept modulo 2^32.
+        width: Of an image [px]; 0 for the other topics.
+        height: Of an image [px]; 0 for the other topics.
+    """
+
+    topic: Topic
+    log_time: int
+    publish_time: int
+    sequence: int
+    data: bytes
+    width: int = 0
+    height: int = 0
+
+
+def encode(item: Recorded) -> RawMessage:
+    """Encode a sample, a frame or an event; JPEG bytes pass through unchanged."""
+    match item:
+        case ForceSample(counter=counter, wrench=wrench):
+            values = zip(WRENCH_FIELDS, (*wrench.force, *wrench.torque), strict=True)
+            return _encoded(Topic.FORCE, item, counter, counter=counter, **dict(values))
+        case ArmSample():
+            kept = ("controller_time_s", *ARM_STATES)
+            return _encoded(
+                Topic.ARM,
+                item,
+                **{name: getattr(item, name) for name in kept},
+                **dict(zip(POSE_FIELDS, item.pose.as_vector(), strict=True)),
+                **dict(zip(VELOCITY_FIELDS, item.velocity, strict=True)),
+            )
+        case JournalEvent(name=name, trial=trial, attempt=attempt):
+            detail = json.dumps(to_json(item.detail))
+            return _encoded(
+                Topic.EVENT, item, name=name, trial=trial, attempt=attempt, detail_json=detail
+            )
+        case ImageFrame():
+            return _encoded_frame(item)
+
+
+def _encoded(
+    topic: Topic, item: Recorded, sequence: int = 0, /, **fields: float | str
+) -> RawMessage:
+    message = MESSAGES[topic](stamp_ns=item.stamp_ns, **fields)
+    return RawMessage(
+        topic=topic,
+        log_time=item.stamp_ns,
+        publish_time=item.stamp_ns,
+        sequence=sequence,
+        data=bytes(message.SerializeToString()),
     )
-    return bytes(message.SerializeToString())
 
 
-def encode_arm(sample: ArmSample) -> bytes:
-    """Encode a state of the arm."""
-    message = ArmMessage(
-        stamp_ns=sample.stamp_ns,
-        controller_time_s=sample.controller_time_s,
-        runtime_state=sample.runtime_state,
-        safety_bits=sample.safety_bits,
-        robot_mode=sample.robot_mode,
-        **dict(zip(POSE_FIELDS, sample.pose.as_vector(), strict=True)),
-        **dict(zip(VELOCITY_FIELDS, sample.velocity, strict=True)),
+def _encoded_frame(frame: ImageFrame) -> RawMessage:
+    """Encode a frame; the driver's own stamp becomes MCAP's publish time."""
+    message = ImageMessage(frame_id="camera", format="jpeg", data=frame.jpeg)
+    message.timestamp.seconds, message.timestamp.nanos = divmod(frame.stamp_ns, 10**9)
+    stamp_s = frame.device_stamp_s
+    if stamp_s is None or not 0 <= stamp_s < _LATEST_STAMP_S:
+        stamp_s = None
+    return RawMessage(
+        topic=Topic.IMAGE,
+        log_time=frame.stamp_ns,
+        publish_time=frame.stamp_ns if stamp_s is None else round(stamp_s * 1e9),
+        sequence=frame.counter,
+        data=bytes(message.SerializeToString()),
+        width=frame.width,
+        height=frame.height,
     )
-    return bytes(message.SerializeToString())
-
-
-def encode_event(event: JournalEvent) -> bytes:
-    """Encode a journal event."""
-    message = EventMessage(
-        stamp_ns=event.stamp_ns,
-        name=event.name,
-        trial=event.trial,
-        attempt=event.attempt,
-        detail_json=json.dumps(to_json(event.detail)),
-    )
-    return bytes(message.SerializeToString())
 
 
 def decode_event(data: bytes) -> JournalEvent:
@@ -124,15 +169,6 @@ def decode_event(data: bytes) -> JournalEvent:
         attempt=message.attempt,
         detail=json.loads(message.detail_json),
     )
-
-
-def encode_image(frame: ImageFrame) -> bytes:
-    """Encode a frame; its JPEG bytes pass through unchanged."""
-    seconds, nanoseconds = divmod(frame.stamp_ns, 10**9)
-    message = ImageMessage(frame_id="camera", format="jpeg", data=frame.jpeg)
-    message.timestamp.seconds = seconds
-    message.timestamp.nanos = nanoseconds
-    return bytes(message.SerializeToString())
 
 
 def decode_jpeg(data: bytes) -> bytes:

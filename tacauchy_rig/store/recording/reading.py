@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +17,13 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import ImageFrame, JournalEvent
 from tacauchy_rig.store.durable import read_error
 from tacauchy_rig.store.layout import run_root_of
-from tacauchy_rig.store.recording.mcap_file import RawMessage
 from tacauchy_rig.store.recording.messages import (
     ARM_STATES,
+    MESSAGES,
     POSE_FIELDS,
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
-    ArmMessage,
-    ForceMessage,
+    RawMessage,
     Topic,
     decode_event,
     decode_jpeg,
@@ -101,11 +101,10 @@ class Recording:
             )
             for channel in scan.channels.values()
         }
-        topics = {channel.id: channel.topic for channel in scan.channels.values()}
+        self._topics = {channel.id: Topic(channel.topic) for channel in scan.channels.values()}
         self._entries: dict[Topic, list[Entry]] = {topic: [] for topic in Topic}
         for entry in sorted(scan.entries, key=lambda item: item.log_time):
-            usual = _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE)
-            self._entries[Topic(topics.get(entry.channel, usual))].append(entry)
+            self._entries[self._topic(entry)].append(entry)
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -185,7 +184,7 @@ class Recording:
 
     def force(self) -> ForceArrays:
         """Return the force stream."""
-        messages = [ForceMessage.FromString(data) for _, data in self._read(Topic.FORCE)]
+        messages = self._decoded(Topic.FORCE)
         return ForceArrays(
             stamp_ns=_column(messages, "stamp_ns"),
             counter=_column(messages, "counter"),
@@ -194,7 +193,7 @@ class Recording:
 
     def arm(self) -> ArmArrays:
         """Return the arm's states."""
-        messages = [ArmMessage.FromString(data) for _, data in self._read(Topic.ARM)]
+        messages = self._decoded(Topic.ARM)
         states = {name: _column(messages, name) for name in ARM_STATES}
         return ArmArrays(
             stamp_ns=_column(messages, "stamp_ns"),
@@ -218,33 +217,41 @@ class Recording:
 
         Width and height are 0 in a file whose own list of channels is damaged.
         """
-        for entry, data in self._read(Topic.IMAGE, start_ns=start_ns, end_ns=end_ns):
-            has_stamp = entry.publish_time != entry.log_time
-            width, height = self._sizes.get(entry.channel, (0, 0))
+        first_ns, last_ns = start_ns or 0, math.inf if end_ns is None else end_ns
+        entries = self._entries[Topic.IMAGE]
+        for frame in self._read(e for e in entries if first_ns <= e.log_time <= last_ns):
+            has_stamp = frame.publish_time != frame.log_time
             yield ImageFrame(
-                stamp_ns=entry.log_time,
-                counter=entry.sequence,
-                device_stamp_s=entry.publish_time / 1e9 if has_stamp else None,
-                width=width,
-                height=height,
-                jpeg=decode_jpeg(data),
+                stamp_ns=frame.log_time,
+                counter=frame.sequence,
+                device_stamp_s=frame.publish_time / 1e9 if has_stamp else None,
+                width=frame.width,
+                height=frame.height,
+                jpeg=decode_jpeg(frame.data),
             )
 
     def events(self) -> list[JournalEvent]:
         """Return the journal events that were recorded beside the streams."""
-        return [decode_event(data) for _, data in self._read(Topic.EVENT)]
+        return [decode_event(each.data) for each in self._read(self._entries[Topic.EVENT])]
+
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """Yield all messages as they were encoded, in order of arrival."""
+        entries = (entry for stream in self._entries.values() for entry in stream)
+        return self._read(sorted(entries, key=lambda entry: (entry.log_time, entry.offset)))
 
     def _filled(self) -> list[list[Entry]]:
         return [entries for entries in self._entries.values() if entries]
 
-    def raw_messages(self) -> Iterator[RawMessage]:
-        """Yield all messages as they were encoded, in order of arrival."""
-        tagged = [(entry, topic) for topic, entries in self._entries.items() for entry in entries]
+    def _decoded(self, topic: Topic) -> list[Any]:
+        kind = MESSAGES[topic]
+        return [kind.FromString(each.data) for each in self._read(self._entries[topic])]
+
+    def _read(self, entries: Iterable[Entry]) -> Iterator[RawMessage]:
         with _open(self.path) as descriptor:
-            for entry, topic in sorted(tagged, key=lambda item: (item[0].log_time, item[0].offset)):
+            for entry in entries:
                 width, height = self._sizes.get(entry.channel, (0, 0))
                 yield RawMessage(
-                    topic=topic,
+                    topic=self._topic(entry),
                     log_time=entry.log_time,
                     publish_time=entry.publish_time,
                     sequence=entry.sequence,
@@ -253,14 +260,8 @@ class Recording:
                     height=height,
                 )
 
-    def _read(
-        self, topic: Topic, *, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[tuple[Entry, bytes]]:
-        with _open(self.path) as descriptor:
-            for entry in self._entries[topic]:
-                is_late = start_ns is None or entry.log_time >= start_ns
-                if is_late and (end_ns is None or entry.log_time <= end_ns):
-                    yield entry, os.pread(descriptor, entry.length, entry.offset)
+    def _topic(self, entry: Entry) -> Topic:
+        return self._topics.get(entry.channel) or _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE)
 
 
 @contextmanager

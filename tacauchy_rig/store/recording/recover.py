@@ -7,16 +7,19 @@ import heapq
 import logging
 import os
 import shutil
+from collections import ChainMap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.durable import read_error, sync_folder, write_error
 from tacauchy_rig.store.layout import RECORDING_NAME, SPILL_PATTERN, RunPaths
-from tacauchy_rig.store.recording.mcap_file import McapFile, RawMessage
+from tacauchy_rig.store.recording.messages import RawMessage
 from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.recording.writing import RecordingWriter
 
 _CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it is written
 
@@ -37,9 +40,9 @@ class RecoveryReport:
     """
 
     path: Path
-    changed: bool
     before: str
-    message_count: int
+    changed: bool = False
+    message_count: int = 0
     merged_count: int = 0
     original: Path | None = None
     problems: tuple[str, ...] = ()
@@ -56,13 +59,7 @@ def recover_run(root: Path) -> list[RecoveryReport]:
             reports.append(recover_recording(path))
         except RecordError as error:
             reports.append(
-                RecoveryReport(
-                    path=path,
-                    changed=False,
-                    before="not recovered",
-                    message_count=0,
-                    problems=(str(error),),
-                )
+                RecoveryReport(path=path, before="not recovered", problems=(str(error),))
             )
     return reports
 
@@ -91,7 +88,6 @@ def recover_recording(path: Path) -> RecoveryReport:
         if recording.is_intact and not spills:
             return RecoveryReport(
                 path=path,
-                changed=False,
                 before=recording.describe(),
                 message_count=recording.message_count,
                 problems=tuple(problems),
@@ -159,18 +155,12 @@ def _repack(recordings: Sequence[Recording], path: Path) -> list[int]:
     Raises:
         RecordError: ``path`` exists, or the disk is full.
     """
-    metadata: dict[str, str] = {}
-    for recording in recordings:
-        metadata = {**recording.metadata, **metadata}
+    metadata = dict(ChainMap(*(recording.metadata for recording in recordings)))
     counts = [0] * len(recordings)
-    file = McapFile(path, metadata=metadata, chunk_size=_CHUNK_SIZE)
-    try:
+    with RecordingWriter(path, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:
         for index, message in _merged(recordings):
-            file.add(message)
-            file.commit()
+            writer.write_raw([message])
             counts[index] += 1
-    finally:
-        file.close()
     return counts
 
 
@@ -179,7 +169,7 @@ def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]
 
     Equal messages have equal stamps, so only those of one stamp have to be remembered.
     """
-    streams = [_tagged(index, recording) for index, recording in enumerate(recordings)]
+    streams = [zip(repeat(i), each.raw_messages()) for i, each in enumerate(recordings)]
     stamp, holders = -1, dict[RawMessage, int]()
     for index, message in heapq.merge(*streams, key=lambda item: item[1].log_time):
         if message.log_time != stamp:
@@ -187,11 +177,6 @@ def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]
             holders.clear()
         if holders.setdefault(message, index) == index:
             yield index, message
-
-
-def _tagged(index: int, recording: Recording) -> Iterator[tuple[int, RawMessage]]:
-    for message in recording.raw_messages():
-        yield index, message
 
 
 def _keep(path: Path) -> Path:

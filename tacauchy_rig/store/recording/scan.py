@@ -18,7 +18,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
-from mcap.records import Channel, Footer, Header, Metadata, Statistics
+from mcap.records import Channel, Footer, Header, McapRecord, Metadata, Statistics
+from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 _RECORD_HEADER = struct.Struct("<BQ")
@@ -51,19 +52,6 @@ class Entry:
     length: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _WholeChunk:
-    """A chunk whose checksum agrees.
-
-    Attributes:
-        end: Offset of the first byte after it.
-    """
-
-    end: int
-    channels: tuple[Channel, ...]
-    entries: tuple[Entry, ...]
-
-
 @dataclass(slots=True)
 class Scan:
     """What was found in a file.
@@ -86,27 +74,24 @@ class Scan:
     problems: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Summary:
-    data_end: int
-    channels: dict[int, Channel]
-    message_count: int
-
-
 def scan_file(descriptor: int) -> Scan:
     """Find every whole message of an open file, in the order in which they were written."""
     scan = Scan(size=os.fstat(descriptor).st_size)
     scan.has_magic = os.pread(descriptor, len(MCAP0_MAGIC), 0) == MCAP0_MAGIC
     if not scan.has_magic and scan.size:
         scan.problems.append("the first bytes are not those of an MCAP file")
-    summary = _read_summary(descriptor, scan.size)
-    scan.finished = summary is not None
-    if summary is not None:
-        scan.channels.update(summary.channels)
-    _walk(descriptor, scan, limit=summary.data_end if summary else scan.size)
-    if summary is not None and summary.message_count > len(scan.entries):
-        lost = summary.message_count - len(scan.entries)
-        scan.problems.append(f"{lost} of {summary.message_count} messages are lost")
+    limit, message_count = scan.size, 0
+    for record in _read_summary(descriptor, scan.size):
+        if isinstance(record, Channel):
+            scan.channels[record.id] = record
+        elif isinstance(record, Statistics):
+            message_count = record.message_count
+        elif isinstance(record, Footer):
+            scan.finished, limit = True, record.summary_start - _DATA_END_SIZE
+    _walk(descriptor, scan, limit=limit)
+    if message_count > len(scan.entries):
+        lost = message_count - len(scan.entries)
+        scan.problems.append(f"{lost} of {message_count} messages are lost")
     return scan
 
 
@@ -132,16 +117,18 @@ def _read_record(descriptor: int, scan: Scan, offset: int, limit: int) -> int | 
     if len(header) < _RECORD_HEADER.size:
         return None
     opcode, length = _RECORD_HEADER.unpack(header)
-    start, end = offset + len(header), offset + len(header) + length
+    start = offset + len(header)
+    end: int = start + length
     if end > limit:
         return None
     if opcode == Opcode.CHUNK:
         chunk = _read_chunk(descriptor, offset, limit)
         if chunk is None:
             return None
-        scan.entries.extend(chunk.entries)
-        scan.channels.update((channel.id, channel) for channel in chunk.channels)
-        return chunk.end
+        channels, entries = chunk
+        scan.entries.extend(entries)
+        scan.channels.update((channel.id, channel) for channel in channels)
+        return end
     if opcode == Opcode.MESSAGE_INDEX:
         body = os.pread(descriptor, _MESSAGE_INDEX.size, start)
         is_whole = length >= len(body) and _MESSAGE_INDEX.unpack(body)[1] + len(body) == length
@@ -167,41 +154,28 @@ def _read_description(body: bytes, scan: Scan, opcode: int) -> bool:
     return stream.count == len(body)
 
 
-def _read_summary(descriptor: int, size: int) -> _Summary | None:
+def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
+    """Return the records at the end of a file that was closed, the footer the last; else none."""
     end = size - len(MCAP0_MAGIC) - FOOTER_SIZE
     if end < 0:
-        return None
+        return []
     tail = os.pread(descriptor, size - end, end)
     if tail[FOOTER_SIZE:] != MCAP0_MAGIC:
-        return None
+        return []
     if _RECORD_HEADER.unpack_from(tail) != (Opcode.FOOTER, FOOTER_SIZE - _RECORD_HEADER.size):
-        return None
+        return []
     footer = Footer.read(ReadDataStream(BytesIO(tail[_RECORD_HEADER.size :])))
     if not 0 < footer.summary_start <= end:
-        return None
+        return []
     body = os.pread(descriptor, end - footer.summary_start, footer.summary_start)
     if zlib.crc32(tail[: FOOTER_SIZE - 4], zlib.crc32(body)) != footer.summary_crc:
-        return None
-    return _parse_summary(body, data_end=footer.summary_start - _DATA_END_SIZE)
+        return []
+    return list(StreamReader(BytesIO(body + tail), skip_magic=True).records)
 
 
-def _parse_summary(body: bytes, *, data_end: int) -> _Summary:
-    channels: dict[int, Channel] = {}
-    message_count = position = 0
-    while position < len(body):
-        opcode, length = _RECORD_HEADER.unpack_from(body, position)
-        position += _RECORD_HEADER.size
-        stream = ReadDataStream(BytesIO(body[position : position + length]))
-        if opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            channels[channel.id] = channel
-        elif opcode == Opcode.STATISTICS:
-            message_count = Statistics.read(stream).message_count
-        position += length
-    return _Summary(data_end=data_end, channels=channels, message_count=message_count)
-
-
-def _read_chunk(descriptor: int, offset: int, limit: int) -> _WholeChunk | None:
+def _read_chunk(
+    descriptor: int, offset: int, limit: int
+) -> tuple[list[Channel], list[Entry]] | None:
     """Read the chunk at ``offset``, or return None if no whole one ends before ``limit``."""
     header = os.pread(descriptor, _CHUNK_HEADER.size, offset)
     if len(header) < _CHUNK_HEADER.size:
@@ -220,7 +194,7 @@ def _read_chunk(descriptor: int, offset: int, limit: int) -> _WholeChunk | None:
     data = os.pread(descriptor, stored, offset + _CHUNK_HEADER.size)
     if len(data) != stored or zlib.crc32(data) != checksum:
         return None
-    return _contents(data, start=offset + _CHUNK_HEADER.size, end=end)
+    return _contents(data, start=offset + _CHUNK_HEADER.size)
 
 
 def _find_chunk(descriptor: int, offset: int, limit: int) -> int | None:
@@ -240,7 +214,7 @@ def _candidates(descriptor: int, offset: int, limit: int) -> Iterator[int]:
         offset += _SEARCH_BLOCK
 
 
-def _contents(data: bytes, *, start: int, end: int) -> _WholeChunk | None:
+def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] | None:
     channels, entries, position = [], [], 0
     while position + _RECORD_HEADER.size <= len(data):
         opcode, length = _RECORD_HEADER.unpack_from(data, position)
@@ -261,6 +235,4 @@ def _contents(data: bytes, *, start: int, end: int) -> _WholeChunk | None:
                 Channel.read(ReadDataStream(BytesIO(data[position : position + length])))
             )
         position += length
-    if position != len(data):
-        return None
-    return _WholeChunk(end=end, channels=tuple(channels), entries=tuple(entries))
+    return (channels, entries) if position == len(data) else None

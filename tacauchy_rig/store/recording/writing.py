@@ -2,25 +2,32 @@
 
 Every message is a chunk of its own and is with the operating system before the call returns, so
 killing this process loses nothing; a thread brings the file to the disk each second, so losing
-power loses about that second.
+power loses about that second. The file is an MCAP of four topics, described inside it, without
+compression.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self, cast
 
-from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent
-from tacauchy_rig.store.recording.mcap_file import McapFile, RawMessage
+from mcap.well_known import MessageEncoding
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from tacauchy_rig.store.recording.append_file import AppendFile
 from tacauchy_rig.store.recording.messages import (
+    MESSAGES,
+    PACKAGE,
+    RawMessage,
+    Recorded,
     Topic,
-    encode_arm,
-    encode_event,
-    encode_force,
-    encode_image,
+    encode,
 )
+
+_SEQUENCE_MASK = 0xFFFFFFFF
 
 
 class RecordingWriter:
@@ -30,7 +37,8 @@ class RecordingWriter:
     nothing of that call is in the file, all before it is, and no more can be written.
 
     Args:
-        metadata: What this recording is; kept in it as plain text.
+        metadata: What this recording is; kept in it as plain text, the record ``tacauchy_rig``.
+        chunk_size: Of the file [bytes]; 1 gives each message a chunk of its own.
 
     Attributes:
         path: The MCAP file.
@@ -40,58 +48,45 @@ class RecordingWriter:
         RecordError: The file exists, the disk is full, or the folder may not be written.
     """
 
-    def __init__(self, path: Path, *, metadata: dict[str, str]) -> None:
+    def __init__(self, path: Path, *, metadata: dict[str, str], chunk_size: int = 1) -> None:
         self.path = path
         self.message_count = 0
-        self._file = McapFile(path, metadata=metadata, chunk_size=1)
+        self._file = AppendFile(path)
+        stream = cast("IO[bytes]", self._file)
+        self._mcap = Writer(stream, chunk_size=chunk_size, compression=CompressionType.NONE)
+        self._mcap.start(profile="", library=PACKAGE)
+        self._mcap.add_metadata(PACKAGE, metadata)
+        self._schemas = {topic: self._register_schema(topic) for topic in Topic}
+        self._channels: dict[tuple[Topic, int, int], int] = {}
+        for topic in (Topic.FORCE, Topic.ARM, Topic.EVENT):
+            self._channel(topic, 0, 0)
+        self._file.commit()
 
-    def write_force(self, samples: Sequence[ForceSample]) -> None:
-        """Record force samples, all or none.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._write(
-            [
-                _message(Topic.FORCE, sample.stamp_ns, encode_force(sample), sample.counter)
-                for sample in samples
-            ]
-        )
-
-    def write_arm(self, samples: Sequence[ArmSample]) -> None:
-        """Record states of the arm, all or none.
+    def write(self, items: Iterable[Recorded]) -> None:
+        """Record samples, frames and events, all or none.
 
         Raises:
             RecordError: The disk is full or gone.
         """
-        self._write(
-            [_message(Topic.ARM, sample.stamp_ns, encode_arm(sample), 0) for sample in samples]
-        )
+        self.write_raw(map(encode, items))
 
-    def write_frame(self, frame: ImageFrame) -> None:
-        """Record a frame; the driver's own stamp becomes MCAP's publish time.
+    def write_raw(self, messages: Iterable[RawMessage]) -> None:
+        """Record encoded messages, all or none.
 
         Raises:
             RecordError: The disk is full or gone.
         """
-        message = RawMessage(
-            topic=Topic.IMAGE,
-            log_time=frame.stamp_ns,
-            publish_time=_publish_time_ns(frame),
-            sequence=frame.counter,
-            data=encode_image(frame),
-            width=frame.width,
-            height=frame.height,
-        )
-        self._write([message])
-
-    def write_event(self, event: JournalEvent) -> None:
-        """Record a journal event beside the streams.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._write([_message(Topic.EVENT, event.stamp_ns, encode_event(event), 0)])
+        encoded = list(messages)
+        for message in encoded:
+            self._mcap.add_message(
+                channel_id=self._channel(message.topic, message.width, message.height),
+                log_time=message.log_time,
+                publish_time=message.publish_time,
+                sequence=message.sequence & _SEQUENCE_MASK,
+                data=message.data,
+            )
+        self._file.commit()
+        self.message_count += len(encoded)
 
     def close(self) -> None:
         """Write the index that viewers want and bring the file to the disk; safe to call twice.
@@ -101,7 +96,14 @@ class RecordingWriter:
         Raises:
             RecordError: The disk is full or gone; all messages are still in the file.
         """
-        self._file.close()
+        if self._file.is_closed:
+            return
+        try:
+            if not self._file.has_failed:
+                self._mcap.finish()  # type: ignore[no-untyped-call]
+                self._file.commit()
+        finally:
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -114,21 +116,22 @@ class RecordingWriter:
     ) -> None:
         self.close()
 
-    def _write(self, messages: list[RawMessage]) -> None:
-        for message in messages:
-            self._file.add(message)
-        self._file.commit()
-        self.message_count += len(messages)
+    def _register_schema(self, topic: Topic) -> int:
+        message = MESSAGES[topic]
+        number: int = self._mcap.register_schema(
+            name=message.DESCRIPTOR.full_name,
+            encoding="protobuf",
+            data=build_file_descriptor_set(message).SerializeToString(),
+        )
+        return number
 
-
-def _message(topic: Topic, stamp_ns: int, data: bytes, counter: int) -> RawMessage:
-    return RawMessage(
-        topic=topic, log_time=stamp_ns, publish_time=stamp_ns, sequence=counter, data=data
-    )
-
-
-def _publish_time_ns(frame: ImageFrame) -> int:
-    stamp = frame.device_stamp_s
-    if stamp is None or not 0 <= stamp < 1e9:
-        return frame.stamp_ns
-    return round(stamp * 1e9)
+    def _channel(self, topic: Topic, width: int, height: int) -> int:
+        key = (topic, width, height)
+        if key not in self._channels:
+            self._channels[key] = self._mcap.register_channel(
+                topic=topic,
+                message_encoding=MessageEncoding.Protobuf,
+                schema_id=self._schemas[topic],
+                metadata={"width": str(width), "height": str(height)} if width else {},
+            )
+        return self._channels[key]

@@ -32,7 +32,7 @@ def tamper(store: RunStore, change: Callable[[float], float]) -> None:
     force, frames = recording.force(), list(recording.frames())
     path.unlink()
     with RecordingWriter(path, metadata=recording.metadata) as writer:
-        writer.write_force(
+        writer.write(
             [
                 ForceSample(
                     stamp_ns=int(stamp),
@@ -45,7 +45,7 @@ def tamper(store: RunStore, change: Callable[[float], float]) -> None:
             ]
         )
         for frame in frames:
-            writer.write_frame(frame)
+            writer.write([frame])
     Recording.open(path).require_intact()
 
 
@@ -120,7 +120,7 @@ def test_a_recording_without_samples_fails(store: RunStore) -> None:
     path.unlink()
     with RecordingWriter(path, metadata={}) as writer:
         for frame in frames:
-            writer.write_frame(frame)
+            writer.write([frame])
     found = missed(report_of(store))
     assert set(found) == set(RECORDED)
     assert all("recover RUN" in c.remedy for c in found.values())

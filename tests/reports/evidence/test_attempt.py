@@ -60,11 +60,11 @@ def read(
         for k, value in enumerate(force_n):
             wrench = Wrench(force=(0.0, 0.0, value), torque=(0.0, 0.0, 0.0))
             stamp = press.at(2.0 + 0.01 * k)
-            writer.write_force([ForceSample(stamp_ns=stamp, counter=k, wrench=wrench)])
+            writer.write([ForceSample(stamp_ns=stamp, counter=k, wrench=wrench)])
         for k, value in enumerate(z_m):
-            writer.write_arm([press.arm_at(press.at(2.0 + 0.01 * k), value)])
+            writer.write([press.arm_at(press.at(2.0 + 0.01 * k), value)])
         for one in frames:
-            writer.write_frame(one)
+            writer.write([one])
     return AttemptReading(store, press.record(1), GEOMETRY)
 
 

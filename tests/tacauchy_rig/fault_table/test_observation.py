@@ -34,13 +34,13 @@ def paths(tmp_path):
     paths = RunPaths(tmp_path)
     paths.attempt(1, 1).mkdir(parents=True)
     recording = RecordingWriter(paths.recording(1, 1), metadata={})
-    recording.write_force(force(1, 2, 3))
+    recording.write(force(1, 2, 3))
     for number in (1, 2):
-        recording.write_frame(frame(number))
-    recording.write_event(JournalEvent(stamp_ns=5, name="attempt-start", trial=1, attempt=1))
+        recording.write([frame(number)])
+    recording.write([JournalEvent(stamp_ns=5, name="attempt-start", trial=1, attempt=1)])
     recording.close()
     spill = RecordingWriter(paths.spill(1, 1, "control"), metadata={})
-    spill.write_force(force(3, 4))
+    spill.write(force(3, 4))
     spill.close()
     return paths
 
@@ -62,7 +62,7 @@ def test_numbers_that_are_missing_in_the_middle_show(paths):
     """A gap is counted between the first and the last number."""
     paths.spill(1, 1, "control").unlink()
     spill = RecordingWriter(paths.spill(1, 1, "control"), metadata={})
-    spill.write_force(force(6))
+    spill.write(force(6))
     spill.close()
     assert kept_messages(paths, [(1, 1)], {}).force_gap_count == 2
 

@@ -59,10 +59,10 @@ class Samples:
     def write(self, writer: RecordingWriter, count: int) -> None:
         """Write ``count`` frames with four force samples and arm states each, and one event."""
         for number in range(count):
-            writer.write_frame(self.frame(number))
-            writer.write_force([self.force(4 * number + part) for part in range(4)])
-            writer.write_arm([self.arm(4 * number + part) for part in range(4)])
-        writer.write_event(self.event(0))
+            writer.write([self.frame(number)])
+            writer.write([self.force(4 * number + part) for part in range(4)])
+            writer.write([self.arm(4 * number + part) for part in range(4)])
+        writer.write([self.event(0)])
 
 
 @pytest.fixture(scope="session")

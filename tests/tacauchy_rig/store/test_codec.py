@@ -63,6 +63,15 @@ def test_any_replay_comes_back(replay: Replay) -> None:
     assert all(isinstance(pair, tuple) for trial in again.trials for pair in trial.force_history)
 
 
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_what_json_lacks_comes_back_from_a_class_of_pydantic(value: float) -> None:
+    """Such classes leave out what is None; no number may look like that."""
+    motion = MarkerMotion(trial=1, drawn=2, apart_largest_m=value)
+    again = from_json(MarkerMotion, json.loads(dumps(motion))).apart_largest_m
+    assert again == value or (math.isnan(value) and again is not None and math.isnan(again))
+    assert to_plain(motion)["apart_largest_m"] is None
+
+
 def test_types_are_rebuilt() -> None:
     """Enums, nested dataclasses and defaults are what the type says."""
     record = from_json(TrialRecord, RECORD)

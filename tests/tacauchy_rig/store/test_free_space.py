@@ -11,12 +11,12 @@ import pytest
 
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.store.durable import free_bytes
 from tacauchy_rig.store.free_space import (
     ARM_MESSAGE_BYTES,
     FORCE_MESSAGE_BYTES,
     check_free_space,
     estimate_session,
-    free_bytes,
 )
 from tacauchy_rig.store.recording.writing import RecordingWriter
 
@@ -47,7 +47,7 @@ def test_message_sizes_are_measured(tmp_path: Path, samples: Any) -> None:
         with RecordingWriter(path, metadata={}) as writer:
             empty = path.stat().st_size
             for number in range(1000):
-                getattr(writer, f"write_{kind}")([getattr(samples, kind)(number)])
+                writer.write([getattr(samples, kind)(number)])
         sizes.append((path.stat().st_size - empty) / 1000)
     assert 0.7 * FORCE_MESSAGE_BYTES < sizes[0] <= FORCE_MESSAGE_BYTES
     assert 0.7 * ARM_MESSAGE_BYTES < sizes[1] <= ARM_MESSAGE_BYTES

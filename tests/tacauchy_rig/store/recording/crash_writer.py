@@ -48,9 +48,9 @@ def main(path: Path, mode: str) -> None:
     counter = 0
     while mode != "closing" or counter < 40:
         if counter % FORCE_PER_FRAME == 0:
-            writer.write_frame(frame_of(counter // FORCE_PER_FRAME))
+            writer.write([frame_of(counter // FORCE_PER_FRAME)])
             os.write(1, b"%d\n" % writer.message_count)
-        writer.write_force([force_of(counter)])
+        writer.write([force_of(counter)])
         os.write(1, b"%d\n" % writer.message_count)
         counter += 1
         if mode == "paced":

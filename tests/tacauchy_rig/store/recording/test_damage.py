@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.recording.mcap_file import RawMessage
-from tacauchy_rig.store.recording.messages import Topic
+from tacauchy_rig.store.recording.messages import RawMessage, Topic
 from tacauchy_rig.store.recording.reading import Recording
 from tacauchy_rig.store.recording.writing import RecordingWriter
 
@@ -45,9 +44,9 @@ def original(folder: Path, samples: Any) -> Original:
     writer = RecordingWriter(path, metadata={"trial": "1"})
     acknowledged = [(path.stat().st_size, 0)]
     for number in range(FRAME_COUNT):
-        writer.write_frame(samples.frame(number, size=90))
+        writer.write([samples.frame(number, size=90)])
         acknowledged.append((path.stat().st_size, writer.message_count))
-        writer.write_force([samples.force(2 * number), samples.force(2 * number + 1)])
+        writer.write([samples.force(2 * number), samples.force(2 * number + 1)])
         acknowledged.append((path.stat().st_size, writer.message_count))
     unfinished = path.read_bytes()
     writer.close()

@@ -21,7 +21,7 @@ from tacauchy_rig.store.recording.reading import Recording
 from tacauchy_rig.store.recording.recover import recover_recording
 
 PROGRAM = Path(__file__).with_name("crash_writer.py")
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(tacauchy_rig.__file__).parents[2])}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(tacauchy_rig.__file__).parents[1])}
 FIRST_ACKNOWLEDGEMENTS = 3
 LONGEST_S = {"paced": 0.6, "fast": 0.15, "closing": 0.06}
 

@@ -75,10 +75,10 @@ def test_spills_are_merged_once(finished: Path, samples: Any) -> None:
     """Messages that the recorder had not acknowledged come back, those that it had only once."""
     folder = finished.parent
     with RecordingWriter(folder / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write_force([samples.force(39), samples.force(40), samples.force(41)])
+        spill.write([samples.force(39), samples.force(40), samples.force(41)])
     with RecordingWriter(folder / "unacknowledged-camera.mcap", metadata={}) as spill:
-        spill.write_frame(samples.frame(9))
-        spill.write_frame(samples.frame(10))
+        spill.write([samples.frame(9)])
+        spill.write([samples.frame(10)])
     report = recover_recording(finished)
     assert (report.message_count, report.merged_count) == (94, 3)
     recording = Recording.open(finished)
@@ -93,7 +93,7 @@ def test_a_spill_without_a_recording(tmp_path: Path, samples: Any) -> None:
     """When the recorder never wrote a byte, the spill alone becomes the recording."""
     path = tmp_path / "recording.mcap"
     with RecordingWriter(tmp_path / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write_force([samples.force(0)])
+        spill.write([samples.force(0)])
     assert recover_recording(path).merged_count == 1
     assert Recording.open(path).is_intact
 
@@ -103,7 +103,7 @@ def test_a_spill_beside_an_empty_recording(tmp_path: Path, samples: Any) -> None
     path = tmp_path / "recording.mcap"
     path.touch()
     with RecordingWriter(tmp_path / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write_force([samples.force(0)])
+        spill.write([samples.force(0)])
     (tmp_path / "unacknowledged-camera.mcap").touch()
     report = recover_recording(path)
     assert report.message_count == 1
@@ -116,11 +116,11 @@ def test_a_recording_at_work_is_left_alone(tmp_path: Path, samples: Any) -> None
     """Recovery does not touch a file that a writer still holds."""
     path = tmp_path / "recording.mcap"
     with RecordingWriter(path, metadata={}) as writer:
-        writer.write_force([samples.force(0)])
+        writer.write([samples.force(0)])
         with pytest.raises(RecordError, match="is being written by a program") as caught:
             recover_recording(path)
         assert "wait for the run to end" in caught.value.remedy
-        writer.write_force([samples.force(1)])
+        writer.write([samples.force(1)])
     assert Recording.open(path).message_count == 2
 
 

@@ -59,9 +59,9 @@ def test_streams_are_read_in_order_of_arrival(tmp_path: Path, samples: Any) -> N
     """Messages that a busy writer got late come back where they belong."""
     path = tmp_path / "recording.mcap"
     with RecordingWriter(path, metadata={}) as writer:
-        writer.write_frame(samples.frame(1))
-        writer.write_force([samples.force(9), samples.force(2)])
-        writer.write_frame(samples.frame(0))
+        writer.write([samples.frame(1)])
+        writer.write([samples.force(9), samples.force(2)])
+        writer.write([samples.frame(0)])
     recording = Recording.open(path)
     assert recording.force().counter.tolist() == [2, 9]
     assert [frame.counter for frame in recording.frames()] == [0, 1]
@@ -114,8 +114,8 @@ def test_each_call_is_readable_when_it_returns(tmp_path: Path, samples: Any) -> 
     path = tmp_path / "recording.mcap"
     with RecordingWriter(path, metadata={}) as writer:
         for number in range(1, 6):
-            writer.write_force([samples.force(2 * number), samples.force(2 * number + 1)])
-            writer.write_frame(samples.frame(number))
+            writer.write([samples.force(2 * number), samples.force(2 * number + 1)])
+            writer.write([samples.frame(number)])
             recording = Recording.open(path)
             assert recording.message_count == writer.message_count == 3 * number
             assert not recording.finished
@@ -131,8 +131,8 @@ def test_extreme_values_come_back(tmp_path: Path) -> None:
         stamp_ns=0, counter=2**32 - 1, device_stamp_s=-5.0, width=1, height=1, jpeg=b""
     )
     with RecordingWriter(path, metadata={"ключ": "значение"}) as writer:
-        writer.write_force([sample])
-        writer.write_frame(frame)
+        writer.write([sample])
+        writer.write([frame])
     recording = Recording.open(path)
     expected = np.array([*wrench.force, *wrench.torque])
     assert recording.force().wrench.tobytes() == expected.tobytes()
@@ -159,13 +159,13 @@ def test_a_full_disk_keeps_all_that_was_acknowledged(
     writer = RecordingWriter(path, metadata={})
     with file_size_limit(200_000):
         for number in range(38):
-            writer.write_frame(samples.frame(number))
+            writer.write([samples.frame(number)])
         with pytest.raises(RecordError, match="no space left to write") as caught:
-            writer.write_frame(samples.frame(38))
+            writer.write([samples.frame(38)])
         assert "MB free" in caught.value.message
         assert "run.output_directory" in caught.value.remedy
         with pytest.raises(RecordError, match="no space left"):
-            writer.write_force([samples.force(0)])
+            writer.write([samples.force(0)])
     writer.close()
     recording = Recording.open(path)
     assert recording.message_count == writer.message_count == 38
@@ -197,7 +197,7 @@ def test_a_disk_that_fails_to_sync_is_reported(
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     writer = RecordingWriter(tmp_path / "recording.mcap", metadata={})
-    writer.write_force([samples.force(0)])
+    writer.write([samples.force(0)])
     monkeypatch.setattr(os, "fdatasync", fail)
     with pytest.raises(RecordError, match=r"recording\.mcap: cannot be written: Input/output"):
         writer.close()
