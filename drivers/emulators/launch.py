@@ -64,7 +64,7 @@ def with_addresses(config: RigConfig, addresses: EmulatedAddresses) -> RigConfig
     return config.model_copy(update=changes)
 
 
-def free_loopback_host(*, seed: int | None = None) -> str:
+def free_loopback_host() -> str:
     """Return a loopback address whose three controller ports are free.
 
     ur_rtde fixes the ports, so each emulated controller needs an address of its own.
@@ -72,7 +72,7 @@ def free_loopback_host(*, seed: int | None = None) -> str:
     Raises:
         DeviceError: No free address was found in 200 tries.
     """
-    source = random.Random(seed)  # noqa: S311 - an address, not a secret
+    source = random.Random()  # noqa: S311 - an address, not a secret
     for _ in range(200):
         host = f"127.{source.randint(1, 250)}.{source.randint(1, 250)}.{source.randint(2, 250)}"
         if all(_port_is_free(host, port) for port in UR_PORTS):

@@ -7,19 +7,19 @@ answers, the faults that it is told of, and the word to end.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import inspect
 import json
 import logging
 import os
+import select
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from queue import Empty, Queue
 from types import FrameType
 from typing import Any, TypeVar, get_origin, get_type_hints
 
@@ -48,18 +48,8 @@ class EmulatedProcess:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,
+                bufsize=0,  # so that what can be read is what ``select`` says
             )
-        self._lines: Queue[str] = Queue()
-        self._reader = threading.Thread(target=self._read_lines, daemon=True)
-        self._reader.start()
-
-    def _read_lines(self) -> None:
-        stream = self.process.stdout
-        if stream is None:
-            return
-        with stream:
-            for line in stream:
-                self._lines.put(line.decode(errors="replace"))
 
     def wait_ready(self, *, timeout_s: float = READY_TIMEOUT_S) -> dict[str, Any]:
         """Return the emulator's ready line.
@@ -68,14 +58,17 @@ class EmulatedProcess:
             DeviceError: It ended, or said nothing before the deadline.
         """
         deadline = time.monotonic() + timeout_s
-        while time.monotonic() < deadline:
-            try:
-                return dict(json.loads(self._lines.get(timeout=0.1)))
-            except Empty:
-                if self.process.poll() is not None:
-                    break
-            except ValueError:
+        stream = self.process.stdout
+        while stream is not None and time.monotonic() < deadline:
+            if not select.select([stream], [], [], 0.1)[0]:
                 continue
+            line = stream.readline()
+            if not line:  # it ended
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self.process.wait(END_TIMEOUT_S)
+                break
+            with contextlib.suppress(ValueError):
+                return dict(json.loads(line))
         raise DeviceError(
             f"emulated {self.name}: not ready within {timeout_s:g} s "
             f"(exit status {self.process.poll()}): {self._log_tail()}",
@@ -96,7 +89,8 @@ class EmulatedProcess:
                 logger.warning("emulated %s did not end; killing it", self.name)
                 self.process.kill()
                 self.process.wait()
-        self._reader.join(timeout=END_TIMEOUT_S)
+        if self.process.stdout is not None:
+            self.process.stdout.close()
 
 
 _REAL_TIME_PRIORITY = 1

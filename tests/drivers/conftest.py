@@ -50,8 +50,6 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
     yield start
     for process in started:
         process.stop()
-        if process.process.stdout is not None:
-            process.process.stdout.close()
 
 
 Frames = Callable[[threading.Event], Iterator[bytes]]

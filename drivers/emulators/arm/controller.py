@@ -7,7 +7,6 @@ its ports are open, then serves until it is told to end.
 from __future__ import annotations
 
 import errno
-import random
 import select
 import socket
 import sys
@@ -25,7 +24,7 @@ from drivers.emulators.process import DeviceSettings, Service, keep_time, run_de
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import Pose, Vector3, Vector6
+from tacauchy_rig.run import Pose, Vector6
 
 _DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
@@ -41,16 +40,12 @@ class ControllerSettings(DeviceSettings):
         model: cb3 or e-series.
         home: Pose of the tip at the start: x,y,z,rx,ry,rz [m, rad].
         remote_control: False when the pendant is in local control.
-        repeatability_m: The true tip ends each move within this distance of the reported one.
-        pose_noise_m: Standard deviation of the reported position.
     """
 
     host: str = "127.0.0.5"
     model: RobotModel = RobotModel.E_SERIES
     home: Vector6 = (0.3, -0.3, 0.2, 3.14159265, 0.0, 0.0)
     remote_control: bool = True
-    repeatability_m: float = 0.0
-    pose_noise_m: float = 0.0
 
 
 class UrController:
@@ -59,7 +54,6 @@ class UrController:
     def __init__(self, settings: ControllerSettings, service: Service) -> None:
         self._settings = settings
         self._service = service
-        self._random = random.Random(settings.seed)  # noqa: S311 - imitates a device
         home = Pose(position=settings.home[:3], rotation_vector=settings.home[3:])
         self.body = ControllerBody.at_home(
             settings.model, home, remote_control=settings.remote_control
@@ -81,8 +75,6 @@ class UrController:
         self._start_s = time.monotonic()
         self._cycle = 0
         self._fed_s = 0.0
-        self._error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-        self._was_on_line = False
 
     def serve(self) -> None:
         """Say where it listens and serve clients until its time is over."""
@@ -135,19 +127,14 @@ class UrController:
         self._run_program(now_s)
         motion = self.body.motion
         motion.step(passed_s)
-        self._draw_repeatability()
-        reported = self._reported(motion.pose)
+        x, y, z, rx, ry, rz = motion.pose
         self.body.publish(
-            time_s=round(due * self._period_s, 6), pose=reported, velocity=motion.velocity
+            time_s=round(due * self._period_s, 6), pose=motion.pose, velocity=motion.velocity
         )
-        x, y, z, *turn = motion.pose
-        true: Vector3 = (x + self._error[0], y + self._error[1], z + self._error[2])
         self._world.publish(
-            Pose(position=true, rotation_vector=(turn[0], turn[1], turn[2])),
-            motion.velocity,
-            stamp_ns,
+            Pose(position=(x, y, z), rotation_vector=(rx, ry, rz)), motion.velocity, stamp_ns
         )
-        self._trace.add(stamp_ns, true, motion.velocity, self.body.runtime_state)
+        self._trace.add(stamp_ns, (x, y, z), motion.velocity, self.body.runtime_state)
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)
 
@@ -233,22 +220,6 @@ class UrController:
     def _delay(self, delay_s: float) -> None:
         for port in self._ports:
             port.delay(delay_s)
-
-    def _draw_repeatability(self) -> None:
-        # A new error for each move, drawn when it ends its line; slow presses keep theirs.
-        on_line = self.body.motion.on_line
-        if self._was_on_line and not on_line and self._settings.repeatability_m > 0.0:
-            draw = [self._random.uniform(-1.0, 1.0) for _ in range(3)]
-            scale = self._settings.repeatability_m / max(1.0, sum(d * d for d in draw) ** 0.5)
-            self._error = (draw[0] * scale, draw[1] * scale, draw[2] * scale)
-        self._was_on_line = on_line
-
-    def _reported(self, pose: Vector6) -> Vector6:
-        sigma = self._settings.pose_noise_m
-        if sigma <= 0.0:
-            return pose
-        x, y, z = (value + self._random.gauss(0.0, sigma) for value in pose[:3])
-        return (x, y, z, *pose[3:])
 
     def _note(self, name: str, **detail: object) -> None:
         self._trace.note(time.monotonic_ns(), name, self.body.motion.pose, **detail)

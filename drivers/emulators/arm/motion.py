@@ -80,11 +80,6 @@ class ToolMotion:
         """True when nothing moves and nothing is meant to."""
         return self._line is None and self._target_velocity is None
 
-    @property
-    def on_line(self) -> bool:
-        """True while a line to a target is being driven."""
-        return self._line is not None
-
     def move_to(self, target: Vector6, *, speed: float, acceleration: float) -> None:
         """Drive straight to ``target`` with a trapezoidal speed [m/s, m/s^2]."""
         self._target_velocity = None

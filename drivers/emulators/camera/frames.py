@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.emulators.camera.jpeg import DEFAULT_QUALITY, MCU_PX, JpegMosaic, Tiles
+from drivers.emulators.camera.jpeg import MCU_PX, JpegMosaic, Tiles
 from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera, Region
@@ -57,28 +57,15 @@ BLOCK_PX = 8
 BIT_COUNT = 32
 STAMP_WIDTH_PX = BLOCK_PX * BIT_COUNT
 STAMP_HEIGHT_PX = 2 * BLOCK_PX
-_DARK, _BRIGHT = 16, 240
+DARK, BRIGHT = 16, 240
 
 
 def draw_number(image: ImageArray, number: int) -> None:
     """Draw ``number`` into the top left corner of ``image`` [rows, columns, 3], in place."""
     bits = (number >> np.arange(BIT_COUNT)) & 1
-    levels = np.where(np.stack([bits, 1 - bits]), _BRIGHT, _DARK).astype(np.uint8)
+    levels = np.where(np.stack([bits, 1 - bits]), BRIGHT, DARK).astype(np.uint8)
     blocks = levels.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
     image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX] = blocks[:, :, None]
-
-
-def read_number(image: ImageArray) -> int | None:
-    """Return the number drawn in ``image`` (grey or colour); None where it cannot be read."""
-    corner = image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX]
-    if corner.shape[:2] != (STAMP_HEIGHT_PX, STAMP_WIDTH_PX):
-        return None
-    grey = corner.reshape(STAMP_HEIGHT_PX, STAMP_WIDTH_PX, -1).mean(axis=-1)
-    blocks = grey.reshape(2, BLOCK_PX, BIT_COUNT, BLOCK_PX).mean(axis=(1, 3))
-    bits = blocks > 0.5 * (_DARK + _BRIGHT)
-    if not bool(np.all(bits[0] != bits[1])):
-        return None
-    return int(sum(1 << i for i in range(BIT_COUNT) if bits[0, i]))
 
 
 DEPTH_STEP_M = 4e-6
@@ -126,11 +113,9 @@ class FrameFactory:
         plant: Plant,
         width: int,
         height: int,
-        *,
-        quality: int = DEFAULT_QUALITY,
     ) -> None:
         self.plant = plant
-        self.mosaic = JpegMosaic(width, height, quality=quality)
+        self.mosaic = JpegMosaic(width, height)
         self._factor = rendering_factor(width, height)
         self._camera = GelCamera(
             plant.truth, view_of(plant.truth, (width, height)).scaled(self._factor)

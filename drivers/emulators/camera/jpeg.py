@@ -16,7 +16,7 @@ from drivers.emulators.plant.arrays import ImageArray
 from tacauchy_rig.errors import DeviceError
 
 MCU_PX = 16  # of 4:2:0 sampling
-DEFAULT_QUALITY = 94  # gives 0.84 MB at 3280x2464, what the real camera sends
+QUALITY = 94  # gives 0.84 MB at 3280x2464, what the real camera sends
 _RESTART = re.compile(rb"\xff[\xd0-\xd7]")
 _START_OF_SCAN = b"\xff\xda"
 _END_OF_IMAGE = b"\xff\xd9"
@@ -35,7 +35,7 @@ class JpegMosaic:
         columns, rows: Tiles in a frame.
     """
 
-    def __init__(self, width: int, height: int, *, quality: int = DEFAULT_QUALITY) -> None:
+    def __init__(self, width: int, height: int) -> None:
         self.width, self.height = width, height
         mcu_columns = -(-width // MCU_PX)
         longest = max(1, mcu_columns // _TILES_PER_ROW)
@@ -44,7 +44,7 @@ class JpegMosaic:
         self.columns = mcu_columns // per_tile
         self.rows = -(-height // MCU_PX)
         self._settings = [
-            *(cv2.IMWRITE_JPEG_QUALITY, quality),
+            *(cv2.IMWRITE_JPEG_QUALITY, QUALITY),
             *(cv2.IMWRITE_JPEG_RST_INTERVAL, per_tile),
             *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420),
         ]

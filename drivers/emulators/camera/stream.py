@@ -29,7 +29,6 @@ from drivers.emulators.camera.frames import (
     PressKey,
 )
 from drivers.emulators.camera.http import MjpegServer
-from drivers.emulators.camera.jpeg import DEFAULT_QUALITY
 from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
@@ -48,7 +47,6 @@ class CameraSettings(GelSettings):
         width: Of the frames [px].
         height: Of the frames [px].
         rate: Frames per second.
-        quality: Of the JPEG.
     """
 
     host: str = "127.0.0.1"
@@ -56,7 +54,6 @@ class CameraSettings(GelSettings):
     width: int = 640
     height: int = 480
     rate: float = 25.0
-    quality: int = DEFAULT_QUALITY
 
 
 class BackgroundRenderer:
@@ -246,9 +243,7 @@ class EmulatedCamera:
 
 def _serve(settings: CameraSettings, service: Service) -> None:
     cv2.setNumThreads(1)
-    factory = FrameFactory(
-        settings.plant(), settings.width, settings.height, quality=settings.quality
-    )
+    factory = FrameFactory(settings.plant(), settings.width, settings.height)
     keep_time(mostly_sleeps=False)
     server = _listen(settings.host, settings.port)
     camera = EmulatedCamera(settings, service, factory, server)

@@ -148,8 +148,8 @@ class FrameStream:
 
     def next_frame(
         self, values: Vector6, *, stamp_ns: int, faults: Iterable[Fault], checksum: Checksum
-    ) -> Vector6:
-        """Queue the next frame and return the values that it carries."""
+    ) -> None:
+        """Queue the next frame."""
         self.number += 1
         active = {fault.kind: fault.parameters for fault in faults}
         if FaultKind.FREEZE in active:
@@ -160,7 +160,7 @@ class FrameStream:
             full_scale_n = active[FaultKind.SATURATE].get("full_scale_n", self._full_scale_n)
             values = (values[0], values[1], full_scale_n, *values[3:])
         if FaultKind.STALL in active or self._chance(active, FaultKind.DROP, _DROP_FRACTION):
-            return values
+            return
         data = encode_frame(self.number, values, checksum=checksum)
         if self._chance(active, FaultKind.GARBLE, _GARBLE_FRACTION):
             data = self._garble(data)
@@ -168,7 +168,6 @@ class FrameStream:
         if FaultKind.DELAY in active:
             delay_s += active[FaultKind.DELAY].get("delay_s", _DELAY_S)
         self._waiting.append((stamp_ns + int(delay_s * 1e9), data))
-        return values
 
     @property
     def next_due_ns(self) -> int | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import random
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,25 +71,14 @@ def open_trace(path: Path, *, boot_id: str | None = None) -> TextIO:
         boot_id: This boot; as the kernel names it if None.
     """
     first = json.dumps({"boot_id": boot_id or BOOT_ID.read_text("ascii").strip()}) + "\n"
-    if not _begins_with(path, first):
+    before = path.read_text("utf-8") if path.is_file() else ""
+    if not before.startswith(first):
         path.write_text(first, encoding="utf-8")
+        before = first
     trace = path.open("a", encoding="utf-8")
-    if not _ends_a_line(path):
+    if not before.endswith("\n"):
         trace.write("\n")  # a kill has torn the last line
     return trace
-
-
-def _begins_with(path: Path, line: str) -> bool:
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.readline() == line.encode()
-
-
-def _ends_a_line(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,7 @@ from drivers.emulators.plant.relief import (
     visible_share,
 )
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from drivers.emulators.plant.view import View, marker_reflectance
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
@@ -68,15 +68,9 @@ class Region:
 class GelCamera:
     """Renders noise-free frames of one view of the gel."""
 
-    def __init__(
-        self,
-        truth: PlantTruth,
-        view: View,
-        *,
-        markers: MarkerGrid | None = None,
-    ) -> None:
+    def __init__(self, truth: PlantTruth, view: View) -> None:
         self.view = view
-        self._markers = markers or truth.unit.markers
+        self._markers = truth.unit.markers
         self._unit = unit = truth.unit
         self._dome_radius_m = unit.gel.dome_radius_m
         self._x, self._y = view.gel_points()

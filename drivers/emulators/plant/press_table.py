@@ -98,10 +98,8 @@ def case_for(tip: Tip, poisson: float, *, gel: GelDisc | None = None) -> PressCa
     """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
     disc = gel or GelDisc()
     deepest_m = _DEEPEST_SHARE * disc.thickness_m
-    if isinstance(tip, CylinderTip):
-        return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=min(1.0e-3, deepest_m))
-    depth_m = min(1.5e-3, 0.32 * tip.diameter_m, deepest_m)
-    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=depth_m)
+    depth_m = 1.0e-3 if isinstance(tip, CylinderTip) else min(1.5e-3, 0.32 * tip.diameter_m)
+    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=min(depth_m, deepest_m))
 
 
 def press_table(case: PressCase) -> PressTable:

@@ -13,7 +13,6 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import MarkerGrid
 from drivers.emulators.plant.view import view_of
 
 _LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
@@ -42,7 +41,6 @@ def render_press(
     *,
     centre_m: tuple[float, float] = (0.0, 0.0),
     lean_rad: tuple[float, float] | None = None,
-    markers: bool = False,
     noise_seed: int | None = 0,
 ) -> ImageArray:
     """Render one raw frame, as the emulated camera would send it before JPEG.
@@ -54,13 +52,12 @@ def render_press(
         size: Width and height of the raw frame [px]; 15 % on each side is border.
         centre_m: Where, from the gel's centre, along image right and down [m].
         lean_rad: Lean of the contact towards x and y [rad]; None is the mounting's.
-        markers: Whether the gel has printed dots.
         noise_seed: Another number gives other noise; None gives none.
 
     Returns:
         BGR, shape [height, width, 3].
     """
-    camera = _camera(truth, size, markers)
+    camera = _camera(truth, size)
     profile = None
     if depth_m > 0.0:
         lean = truth.tilt_rad if lean_rad is None else lean_rad
@@ -74,9 +71,8 @@ def render_press(
 
 
 @lru_cache(maxsize=4)
-def _camera(truth: PlantTruth, size: tuple[int, int], markers: bool) -> GelCamera:
-    view = view_of(truth, size).scaled(rendering_factor(*size))
-    return GelCamera(truth, view, markers=MarkerGrid() if markers else None)
+def _camera(truth: PlantTruth, size: tuple[int, int]) -> GelCamera:
+    return GelCamera(truth, view_of(truth, size).scaled(rendering_factor(*size)))
 
 
 @lru_cache(maxsize=8)

@@ -77,7 +77,7 @@ def test_a_stalled_arm_stands_but_can_be_stopped() -> None:
     motion.move_to((0.3, -0.2, 0.2, math.pi, 0.0, 0.0), speed=0.01, acceleration=0.1)
     for _ in range(100):
         motion.step(_STEP_S)
-    assert motion.on_line
+    assert not motion.is_still
     assert motion.pose == _HOME.as_vector()
     motion.brake(1.0)
     motion.step(_STEP_S)

@@ -24,8 +24,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.device.faults import Device, Fault, FaultKind, parse_fault
-from drivers.emulators.camera.frames import FrameFactory, PressKey, draw_number, read_number
-from drivers.emulators.camera.jpeg import JpegMosaic
+from drivers.emulators.camera.frames import (
+    BIT_COUNT,
+    BLOCK_PX,
+    BRIGHT,
+    DARK,
+    STAMP_HEIGHT_PX,
+    STAMP_WIDTH_PX,
+    FrameFactory,
+    PressKey,
+    draw_number,
+)
+from drivers.emulators.camera.jpeg import QUALITY, JpegMosaic
 from drivers.emulators.camera.stream import FaultyOutput
 from drivers.emulators.faults import post_fault
 from drivers.emulators.plant.gel import Plant
@@ -39,6 +49,19 @@ SURFACE_Z = 0.2
 TRUTH = draw_truth(7)
 PUNCH = CylinderTip(diameter_m=5e-3)
 UNLOADED = PressKey(depth=0, x=0, y=0, light=0)
+
+
+def read_number(image: np.ndarray) -> int | None:
+    """Return the number drawn in ``image`` (grey or colour); None where it cannot be read."""
+    corner = image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX]
+    if corner.shape[:2] != (STAMP_HEIGHT_PX, STAMP_WIDTH_PX):
+        return None
+    grey = corner.reshape(STAMP_HEIGHT_PX, STAMP_WIDTH_PX, -1).mean(axis=-1)
+    blocks = grey.reshape(2, BLOCK_PX, BIT_COUNT, BLOCK_PX).mean(axis=(1, 3))
+    bits = blocks > 0.5 * (DARK + BRIGHT)
+    if not bool(np.all(bits[0] != bits[1])):
+        return None
+    return int(sum(1 << i for i in range(BIT_COUNT) if bits[0, i]))
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -60,12 +83,12 @@ def test_no_number_is_read_where_none_is() -> None:
 def test_a_spliced_frame_decodes_like_a_whole_one(width: int, height: int) -> None:
     """Tiles of blocks encoded apart give the picture that one encoding gives, bit for bit."""
     image = np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
-    mosaic = JpegMosaic(width, height, quality=85)
+    mosaic = JpegMosaic(width, height)
     whole = mosaic.tiles(image)
     part = mosaic.tiles(image[32:96, mosaic.tile_width : 3 * mosaic.tile_width])
     assert [row[1:3] for row in whole[2:6]] == part
     decoded = cv2.imdecode(np.frombuffer(mosaic.splice(whole), np.uint8), cv2.IMREAD_COLOR)
-    _, plain = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    _, plain = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     assert np.array_equal(decoded, cv2.imdecode(plain, cv2.IMREAD_COLOR))
 
 

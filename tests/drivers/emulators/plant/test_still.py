@@ -122,7 +122,8 @@ def test_a_ball_shades_the_inside_of_its_contact(
 def test_markers_move_outwards_with_the_surface() -> None:
     """Dots are absent by default, dark when asked for, and pushed away from a press."""
     plain = render_press(TRUTH, PUNCH, 0.0, SIZE, noise_seed=None).astype(float)
-    dotted = render_press(TRUTH, PUNCH, 0.0, SIZE, markers=True, noise_seed=None)
+    dots = replace(TRUTH, unit=replace(TRUTH.unit, markers=MarkerGrid()))
+    dotted = render_press(dots, PUNCH, 0.0, SIZE, noise_seed=None)
     column, row = view_of(TRUTH, SIZE).pixel(*MarkerGrid().rest()[0])
     at = round(row), round(column)
     assert dotted[at].mean() < 0.6 * plain[at].mean()
