@@ -28,8 +28,8 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 # Options that are no text, and those that may stand several times.
-_READERS = {"poisson": float, "preset": Preset, "drive": Drive}
-_REPEATED = {"layer", "effect"}
+_READERS = {"poisson": float, "preset": Preset, "drive": Drive, "output": Output}
+_REPEATED = {"layer", "effect", "output"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,18 +70,21 @@ def scene_from(words: str) -> Scene:
         words: For example ``--sensor digit --indenter sphere:diameter=5mm --depth 0.5mm``.
 
     Raises:
-        ConfigError: A value is not understood, or the scene is not complete.
-        TypeError: There is no such option.
+        ConfigError: An option or a value is not understood, or the scene is not complete.
     """
     given: dict[str, Any] = {}
     options, values = (shlex.split(words)[start::2] for start in (0, 1))
-    for option, value in zip(options, values, strict=True):
-        name = option.removeprefix("--")
-        if name in _REPEATED:
-            given.setdefault(name, []).append(value)
-        else:
-            given[name] = _READERS.get(name, str)(value)
-    return scene_of(SceneTerms(**given))
+    try:
+        for option, value in zip(options, values, strict=True):
+            name = option.removeprefix("--")
+            read = _READERS.get(name, str)(value)
+            given[name] = [*given.get(name, ()), read] if name in _REPEATED else read
+        terms = SceneTerms(**given)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{words}: {error}", remedy="write options as `tacauchy-rig press --help` lists them"
+        ) from error
+    return scene_of(terms)
 
 
 def press_command(scene: Scene) -> str:

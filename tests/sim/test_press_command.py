@@ -10,7 +10,7 @@ from sim.press_command import press_command, scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad
-from sim.scene.scene import ContactMode, Drive, Effect, Motion, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
 from sim.studies.verification.disc import disc_scene
 from tacauchy_rig.errors import ConfigError
@@ -48,7 +48,8 @@ def test_digits_shifted_by_a_unit_are_exact() -> None:
         "--pad box:20.1x19x3.3mm --layer share=0.7,young=0.29MPa,poisson=0.46 "
         "--layer share=0.3,young=0.41MPa,poisson=0.46 --indenter sphere:diameter=5.7mm "
         "--at 1.1,-0.7mm --depth 0.35mm --contact friction:0.6 --effect friction=on "
-        "--effect inertia=off --shift 0.3mm --duration 0.3ms --preset fast --drive search"
+        "--effect inertia=off --shift 0.3mm --duration 0.3ms --preset fast --drive search "
+        "--output image --output markers"
     )
     skin = Material(young_pa=0.41e6, poisson=0.46)
     assert scene == Scene(
@@ -68,6 +69,7 @@ def test_digits_shifted_by_a_unit_are_exact() -> None:
         duration_s=3e-4,
         preset=Preset.FAST,
         drive=Drive.SEARCH,
+        outputs=frozenset({Output.IMAGE, Output.MARKERS}),
     )
 
 
@@ -75,7 +77,10 @@ def test_words_that_state_no_scene_are_refused() -> None:
     """Neither pad nor sensor, an unknown option, an option without its value."""
     with pytest.raises(ConfigError, match="either --sensor or --pad"):
         scene_from("--indenter plane --depth 1mm")
-    with pytest.raises(TypeError, match="dept"):
-        scene_from("--sensor digit --indenter plane --dept 1mm")
-    with pytest.raises(ValueError, match="shorter"):
-        scene_from("--sensor digit --indenter plane --depth")
+    for words, problem in (
+        ("--sensor digit --indenter plane --dept 1mm", "dept"),
+        ("--sensor digit --indenter plane --depth", "shorter"),
+        ("--sensor digit --indenter plane --depth 1mm --preset best", "best"),
+    ):
+        with pytest.raises(ConfigError, match=problem):
+            scene_from(words)
