@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacauchy_rig.page import criteria_page, filled, prose
+from tacauchy_rig.page import criteria_page, filled, prose, table_prose
 from tacauchy_rig.tables import Table
 
 MET = Table(
@@ -77,3 +77,13 @@ def test_a_block_of_a_template_is_one_line_of_prose() -> None:
     )
     assert "\n" not in note
     assert "  " not in note
+
+
+def test_a_tables_prose_is_its_title_criterion_and_note() -> None:
+    """The paragraphs of a block, whose facts are written as the block says."""
+    facts = {"lowest": 0.75, "highest": 1.5}
+    said = table_prose("sim.studies.verification", "tables.md.jinja", "rim", **facts)
+    assert list(said) == ["title", "criterion", "note"]
+    assert said["title"] == "Order of convergence at a sharp rim"
+    assert said["criterion"] == "about 1: between 0.75 and 1.5"
+    assert "\n" not in said["note"]
