@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch.environment import BatchOptions, Environment, extrapolation, touch_point
-from sim.batch.kernels.contact_forces import BatchContact, batch_surface, contact_points, touchable
+from sim.batch.kernels.contact_forces import batch_surface, contact_points, touchable
 from sim.batch.kernels.element_forces import TANGENT_SIZE, Tangents, batch_gel
 from sim.batch.kernels.evaluate import evaluate_kernel
 from sim.batch.kernels.gathering import evaluating, numbering, searching
@@ -35,18 +35,9 @@ _FLOOR_SHARE = 1e-9
 
 def iteration_limits(options: BatchOptions, *, floor_n: float) -> Any:
     """Return the limits as the kernels take them."""
-    return filled(
-        Limits,
-        residual=options.residual_relative,
-        floor=floor_n,
-        forcing=options.forcing,
-        searches=options.search_max,
-        newton=options.newton_max,
-        halvings=options.halving_max,
-        retries=options.retry_max,
-        lead=options.lead_max,
-        growth=options.growth_max,
-    )
+    limits: Any = Limits
+    shared = {name: getattr(options, name) for name in limits.vars if name != "floor"}
+    return filled(limits, floor=floor_n, **shared)
 
 
 class Iteration:
@@ -135,7 +126,7 @@ class Iteration:
             self._evaluate_kernel,
             self._columns,
             [
-                *(self._limits, self._gel, self._surface, self._contact_settings),
+                *(self._limits, self._gel, self._surface),
                 *(self._evaluate_gathering, self._shares, self._loads, self._tips),
                 self.segment_end,
             ],
@@ -200,15 +191,11 @@ class Iteration:
             rotations=np.stack([e.rotation for e in environments]),
             young_pa=[e.young_pa for e in environments],
             kept=kept,
+            contact=model.contact_options,
+            extension=self._options.extension,
             device=device,
         )
         self._contact = contact_points(self._columns, self._surface, device)
-        self._contact_settings = filled(
-            BatchContact,
-            distance=model.contact_options.distance_m,
-            stiffness_factor=model.contact_options.stiffness_factor,
-            extension=self._options.extension,
-        )
         order = pad.reference.order
         self._evaluate_kernel = evaluate_kernel(model.law, order, self._evaluating)
         self._search_kernel = search_kernel(order, self._searching)

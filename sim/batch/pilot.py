@@ -11,7 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 import warp as wp
 from numpy.typing import NDArray
 
@@ -77,10 +76,8 @@ class PilotStiffness:
     def inverse(self, pattern: SparsePattern) -> NDArray[np.float32]:
         """Return the dense inverse, the indenter's height last, shape [row_count, row_count]."""
         count = pattern.dof_count
-        shape = (count, count)
-        upper = scipy.sparse.csr_matrix((self.data, pattern.indices, pattern.indptr), shape)
         dense = np.zeros((count + (self.border is not None),) * 2, order="F")
-        dense[:count, :count] = upper.toarray()
+        dense[:count, :count] = pattern.upper(self.data).toarray()
         if self.border is not None:
             dense[:count, count], dense[count, count] = self.border, self.corner
         factor, _ = scipy.linalg.lapack.dpotrf(dense, lower=0, overwrite_a=1)

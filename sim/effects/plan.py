@@ -136,114 +136,100 @@ _CANNOT_BE_ADDED = {
 
 
 def _called_for(scene: Scene) -> Iterator[PlannedEffect]:
-    yield _inertia(scene)
-    yield _gravity(scene)
-    yield _friction(scene)
-    yield _finite_strain(scene)
-    yield _locking(scene)
-    yield _layers(scene)
-    yield _relaxation(scene)
-    yield _self_contact(scene)
-    yield _symmetry(scene)
+    decided = {
+        Effect.INERTIA: _inertia,
+        Effect.GRAVITY: _gravity,
+        Effect.FRICTION: _friction,
+        Effect.FINITE_STRAIN: _finite_strain,
+        Effect.LOCKING_FREE_ELEMENT: _locking,
+        Effect.SECOND_LAYER: _layers,
+        Effect.VISCOELASTICITY: _relaxation,
+        Effect.SELF_CONTACT: _self_contact,
+        Effect.SYMMETRY: _symmetry,
+    }
+    for effect, decide in decided.items():
+        on, reason, error = decide(scene)
+        # What leaves finite strain out is the law that was asked for.
+        asked = effect is Effect.FINITE_STRAIN and not on
+        yield PlannedEffect(effect=effect, on=on, reason=reason, estimated_error=error, asked=asked)
     for effect, output in _DRAWN.items():
         wanted = output in scene.outputs
         reason = "asked for" if wanted else "not asked for"
         yield PlannedEffect(effect=effect, on=wanted, reason=reason, estimated_error=0.0)
 
 
-def _inertia(scene: Scene) -> PlannedEffect:
-    error = estimates.inertia_error(scene)
+# Whether an effect is on, the reason, and the error of leaving it out.
+_Decision = tuple[bool, str, float | None]
+
+
+def _inertia(scene: Scene) -> _Decision:
     period = estimates.slowest_period(scene)
     reason = f"in proportion to (T1 / t)^2, T1 = {period * 1e3:.2g} ms, t = {scene.duration_s:g} s"
-    return PlannedEffect(effect=Effect.INERTIA, on=True, reason=reason, estimated_error=error)
+    return True, reason, estimates.inertia_error(scene)
 
 
-def _gravity(scene: Scene) -> PlannedEffect:
-    error = estimates.gravity_error(scene)
-    reason = "rho g H / E of the softest material"
-    return PlannedEffect(effect=Effect.GRAVITY, on=True, reason=reason, estimated_error=error)
+def _gravity(scene: Scene) -> _Decision:
+    return True, "rho g H / E of the softest material", estimates.gravity_error(scene)
 
 
-def _friction(scene: Scene) -> PlannedEffect:
+def _friction(scene: Scene) -> _Decision:
     if scene.contact is not ContactMode.FRICTION or scene.friction == 0.0:
-        reason = f"the contact is {scene.contact.value}"
-        return PlannedEffect(effect=Effect.FRICTION, on=False, reason=reason, estimated_error=0.0)
+        return False, f"the contact is {scene.contact.value}", 0.0
     if not scene.motion.is_straight or Output.MARKERS in scene.outputs:
-        reason = "the indenter moves along the gel, or markers are asked for"
-        return PlannedEffect(effect=Effect.FRICTION, on=True, reason=reason, estimated_error=None)
-    error = estimates.frictionless_error(scene)
+        return True, "the indenter moves along the gel, or markers are asked for", None
     reason = f"a straight press at nu {scene.material.poisson:g}: friction changes F_z little"
-    return PlannedEffect(effect=Effect.FRICTION, on=True, reason=reason, estimated_error=error)
+    return True, reason, estimates.frictionless_error(scene)
 
 
-def _finite_strain(scene: Scene) -> PlannedEffect:
-    share = estimates.expected_depth(scene) / scene.pad.height_m
-    reason = f"depth is {share:.1%} of the pad's thickness"
+def _finite_strain(scene: Scene) -> _Decision:
     laws = {material.law for material in scene.materials}
-    linear = LawName.LINEAR in laws
-    error = None if not scene.motion.is_straight else estimates.linear_error(scene)
+    if LawName.LINEAR in laws:
+        return False, "the law is linear", None
     if LawName.PAPER_EQ4 in laws:
-        error = None
-        reason = "the printed law is under tension at rest, which small strains do not know"
-    return PlannedEffect(
-        effect=Effect.FINITE_STRAIN,
-        on=not linear,
-        reason="the law is linear" if linear else reason,
-        estimated_error=None if linear else error,
-        asked=linear,
-    )
+        return (
+            True,
+            "the printed law is under tension at rest, which small strains do not know",
+            None,
+        )
+    share = estimates.expected_depth(scene) / scene.pad.height_m
+    error = estimates.linear_error(scene) if scene.motion.is_straight else None
+    return True, f"depth is {share:.1%} of the pad's thickness", error
 
 
-def _locking(scene: Scene) -> PlannedEffect:
+def _locking(scene: Scene) -> _Decision:
     error = estimates.locking_error(scene)
-    effect = Effect.LOCKING_FREE_ELEMENT
     if scene.preset is Preset.PAPER:
-        reason = "preset paper has the paper's linear tetrahedra, which lock"
-        return PlannedEffect(effect=effect, on=False, reason=reason, estimated_error=error)
+        return False, "preset paper has the paper's linear tetrahedra, which lock", error
     poisson = max(material.poisson for material in scene.materials)
-    reason = f"nu is {poisson:g}; linear tetrahedra lock above 0.4"
-    return PlannedEffect(effect=effect, on=True, reason=reason, estimated_error=error)
+    return True, f"nu is {poisson:g}; linear tetrahedra lock above 0.4", error
 
 
-def _layers(scene: Scene) -> PlannedEffect:
-    count = len(scene.layers)
-    on = count > 1
-    reason = f"the gel has {count} layers" if on else "the gel is of one material"
-    error = None if on else 0.0
-    return PlannedEffect(effect=Effect.SECOND_LAYER, on=on, reason=reason, estimated_error=error)
+def _layers(scene: Scene) -> _Decision:
+    if len(scene.layers) > 1:
+        return True, f"the gel has {len(scene.layers)} layers", None
+    return False, "the gel is of one material", 0.0
 
 
-def _relaxation(scene: Scene) -> PlannedEffect:
-    effect = Effect.VISCOELASTICITY
+def _relaxation(scene: Scene) -> _Decision:
     if not any(material.relaxation for material in scene.materials):
-        reason = "the material has no Prony series"
-        return PlannedEffect(effect=effect, on=False, reason=reason, estimated_error=0.0)
-    error = estimates.relaxation_error(scene)
+        return False, "the material has no Prony series", 0.0
     reason = f"force above the slow modulus's at the end of {scene.duration_s:g} s"
-    return PlannedEffect(effect=effect, on=True, reason=reason, estimated_error=error)
+    return True, reason, estimates.relaxation_error(scene)
 
 
-def _self_contact(scene: Scene) -> PlannedEffect:
+def _self_contact(scene: Scene) -> _Decision:
     share = estimates.expected_depth(scene) / scene.pad.height_m
     convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
     if convex and share <= _SELF_CONTACT_DEPTH_SHARE:
-        reason = "a convex pad under one convex indenter cannot touch itself"
-    else:
-        reason = (
-            "gel against gel is not simulated; min det F and the gap tell where it would matter"
-        )
-    return PlannedEffect(
-        effect=Effect.SELF_CONTACT,
-        on=False,
-        reason=reason,
-        estimated_error=0.0 if convex and share <= _SELF_CONTACT_DEPTH_SHARE else None,
-    )
+        return False, "a convex pad under one convex indenter cannot touch itself", 0.0
+    reason = "gel against gel is not simulated; min det F and the gap tell where it would matter"
+    return False, reason, None
 
 
-def _symmetry(scene: Scene) -> PlannedEffect:
+def _symmetry(scene: Scene) -> _Decision:
     why_not = _asymmetry(scene)
     reason = why_not or "pad, indenter and motion are mirrored: a quarter or half is solved"
-    return PlannedEffect(effect=Effect.SYMMETRY, on=not why_not, reason=reason, estimated_error=0.0)
+    return not why_not, reason, 0.0
 
 
 def _asymmetry(scene: Scene) -> str:

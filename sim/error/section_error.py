@@ -25,7 +25,9 @@ from sim.contact.state import ContactOptions
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import contact_reach
 from sim.effects.presets import section_for
+from sim.mesh.elements import FACE_EDGES, quadratic_nodes
 from sim.mesh.graded_plane import Triangulation
+from sim.mesh.sparsity import assembled
 from sim.scene.indenter import Cylinder, Indenter, Sphere, grown
 from sim.scene.material import Material
 from sim.scene.scene import BARRIER_M, Preset, Scene
@@ -40,7 +42,6 @@ _ROUNDS = 4
 _POWER = 1.4
 # Strang and Fix 1973: three points of degree 2, barycentric, each a third of the area.
 _POINTS = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
-_PAIRS = ((0, 1), (1, 2), (2, 0))
 _EDGE_POINTS = 5
 _ALONG, _EDGE_WEIGHTS = (np.asarray(each) for each in np.polynomial.legendre.leggauss(_EDGE_POINTS))
 _ROUNDS_MAX = 30
@@ -163,7 +164,7 @@ class AxisymmetricGel:
         poisson: float,
         reach_m: float,
     ) -> None:
-        points, triangles = _with_midpoints(section)
+        points, triangles = quadratic_nodes(section.points, section.triangles, edges=FACE_EDGES)
         stiffness = _stiffness(points, triangles, young_pa, poisson)
         self._edges = _top_edges(points, triangles, height_m, reach_m)
         free = np.ones((len(points), 2), dtype=bool)
@@ -216,21 +217,11 @@ class AxisymmetricGel:
         return radii, areas, values
 
 
-def _with_midpoints(section: Triangulation) -> tuple[FloatArray, IntArray]:
-    """Return points and, of every triangle, three corners and the middles of its sides."""
-    corners, triangles = section.points, section.triangles
-    sides = np.sort(np.stack([triangles[:, list(pair)] for pair in _PAIRS], axis=1), axis=2)
-    unique, inverse = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
-    middles = len(corners) + inverse.reshape(-1, 3)
-    points = np.concatenate([corners, corners[unique].mean(axis=1)])
-    return points, np.column_stack([triangles, middles])
-
-
 def _top_edges(
     points: FloatArray, triangles: IntArray, height_m: float, reach_m: float
 ) -> IntArray:
     """Return the ends and the middle of every edge of the top that may be touched."""
-    sides = np.concatenate([triangles[:, [*pair, 3 + k]] for k, pair in enumerate(_PAIRS)])
+    sides = np.concatenate([triangles[:, [*pair, 3 + k]] for k, pair in enumerate(FACE_EDGES)])
     on_top = np.all(points[sides, 1] >= height_m * (1.0 - 1e-9), axis=1)
     near = points[sides[:, :2], 0].min(axis=1) <= reach_m
     return np.asarray(sides[on_top & near])
@@ -261,10 +252,7 @@ def _stiffness(
     flat = (len(triangles), 4 * len(_POINTS), 12)
     blocks = strains.reshape(flat).transpose(0, 2, 1) @ stress.reshape(flat)
     dofs = (2 * triangles[:, :, None] + np.arange(2)).reshape(len(triangles), 12)
-    rows = np.broadcast_to(dofs[:, :, None], blocks.shape).reshape(-1)
-    columns = np.broadcast_to(dofs[:, None, :], blocks.shape).reshape(-1)
-    size = 2 * len(points)
-    return scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), shape=(size, size))
+    return assembled(blocks, dofs, 2 * len(points))
 
 
 def _quadratic() -> tuple[FloatArray, FloatArray]:
@@ -273,7 +261,7 @@ def _quadratic() -> tuple[FloatArray, FloatArray]:
     slopes = np.zeros((len(_POINTS), 6, 3))
     for k in range(3):
         slopes[:, k, k] = 4.0 * _POINTS[:, k] - 1.0
-    for k, (a, b) in enumerate(_PAIRS):
+    for k, (a, b) in enumerate(FACE_EDGES):
         values.append(4.0 * _POINTS[:, [a]] * _POINTS[:, [b]])
         slopes[:, 3 + k, a] = 4.0 * _POINTS[:, b]
         slopes[:, 3 + k, b] = 4.0 * _POINTS[:, a]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces, shape_gradients
+from sim.mesh.sparsity import assembled
 from sim.mesh.symmetry import MirrorSymmetry
+from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 
 
@@ -164,10 +165,8 @@ def _stress_on_faces(
         place = np.argmax(nodes[:, :4] == faces[:, corner, None], axis=1)
         barycentric[np.arange(len(faces)), :, place] = points[:, corner]
     gradients = shape_gradients(model.reference.order, barycentric)
-    corners = model.nodes[nodes[:, :4]]
-    jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
     deformed = np.einsum("fnx,fpny->fpxy", positions[nodes], gradients)
-    deformations = deformed @ np.linalg.inv(jacobians)[:, None]
+    deformations = deformed @ model.discretisation.inverse_jacobians[parents, None]
     stress = model.gel.stress_at(deformations.reshape(-1, 3, 3), np.repeat(parents, len(points)))
     return stress.reshape(deformations.shape)
 
@@ -199,11 +198,7 @@ def _recovered(
     values = model.reference.face_values
     local = np.searchsorted(nodes, faces)
     blocks = np.einsum("fp,pi,pj->fij", areas, values, values)
-    rows, columns = np.broadcast_arrays(local[:, :, None], local[:, None, :])
-    shape = (len(nodes), len(nodes))
-    mass = scipy.sparse.csc_matrix(
-        (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape
-    )
+    mass = assembled(blocks, local, len(nodes)).tocsc()
     size = float(np.abs(model.mesh.vertices).max())
     held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
     traction = np.zeros_like(forces)
@@ -232,17 +227,13 @@ def _layer_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]
     vertices, local = np.unique(corners, return_inverse=True)
     local = local.reshape(corners.shape)
     values, weights = model.reference.points, model.reference.weights
-    sides = model.nodes[corners[:, 1:]] - model.nodes[corners[:, :1]]
-    volumes = np.linalg.det(sides) / 6.0
+    volumes = tet_volumes(model.nodes, corners)
     blocks = volumes[:, None, None] * np.einsum("q,qa,qb->ab", weights, values, values)
     if len(weights) == 1:
         # One point cannot tell four vertices apart: lumped, it is the mean over the neighbours.
         blocks = 0.25 * volumes[:, None, None] * np.eye(4)
-    rows, columns = np.broadcast_arrays(local[:, :, None], local[:, None, :])
-    mass = scipy.sparse.csc_matrix(
-        (blocks.reshape(-1), (rows.reshape(-1), columns.reshape(-1))),
-        shape=(len(vertices), len(vertices)),
-    )
+    # Symmetric: the transpose is the same matrix, by columns.
+    mass = assembled(blocks, local, len(vertices)).T
     stress = model.gel.cauchy_stress(positions)[chosen].reshape(*blocks.shape[:1], len(weights), 9)
     loads = np.einsum("e,q,qa,eqs->eas", volumes, weights, values, stress)
     right = np.zeros((len(vertices), 9))

@@ -7,6 +7,7 @@ straight-sided at rest, so one inverse Jacobian serves all their points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -114,14 +115,16 @@ def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
     return np.concatenate([corners, middles])
 
 
-def quadratic_nodes(vertices: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
-    """Add mid-edge nodes: positions [node_count, 3] and elements [tet_count, 10]."""
-    pairs = np.sort(np.stack([tets[:, list(edge)] for edge in EDGES], axis=1), axis=2)
-    edges, inverse = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    middles = 0.5 * (vertices[edges[:, 0]] + vertices[edges[:, 1]])
-    indices = inverse.reshape(len(tets), len(EDGES)) + len(vertices)
+def quadratic_nodes(
+    vertices: FloatArray, cells: IntArray, *, edges: Sequence[tuple[int, int]] = EDGES
+) -> tuple[FloatArray, IntArray]:
+    """Add the middles of the edges of every cell to nodes and cells, by default of tetrahedra."""
+    pairs = np.sort(np.stack([cells[:, list(edge)] for edge in edges], axis=1), axis=2)
+    distinct, inverse = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    middles = 0.5 * (vertices[distinct[:, 0]] + vertices[distinct[:, 1]])
+    indices = inverse.reshape(len(cells), len(edges)) + len(vertices)
     nodes = np.concatenate([vertices, middles])
-    return nodes, np.concatenate([tets, indices], axis=1).astype(np.int32)
+    return nodes, np.concatenate([cells, indices], axis=1).astype(np.int32)
 
 
 def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:

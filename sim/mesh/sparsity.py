@@ -7,11 +7,15 @@ turns them into the scalar CSR data that solvers take.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
+
+AnyIntArray = NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +58,10 @@ class SparsePattern:
     def csr_data(self, block_values: FloatArray) -> FloatArray:
         """Return the CSR values of filled blocks, shape [block_count, 3, 3]."""
         return np.asarray(block_values.reshape(-1)[self.gather])
+
+    def upper(self, data: FloatArray) -> scipy.sparse.csr_matrix:
+        """Return the upper triangle with CSR values."""
+        return scipy.sparse.csr_matrix((data, self.indices, self.indptr), (self.dof_count,) * 2)
 
     def unknowns(self, nodal: FloatArray) -> FloatArray:
         """Return the free entries of a nodal vector [node_count, 3]."""
@@ -100,11 +108,22 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
     )
 
 
-def _pairs(nodes: IntArray) -> tuple[IntArray, IntArray]:
+def assembled(blocks: FloatArray, elements: AnyIntArray, size: int) -> scipy.sparse.csr_matrix:
+    """Return the sum of the elements' blocks, shape [size, size].
+
+    Args:
+        blocks: Shape [element_count, k, k].
+        elements: Rows of each block, shape [element_count, k].
+    """
+    rows, columns = (each.reshape(-1) for each in _pairs(elements))
+    return scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), shape=(size, size))
+
+
+def _pairs(nodes: AnyIntArray) -> tuple[AnyIntArray, AnyIntArray]:
     rows = np.broadcast_to(nodes[:, :, None], (*nodes.shape, nodes.shape[1]))
     return rows, np.swapaxes(rows, 1, 2)
 
 
-def _keys(rows: IntArray, columns: IntArray, stride: int) -> NDArray[np.int64]:
+def _keys(rows: AnyIntArray, columns: AnyIntArray, stride: int) -> NDArray[np.int64]:
     low, high = np.minimum(rows, columns), np.maximum(rows, columns)
     return low.astype(np.int64) * stride + high

@@ -24,15 +24,6 @@ _SNAP_ENVELOPES = 2.0
 _INNER_SHARE = 0.4
 # Of the largest: twice the area of a triangle that is a line.
 _FLAT = 1e-9
-# Ways along a cell's edges from its lowest corner to its highest, by the two corners between.
-_PATHS = (
-    ((1, 0, 0), (1, 1, 0)),
-    ((0, 1, 0), (1, 1, 0)),
-    ((0, 1, 0), (0, 1, 1)),
-    ((0, 0, 1), (0, 1, 1)),
-    ((0, 0, 1), (1, 0, 1)),
-    ((1, 0, 0), (1, 0, 1)),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,17 +291,7 @@ def _tetrahedral_grid(axes: list[FloatArray]) -> tuple[FloatArray, IntArray]:
     Args:
         axes: Rising coordinates along x, y and z.
     """
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    counts = tuple(len(axis) for axis in axes)
-    index = np.arange(len(points)).reshape(counts)
-    corner = {
-        (i, j, k): index[i : counts[0] - 1 + i, j : counts[1] - 1 + j, k : counts[2] - 1 + k]
-        for i in (0, 1)
-        for j in (0, 1)
-        for k in (0, 1)
-    }
-    tets = [
-        np.stack([corner[0, 0, 0], corner[a], corner[b], corner[1, 1, 1]], axis=-1).reshape(-1, 4)
-        for a, b in _PATHS
-    ]
-    return points, np.concatenate(tets).astype(np.int32)
+    pyvista = importlib.import_module("pyvista")
+    grid = pyvista.RectilinearGrid(*axes).to_tetrahedra(6, pass_data=False)
+    tets = grid.cells_dict[pyvista.CellType.TETRA]
+    return np.array(grid.points, dtype=np.float64), np.asarray(tets, dtype=np.int32)

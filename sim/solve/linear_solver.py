@@ -86,20 +86,13 @@ class PardisoSolver:
             for place, value in _UNREFINED.items():
                 self._pardiso.set_iparm(place, value)
         self._pardiso.libmkl.MKL_Set_Num_Threads(thread_count)
-        data = np.ones(len(pattern.indices))
-        self._matrix = scipy.sparse.csr_matrix(
-            (data, pattern.indices, pattern.indptr), shape=(pattern.dof_count, pattern.dof_count)
-        )
+        self._matrix = pattern.upper(np.ones(len(pattern.indices)))
         self._zero = np.zeros(pattern.dof_count)
         weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
         self._run(_ANALYSE, self._zero)
 
     def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix with the CSR values ``data`` of the upper triangle.
-
-        Raises:
-            NotPositiveDefiniteError: The matrix is not positive definite.
-        """
+        """Factor the matrix, as ``LinearSolver`` says."""
         self._matrix.data[:] = data
         self._run(_FACTORISE, self._zero)
 
@@ -124,17 +117,11 @@ class SuperLuSolver:
     name = "superlu"
 
     def __init__(self, pattern: SparsePattern) -> None:
-        shape = (pattern.dof_count, pattern.dof_count)
-        data = np.ones(len(pattern.indices))
-        self._upper = scipy.sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=shape)
+        self._upper = pattern.upper(np.ones(len(pattern.indices)))
         self._factor: Any = None
 
     def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix with the CSR values ``data`` of the upper triangle.
-
-        Raises:
-            NotPositiveDefiniteError: The matrix is not positive definite.
-        """
+        """Factor the matrix, as ``LinearSolver`` says."""
         self._upper.data[:] = data
         full = self._upper + scipy.sparse.triu(self._upper, 1).T
         try:
@@ -200,11 +187,7 @@ class SinglePrecisionPardiso:
         weakref.finalize(self, self._call, _RELEASE)
 
     def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix with the CSR values ``data`` of the upper triangle.
-
-        Raises:
-            NotPositiveDefiniteError: The matrix is not positive definite.
-        """
+        """Factor the matrix, as ``LinearSolver`` says."""
         self._values[:] = data
         self._run(_FACTORISE)
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import scipy.sparse.linalg
 
 from sim.arrays import FloatArray
+from sim.mesh.sparsity import assembled
 from sim.solve.model import Model
 
 # Shares of the rest volume that are inverted: worth untangling, and little enough to end.
@@ -66,11 +66,9 @@ def _share(deformation: FloatArray, weights: FloatArray) -> float:
 
 def _rest_gradients(model: Model) -> tuple[FloatArray, FloatArray]:
     """Return shape gradients [1/m], shape [e, q, n, 3], and volumes [m^3], shape [e, q]."""
-    corners = model.nodes[model.elements[:, :4]]
-    jacobians = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
-    gradients = np.einsum("qnj,ejk->eqnk", model.reference.gradients, np.linalg.inv(jacobians))
-    weights = np.linalg.det(jacobians)[:, None] / 6.0 * model.reference.weights
-    return gradients, weights
+    pad, reference = model.discretisation, model.reference
+    gradients = np.einsum("qnj,ejk->eqnk", reference.gradients, pad.inverse_jacobians)
+    return gradients, pad.volumes[:, None] * reference.weights
 
 
 def _deformation(model: Model, gradients: FloatArray, positions: FloatArray) -> FloatArray:
@@ -92,10 +90,8 @@ class _Fit:
         self._model = model
         self._weighted = gradients * weights[..., None, None]
         blocks = np.einsum("eqaj,eqbj->eab", self._weighted, gradients)
-        width, count = model.elements.shape[1], len(model.nodes)
-        rows = np.repeat(model.elements, width, axis=1).reshape(-1)
-        columns = np.tile(model.elements, (1, width)).reshape(-1)
-        matrix = scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), (count, count))
+        count = len(model.nodes)
+        matrix = assembled(blocks, model.elements, count)
         fixed = np.ones(3 * count, dtype=np.bool_)
         fixed[model.pattern.free_dofs] = False
         self._free = [np.flatnonzero(~fixed.reshape(-1, 3)[:, axis]) for axis in range(3)]

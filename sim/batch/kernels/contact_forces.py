@@ -16,24 +16,10 @@ from sim.arrays import FloatArray
 from sim.batch.kernels.gathering import Numbering
 from sim.contact.barrier import barrier_curvature, barrier_slope
 from sim.contact.indenter_distance import Body, body_at, distance_curvature, signed_distance
+from sim.contact.state import ContactOptions
 from sim.device import Device, filled
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter, MeshIndenter, Plane
-
-
-@wp.struct
-class BatchContact:
-    """Numbers of the contact model that all environments share.
-
-    Attributes:
-        distance: d_hat [m].
-        stiffness_factor: kappa over E d_hat.
-        extension: Share of d_hat below which the barrier goes on as a parabola.
-    """
-
-    distance: wp.float64
-    stiffness_factor: wp.float64
-    extension: wp.float64
 
 
 @wp.struct
@@ -49,6 +35,9 @@ class BatchSurface:
         body: The indenter, apart from its pose.
         rotations: Of the indenter in every environment.
         young: E of the gel in every environment [Pa].
+        distance: d_hat [m].
+        stiffness_factor: kappa over E d_hat.
+        extension: Share of d_hat below which the barrier goes on as a parabola.
     """
 
     rows: wp.array2d(dtype=wp.int32)
@@ -59,6 +48,9 @@ class BatchSurface:
     body: Body
     rotations: wp.array(dtype=wp.mat33d)
     young: wp.array(dtype=wp.float64)
+    distance: wp.float64
+    stiffness_factor: wp.float64
+    extension: wp.float64
 
 
 def batch_surface(
@@ -69,6 +61,8 @@ def batch_surface(
     rotations: FloatArray,
     young_pa: Sequence[float],
     kept: NDArray[np.bool_],
+    contact: ContactOptions,
+    extension: float,
     device: Device,
 ) -> Any:
     """Upload those faces of a pad that may be touched, and what touches them.
@@ -90,6 +84,9 @@ def batch_surface(
         body=body_at(indenter, np.zeros(3), np.eye(3), device=device.name),
         rotations=device.array(rotations, wp.mat33d),
         young=device.array(young_pa, wp.float64),
+        distance=contact.distance_m,
+        stiffness_factor=contact.stiffness_factor,
+        extension=extension,
     )
 
 
@@ -130,7 +127,6 @@ def contact_force(
     b: wp.int32,
     tip: wp.vec3d,
     surface: BatchSurface,
-    settings: BatchContact,
     displacements: Any,
 ):
     """Return the unbalanced force of one contact point [N], its derivative [N/m], its gap [m]."""
@@ -150,11 +146,11 @@ def contact_force(
     gap, n = signed_distance(body, x)
     v = wp.vec3d()
     stiffness = wp.mat33f()
-    if gap < settings.distance:
-        s = gap / settings.distance
-        scale = surface.areas[q, f] * settings.stiffness_factor * surface.young[b]
-        slope = scale * barrier_slope(s, settings.extension)
-        along = scale / settings.distance * barrier_curvature(s, settings.extension)
+    if gap < surface.distance:
+        s = gap / surface.distance
+        scale = surface.areas[q, f] * surface.stiffness_factor * surface.young[b]
+        slope = scale * barrier_slope(s, surface.extension)
+        along = scale / surface.distance * barrier_curvature(s, surface.extension)
         v = n * slope
         stiffness = wp.mat33f(wp.outer(n, n) * along + distance_curvature(body, x) * slope)
     return v, stiffness, gap

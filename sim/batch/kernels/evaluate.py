@@ -12,7 +12,6 @@ from typing import Any
 import warp as wp
 
 from sim.batch.kernels.contact_forces import (
-    BatchContact,
     BatchSurface,
     ContactPoints,
     contact_force,
@@ -63,16 +62,16 @@ def judged(
     uphill = not (sums[SLOPE] <= wp.float64(0.9) * progress.slope[b])
     # Along a direction that is almost without stiffness a step may leave the gel in tatters and yet
     # end on a slope downwards.
-    far = residual > limits.growth * progress.started[b]
+    far = residual > limits.growth_max * progress.started[b]
     too_long = progress.trying[b] == 1 and (uphill or far)
-    enough = wp.max(limits.floor, limits.residual * wp.length(pushed))
-    if (too_long or not finite) and progress.halvings[b] < limits.halvings:
+    enough = wp.max(limits.floor, limits.residual_relative * wp.length(pushed))
+    if (too_long or not finite) and progress.halvings[b] < limits.halving_max:
         act = wp.int32(SHORTEN)
     elif residual <= enough and wp.abs(sums[VERTICAL]) <= enough:
         act = wp.int32(NEXT_FRAME)
-    elif progress.newton[b] >= limits.newton or not finite:
+    elif progress.newton[b] >= limits.newton_max or not finite:
         act = wp.int32(GIVE_UP)
-        if progress.retries[b] < limits.retries:
+        if progress.retries[b] < limits.retry_max:
             act = wp.int32(START_ANEW)
     return act
 
@@ -128,7 +127,6 @@ def touch(
     thread: wp.int32,
     tip: wp.vec3d,
     surface: BatchSurface,
-    settings: BatchContact,
     displacements: Any,
     contact: ContactPoints,
 ) -> wp.vec4d:
@@ -136,10 +134,10 @@ def touch(
     push = wp.vec3d()
     nearest = wp.float64(1.0)
     for i in range(thread, surface.areas.shape[0] * surface.areas.shape[1], wp.block_dim()):
-        v, stiffness, gap = contact_force(i, b, tip, surface, settings, displacements)
+        v, stiffness, gap = contact_force(i, b, tip, surface, displacements)
         contact.forces[b, i] = v
-        contact.touching[b, i] = wp.where(gap < settings.distance, 1, 0)
-        if gap < settings.distance:
+        contact.touching[b, i] = wp.where(gap < surface.distance, 1, 0)
+        if gap < surface.distance:
             contact.stiffness[b, i] = stiffness
             nearest = wp.min(nearest, gap)
         push += v
@@ -217,7 +215,6 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
         limits: Limits,
         gel: BatchGel,
         surface: BatchSurface,
-        settings: BatchContact,
         gathering: Gathering,
         shares: wp.array3d(dtype=wp.float64),
         loads: wp.array2d(dtype=wp.float64),
@@ -243,7 +240,7 @@ def evaluate_kernel(law: Law, order: ElementOrder, layout: Layout) -> Any:
             frame = progress.frame[b]
             at = wp.tile_load(vectors.trials[b], shape=wp.static(width), storage="shared")
             tip = tip_of(b, tips, gathering, vectors)
-            felt = touch(b, thread, tip, surface, settings, at, contact)
+            felt = touch(b, thread, tip, surface, at, contact)
             all_push = wp.tile_sum(wp.tile(wp.vec3d(felt[0], felt[1], felt[2]), preserve_type=True))
             pushed = all_push[0]
             all_gaps = wp.tile_min(wp.tile(felt[3]))

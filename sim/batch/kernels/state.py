@@ -27,29 +27,21 @@ START_ANEW = wp.constant(7)  # Newton did not get there: begin the frame from an
 
 @wp.struct
 class Limits:
-    """When an environment's iterations end.
+    """When an environment's iterations end: numbers of ``BatchOptions``, and ``floor``.
 
     Attributes:
-        residual: Residual norm, and sum of the vertical residuals, over the contact force's.
         floor: Residual norm that is always enough [N].
-        forcing: Conjugate gradients end at this share of their first residual.
-        searches: Most steps of conjugate gradients for one of Newton.
-        newton: Most Newton steps for a frame.
-        halvings: Most halvings of a step.
-        retries: Most further starts of a frame.
-        lead: Frames that an environment may be ahead of the segment's end.
-        growth: Most that a step may multiply the residual norm by.
     """
 
-    residual: wp.float64
     floor: wp.float64
+    residual_relative: wp.float64
     forcing: wp.float64
-    searches: wp.int32
-    newton: wp.int32
-    halvings: wp.int32
-    retries: wp.int32
-    lead: wp.int32
-    growth: wp.float64
+    search_max: wp.int32
+    newton_max: wp.int32
+    halving_max: wp.int32
+    retry_max: wp.int32
+    lead_max: wp.int32
+    growth_max: wp.float64
 
 
 @wp.struct
@@ -106,7 +98,7 @@ def may_run(
     b: wp.int32, progress: Progress, limits: Limits, segment_end: wp.array(dtype=wp.int32)
 ) -> wp.bool:
     """Return whether the stiffness that preconditions is still near to an environment."""
-    return progress.frame[b] < segment_end[0] + limits.lead
+    return progress.frame[b] < segment_end[0] + limits.lead_max
 
 
 @wp.struct

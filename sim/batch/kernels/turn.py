@@ -35,7 +35,7 @@ def searches_on(
 ) -> wp.bool:
     """Return whether conjugate gradients take a new direction; ``scaled`` is r . z."""
     goal = limits.forcing * limits.forcing * first
-    return act == START or (scaled > goal and done < limits.searches)
+    return act == START or (scaled > goal and done < limits.search_max)
 
 
 @wp.func

@@ -22,6 +22,7 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
+from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
 
@@ -59,8 +60,7 @@ def inertial_masses(model: Model, density_kg_m3: float | FloatArray) -> FloatArr
 
 
 def _shared(model: Model, density_kg_m3: float | FloatArray, shares: FloatArray) -> FloatArray:
-    corners = model.nodes[model.elements[:, :4]]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    volumes = tet_volumes(model.nodes, model.elements[:, :4])
     masses = np.zeros(len(model.nodes))
     np.add.at(masses, model.elements, (density_kg_m3 * volumes)[:, None] * shares)
     return masses

@@ -127,12 +127,11 @@ def _interior_equilibrium(model: Model, boundary: FloatArray) -> FloatArray:
     dofs = model.pattern.free_dofs[inside]
     noise = np.random.default_rng(2).uniform(-0.01, 0.01, size=boundary.shape) * HEIGHT_M
     positions = np.where(outer, boundary, boundary + noise)
-    shape = (model.pattern.dof_count, model.pattern.dof_count)
     untouched = np.zeros((len(model.faces), len(model.reference.face_weights), 3, 3))
     for _ in range(_NEWTON_STEPS):
         gradient = model.gel.gradient(positions).reshape(-1)[dofs]
         data = model.hessian_data(positions, untouched, projected=False)
-        upper = scipy.sparse.csr_matrix((data, model.pattern.indices, model.pattern.indptr), shape)
+        upper = model.pattern.upper(data)
         matrix = (upper + scipy.sparse.triu(upper, 1).T).tocsr()[inside][:, inside]
         flat = positions.reshape(-1)
         flat[dofs] -= scipy.sparse.linalg.spsolve(matrix.tocsc(), gradient)
