@@ -12,7 +12,8 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact.triangle_distance import DeviceSurface, surface_distance, uploaded_surface
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere
+from sim.device import filled
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 
 PLANE = wp.constant(0)
 CYLINDER = wp.constant(1)
@@ -71,25 +72,16 @@ def body_at(
         rotation: Indenter frame to pad frame, shape [3, 3].
         device: Where the kernels run; a mesh is uploaded there once.
     """
-    body = _mesh_body(indenter, device) if isinstance(indenter, MeshIndenter) else _body(indenter)
+    if isinstance(indenter, MeshIndenter):
+        body = filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
+    elif isinstance(indenter, Cylinder):
+        body = filled(Body, shape=CYLINDER, radius=indenter.radius_m, fillet=indenter.fillet_m)
+    elif isinstance(indenter, Sphere):
+        body = filled(Body, shape=SPHERE, radius=indenter.radius_m)
+    else:
+        body = filled(Body, shape=PLANE)
     body.position = wp.vec3d(*position)
     body.rotation = wp.mat33d(*rotation.reshape(-1))
-    return body
-
-
-def _body(indenter: Cylinder | Sphere | Plane) -> Any:
-    body = Body()
-    body.shape = PLANE
-    if isinstance(indenter, Cylinder):
-        body.shape, body.radius, body.fillet = CYLINDER, indenter.radius_m, indenter.fillet_m
-    elif isinstance(indenter, Sphere):
-        body.shape, body.radius = SPHERE, indenter.radius_m
-    return body
-
-
-def _mesh_body(indenter: MeshIndenter, device: str) -> Any:
-    body = MeshBody()
-    body.surface = uploaded_surface(indenter, device).surface
     return body
 
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import warp as wp
 
+from sim.device import Device, filled
 from sim.scene.indenter import MeshIndenter
+from sim.scene.triangle_surface import unit_tree
 
 _FACE = wp.constant(0)
 _EDGE = wp.constant(1)
@@ -41,39 +42,17 @@ class DeviceSurface:
     vertex_normals: wp.array(dtype=wp.vec3d)
 
 
-class UploadedSurface:
-    """A surface on a device; the tree lives as long as this object."""
-
-    def __init__(self, indenter: MeshIndenter, device: str) -> None:
-        source = indenter.surface
-        low, high = source.vertices.min(axis=0), source.vertices.max(axis=0)
-        centre, size = 0.5 * (low + high), float((high - low).max())
-        self._tree = wp.Mesh(
-            points=wp.array((source.vertices - centre) / size, dtype=wp.vec3f, device=device),
-            indices=wp.array(source.faces.reshape(-1), dtype=wp.int32, device=device),
-        )
-        surface = DeviceSurface()
-        surface.tree = self._tree.id
-        surface.centre = wp.vec3d(*centre)
-        surface.per_size = 1.0 / size
-        for name, kind in (
-            ("vertices", wp.vec3d),
-            ("faces", wp.int32),
-            ("neighbours", wp.int32),
-            ("ring_starts", wp.int32),
-            ("ring_faces", wp.int32),
-            ("face_normals", wp.vec3d),
-            ("vertex_normals", wp.vec3d),
-        ):
-            values = np.ascontiguousarray(getattr(source, name))
-            setattr(surface, name, wp.array(values, dtype=kind, device=device))
-        self.surface: Any = surface
-
-
 @lru_cache(maxsize=8)
-def uploaded_surface(indenter: MeshIndenter, device: str) -> UploadedSurface:
-    """Return an indenter's surface on a device, uploaded once."""
-    return UploadedSurface(indenter, device)
+def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
+    """Return a surface on a device, uploaded once, and its tree, which must live as long."""
+    source = indenter.surface
+    tree, centre, size = unit_tree(source, device)
+    on_device = Device(device)
+    kinds = dict.fromkeys(("vertices", "face_normals", "vertex_normals"), wp.vec3d)
+    kinds |= dict.fromkeys(("faces", "neighbours", "ring_starts", "ring_faces"), wp.int32)
+    arrays = {name: on_device.array(getattr(source, name), kind) for name, kind in kinds.items()}
+    per_size, middle = 1.0 / size, wp.vec3d(*centre)
+    return filled(DeviceSurface, tree=tree.id, centre=middle, per_size=per_size, **arrays), tree
 
 
 @wp.struct

@@ -113,7 +113,6 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
         indenter=grown(path.indenter, reach) if reach else path.indenter,
         indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
-        rest_apex_m=float(model.nodes[:, 2].max()),
         standoff_m=options.distance_m - reach,
         mesh_axis_m=model.mesh.axis_m,
     )

@@ -30,7 +30,6 @@ class SurfaceState:
             ``indenter_position[2] + lower_surface(x - indenter_position[0], ...)``, unless by a
             part of a wide barrier's d_hat where it is pressed hard.
         indenter_rotation: Indenter frame to pad frame, shape [3, 3]; identity for a plain press.
-        rest_apex_m: Height of the highest point of the pad at rest [m].
         standoff_m: How far off the indenter the gel lies where it touches [m]: the contact
             distance d_hat, while the indenter is the body itself.
         mesh_axis_m: Axis about which the mesh was revolved, x and y [m]; None where it was not.
@@ -43,6 +42,5 @@ class SurfaceState:
     indenter: Indenter
     indenter_position: FloatArray
     indenter_rotation: FloatArray
-    rest_apex_m: float
     standoff_m: float = 0.0
     mesh_axis_m: tuple[float, float] | None = None

@@ -179,6 +179,18 @@ def _first_face(
         face_out[i] = hit.face
 
 
+def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, float]:
+    """Return Warp's tree of a surface in unit size, its centre and its largest extent.
+
+    Of unit size, so that single precision and Warp's own thresholds meet numbers near one.
+    """
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    centre, size = 0.5 * (low + high), float((high - low).max())
+    points: Any = wp.array((surface.vertices - centre) / size, dtype=wp.vec3f, device=device)
+    corners: Any = wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device)
+    return wp.Mesh(points=points, indices=corners), centre, size
+
+
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the lowest height of a surface over points of the plan, inf beside it.
 
@@ -191,13 +203,7 @@ def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatAr
     """
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    # Unit size, so that single precision and Warp's own thresholds meet numbers near one.
-    centre, scale = 0.5 * (low + high), float((high - low).max())
-    mesh = wp.Mesh(
-        points=wp.array((surface.vertices - centre) / scale, dtype=wp.vec3f, device="cpu"),
-        indices=wp.array(surface.faces.reshape(-1), dtype=wp.int32, device="cpu"),
-    )
+    mesh, centre, scale = unit_tree(surface, "cpu")
     faces = wp.empty(len(plan), dtype=wp.int32, device="cpu")
     rays: Any = wp.array((plan - centre[:2]) / scale, dtype=wp.vec2f, device="cpu")
     wp.launch(

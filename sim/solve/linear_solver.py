@@ -51,21 +51,16 @@ class LinearSolver(Protocol):
         ...
 
 
-def linear_solver(
-    pattern: SparsePattern, *, thread_count: int | None = None, refined: bool = True
-) -> LinearSolver:
+def linear_solver(pattern: SparsePattern, *, refined: bool = True) -> LinearSolver:
     """Return Pardiso where it is installed, else SuperLU; both take the same pattern.
 
     Args:
         refined: Let Pardiso refine its solutions, which a preconditioner does not need; each then
             takes three times as long.
-        thread_count: Threads that Pardiso may use; by default MKL_NUM_THREADS, OMP_NUM_THREADS
-            or the usable cores up to four. Pinned, because a free choice slows shared machines.
     """
     try:
         pypardiso = importlib.import_module("pypardiso")
-        threads = thread_count or _thread_count()
-        return PardisoSolver(pattern, pypardiso, thread_count=threads, refined=refined)
+        return PardisoSolver(pattern, pypardiso, refined=refined)
     except ImportError:
         return SuperLuSolver(pattern)
 
@@ -75,9 +70,7 @@ class PardisoSolver:
 
     name = "pardiso"
 
-    def __init__(
-        self, pattern: SparsePattern, pypardiso: Any, *, thread_count: int, refined: bool
-    ) -> None:
+    def __init__(self, pattern: SparsePattern, pypardiso: Any, *, refined: bool) -> None:
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
         # Without it, the library is searched for anew each time, which takes 0.1 to 0.3 s.
@@ -85,7 +78,7 @@ class PardisoSolver:
         if not refined:
             for place, value in _UNREFINED.items():
                 self._pardiso.set_iparm(place, value)
-        self._pardiso.libmkl.MKL_Set_Num_Threads(thread_count)
+        self._pardiso.libmkl.MKL_Set_Num_Threads(_thread_count())
         self._matrix = pattern.upper(np.ones(len(pattern.indices)))
         self._zero = np.zeros(pattern.dof_count)
         weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
@@ -147,6 +140,7 @@ def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
 
 
 def _thread_count() -> int:
+    """Return the threads that Pardiso may use; a free choice slows machines that are shared."""
     for name in ("MKL_NUM_THREADS", "OMP_NUM_THREADS"):
         text = os.environ.get(name, "")
         if text.isdigit() and int(text) > 0:

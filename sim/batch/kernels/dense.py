@@ -191,15 +191,14 @@ class DenseProduct:
         """Take another of the matrices from now on."""
         self._which.fill_(which)
 
-    def apply(self, right: Any, out: Any, *, tiles: Tiling | None = None) -> None:
+    def apply(self, right: Any, out: Any) -> None:
         """Set ``out`` to the product of the matrix with ``right``, over ``unit``.
 
         Args:
             right: Float16, shape [environment_count, row_count].
             out: Float32, the same shape.
-            tiles: By default those for so many environments.
         """
-        chosen = tiles or tiling(right.shape[0])
+        chosen = tiling(right.shape[0])
         row_blocks = self.row_count // chosen.rows
         blocks = row_blocks * (right.shape[0] // chosen.columns)
         wp.launch(

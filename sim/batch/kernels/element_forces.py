@@ -14,7 +14,7 @@ import warp as wp
 from sim.batch.kernels.gathering import Gathering, Layout, Numbering
 from sim.device import Device, filled, start_warp
 from sim.material.elasticity import shape_gradients
-from sim.material.laws.tangent import Law, Tangent
+from sim.material.laws.tangent import Law, Tangent, cofactor
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.elements import ReferenceElement
 
@@ -24,26 +24,11 @@ start_warp()
 @wp.func
 def cofactor_rate(G: wp.mat33f, H: wp.mat33f) -> wp.mat33f:
     """Return the derivative of cof G along H."""
-    g0 = wp.vec3f(G[0, 0], G[1, 0], G[2, 0])
-    g1 = wp.vec3f(G[0, 1], G[1, 1], G[2, 1])
-    g2 = wp.vec3f(G[0, 2], G[1, 2], G[2, 2])
-    h0 = wp.vec3f(H[0, 0], H[1, 0], H[2, 0])
-    h1 = wp.vec3f(H[0, 1], H[1, 1], H[2, 1])
-    h2 = wp.vec3f(H[0, 2], H[1, 2], H[2, 2])
     return wp.matrix_from_cols(
-        wp.cross(h1, g2) + wp.cross(g1, h2),
-        wp.cross(h2, g0) + wp.cross(g2, h0),
-        wp.cross(h0, g1) + wp.cross(g0, h1),
+        wp.cross(H[:, 1], G[:, 2]) + wp.cross(G[:, 1], H[:, 2]),
+        wp.cross(H[:, 2], G[:, 0]) + wp.cross(G[:, 2], H[:, 0]),
+        wp.cross(H[:, 0], G[:, 1]) + wp.cross(G[:, 0], H[:, 1]),
     )
-
-
-@wp.func
-def cofactor(F: wp.mat33f) -> wp.mat33f:
-    """Return cof F."""
-    f0 = wp.vec3f(F[0, 0], F[1, 0], F[2, 0])
-    f1 = wp.vec3f(F[0, 1], F[1, 1], F[2, 1])
-    f2 = wp.vec3f(F[0, 2], F[1, 2], F[2, 2])
-    return wp.matrix_from_cols(wp.cross(f1, f2), wp.cross(f2, f0), wp.cross(f0, f1))
 
 
 @wp.struct
@@ -246,9 +231,6 @@ def rates_function(reference: ReferenceElement) -> Any:
         return total
 
     return element_rates
-
-
-start_warp()
 
 
 def room_for(reference: ReferenceElement, layout: Layout) -> int:

@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.arrays import IntArray
-from sim.device import Device
+from sim.device import Device, filled
 from sim.mesh.sparsity import SparsePattern
 
 # Shared memory is laid out for a multiple of so many unknowns: a few builds serve all meshes.
@@ -124,15 +124,17 @@ class Numbering:
         """
         starts, places = self._chunked_places(elements, chunk)
         contact_starts, contact_places = _places(self.of_nodes(faces).reshape(-1), self.row_count)
-        found = Gathering()
-        found.row_count, found.element_count = self.row_count, len(elements)
-        found.starts = device.array(starts, wp.int32)
-        found.places = device.array(places, wp.vec4i)
-        found.contact_starts = device.array(contact_starts, wp.int32)
-        found.contact_places = device.array(contact_places, wp.int32)
-        found.vertical = device.array(self.vertical, wp.int32)
-        found.tip_row = self.tip_row
-        return found
+        return filled(
+            Gathering,
+            row_count=self.row_count,
+            element_count=len(elements),
+            starts=device.array(starts, wp.int32),
+            places=device.array(places, wp.vec4i),
+            contact_starts=device.array(contact_starts, wp.int32),
+            contact_places=device.array(contact_places, wp.int32),
+            vertical=device.array(self.vertical, wp.int32),
+            tip_row=self.tip_row,
+        )
 
     def _chunked_places(self, elements: IntArray, chunk: int) -> tuple[Any, Any]:
         """Return ``starts`` and ``places``."""

@@ -14,7 +14,7 @@ import warp as wp
 from sim.arrays import FloatArray
 from sim.batch.kernels.element_forces import BatchGel, inverse_jacobian
 from sim.batch.kernels.gathering import Numbering
-from sim.device import Device, on_host, start_warp
+from sim.device import Device, filled, on_host, start_warp
 from sim.fields.stress import SurfaceStress
 from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law
@@ -63,10 +63,12 @@ class StressExtraction:
         environment_count: int,
         device: Device,
     ) -> None:
-        faces = StressedFaces()
-        faces.rows = device.array(numbered.of_nodes(pad.faces), wp.int32)
-        faces.rest = device.array(pad.nodes[pad.faces].transpose(1, 0, 2), wp.vec3d)
-        faces.parents = device.array(pad.face_parents, wp.int32)
+        faces = filled(
+            StressedFaces,
+            rows=device.array(numbered.of_nodes(pad.faces), wp.int32),
+            rest=device.array(pad.nodes[pad.faces].transpose(1, 0, 2), wp.vec3d),
+            parents=device.array(pad.face_parents, wp.int32),
+        )
         self.face_count = len(pad.faces)
         # All in one array, which is one copy to the host.
         self._found = device.zeros((environment_count, _COUNT, self.face_count), wp.float64)

@@ -18,6 +18,8 @@ from typing import Any
 
 import warp as wp
 
+from tacauchy_rig.registry import Kind, load
+
 
 @wp.struct
 class Tangent:
@@ -61,6 +63,16 @@ class Law:
     is_objective: bool = True
 
 
+def law(name: str) -> Law:
+    """Return a law: one of ``LawName``, or one that another package brings.
+
+    Raises:
+        ConfigError: There is none of that name, or its package does not import.
+    """
+    found: Law = load(Kind.LAW, name)
+    return found
+
+
 def lame(young_pa: float, poisson: float) -> tuple[float, float]:
     """Return the Lame parameters mu and lambda [Pa] (paper, Eq. 1)."""
     mu = young_pa / (2.0 * (1.0 + poisson))
@@ -68,12 +80,11 @@ def lame(young_pa: float, poisson: float) -> tuple[float, float]:
 
 
 @wp.func
-def cofactor(F: wp.mat33d) -> wp.mat33d:
-    """Return cof F = det(F) F^-T, defined for singular F as well."""
-    c0 = wp.vec3d(F[0, 0], F[1, 0], F[2, 0])
-    c1 = wp.vec3d(F[0, 1], F[1, 1], F[2, 1])
-    c2 = wp.vec3d(F[0, 2], F[1, 2], F[2, 2])
-    return wp.matrix_from_cols(wp.cross(c1, c2), wp.cross(c2, c0), wp.cross(c0, c1))
+def cofactor(F: Any) -> Any:
+    """Return cof F = det(F) F^-T in F's precision, defined for singular F as well."""
+    return wp.matrix_from_cols(
+        wp.cross(F[:, 1], F[:, 2]), wp.cross(F[:, 2], F[:, 0]), wp.cross(F[:, 0], F[:, 1])
+    )
 
 
 @wp.func

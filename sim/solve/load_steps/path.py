@@ -158,20 +158,14 @@ class LoadingPath:
         )
         return self._go(point, phase, duration_s)
 
-    def push(
-        self,
-        force_n: float,
-        *,
-        start: PathPoint | None = None,
-        duration_s: float | None = None,
-    ) -> PathPoint:
+    def push(self, force_n: float, *, duration_s: float | None = None) -> PathPoint:
         """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
 
-        ``start``, ``duration_s`` and what is raised are as for ``advance``.
+        ``duration_s`` and what is raised are as for ``advance``.
         """
         if not force_n > 0.0:
             return self.advance(0.0)
-        point = start or self.last
+        point = self.last
         if point is None or not point.force_n[2] > 0.0:
             touching = self._touching_share(point, force_n, duration_s)
             depth = OVERLAP_SHARE * self.model.height_m

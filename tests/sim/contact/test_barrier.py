@@ -9,7 +9,7 @@ import pytest
 
 from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, State
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.fields.interface import InterfaceTraction, interface_traction
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.material.per_element import element_constants
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading

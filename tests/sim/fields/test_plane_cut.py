@@ -7,7 +7,7 @@ import pytest
 
 from sim.effects.presets import mesh_for
 from sim.fields.plane_cut import PlaneCut, cut
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName, Layer, Material

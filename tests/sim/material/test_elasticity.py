@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from sim.device import Device
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh

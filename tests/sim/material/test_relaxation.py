@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.arrays import FloatArray
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.material.relaxation import PronySeries, prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading

@@ -60,7 +60,6 @@ def pressed_surface(
         indenter=indenter or Plane(),
         indenter_position=np.array(tip),
         indenter_rotation=np.eye(3) if rotation is None else rotation,
-        rest_apex_m=APEX_M,
     )
 
 

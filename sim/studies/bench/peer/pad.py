@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.contact.state import ContactOptions
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quadratic_nodes
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.indenter import Cylinder

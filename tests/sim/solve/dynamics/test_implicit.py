@@ -11,7 +11,7 @@ from scipy.sparse.linalg import eigsh
 
 from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
-from sim.material.laws.catalogue import law
+from sim.material.laws.tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
