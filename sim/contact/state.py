@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 
 from sim.arrays import FloatArray, IntArray
@@ -66,10 +67,6 @@ class Grip:
     anchors: FloatArray
     loads: FloatArray
 
-    def copy(self) -> Grip:
-        """Return an independent copy."""
-        return Grip(held=self.held.copy(), anchors=self.anchors.copy(), loads=self.loads.copy())
-
 
 @dataclass(slots=True, kw_only=True)
 class State:
@@ -91,13 +88,7 @@ class State:
 
     def copy(self) -> State:
         """Return an independent copy."""
-        return State(
-            positions=self.positions.copy(),
-            tip=self.tip.copy(),
-            rotation=self.rotation.copy(),
-            grip=None if self.grip is None else self.grip.copy(),
-            extension=self.extension,
-        )
+        return deepcopy(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -93,14 +93,12 @@ class ForceErrorFit:
 
     def middle(self, section_error: float, sector_count: int, press: Circumstances) -> float:
         """Return the relative error that is as likely too small as too large."""
-        logarithms = np.array([press.logarithms])
-        found = modelled_errors(
+        return modelled_errors(
             np.array(self.coefficients),
-            np.array([abs(section_error)]),
-            np.array([float(sector_count)]),
-            logarithms,
-        )
-        return float(found[0])
+            abs(section_error),
+            sector_count,
+            np.array(press.logarithms),
+        ).item()
 
     def bound(self, section_error: float, sector_count: int, press: Circumstances) -> float:
         """Return the relative error that 90 % of presses stay within."""
@@ -115,15 +113,18 @@ def fits() -> dict[str, ForceErrorFit]:
 
 
 def modelled_errors(
-    coefficients: FloatArray, sections: FloatArray, sectors: FloatArray, logarithms: FloatArray
+    coefficients: FloatArray,
+    sections: FloatArray | float,
+    sectors: FloatArray | float,
+    logarithms: FloatArray,
 ) -> FloatArray:
-    """Return what a fit gives for every row.
+    """Return what a fit gives for one row or many.
 
     Args:
         coefficients: As in ``ForceErrorFit``.
-        sections: Absolute error of every row's section at small strains.
+        sections: Absolute error of each row's section at small strains.
         sectors: Of a full turn.
-        logarithms: What the exponents are of, a line for each row.
+        logarithms: What the exponents are of, a line for each row where there are many.
     """
     slope, common, level = coefficients[:3]
     rest = np.exp(common) + (_SECTORS / sectors) ** _SECTOR_ORDER

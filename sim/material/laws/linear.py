@@ -35,8 +35,6 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     t.deformation = wp.identity(n=3, dtype=wp.float64)
     t.cofactor = wp.identity(n=3, dtype=wp.float64)
     t.a = p[0]
-    t.b = wp.float64(0.0)
-    t.c = wp.float64(0.0)
     t.d = p[1] + p[0]
     t.e = -p[0] + wp.float64(0.0) * F[0, 0]
     return t

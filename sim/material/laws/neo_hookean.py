@@ -44,7 +44,6 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     t.deformation = F
     t.cofactor = cofactor(F)
     t.a = p[0] * power
-    t.b = wp.float64(0.0)
     t.c = wp.float64(-2.0) * third * p[0] * power / J
     t.d = p[1] + wp.float64(5.0 / 9.0) * p[0] * power * trace / (J * J)
     t.e = p[1] * (J - wp.float64(1.0)) - third * p[0] * power * trace / J

@@ -38,8 +38,6 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     t.deformation = F
     t.cofactor = cofactor(F)
     t.a = p[0]
-    t.b = wp.float64(0.0)
-    t.c = wp.float64(0.0)
     t.d = p[1]
     t.e = p[1] * (wp.determinant(F) - wp.float64(1.0))
     return t

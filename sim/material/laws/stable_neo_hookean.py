@@ -43,7 +43,6 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     t.cofactor = cofactor(F)
     t.a = p[0] * (one - inverse)
     t.b = wp.float64(2.0) * p[0] * inverse * inverse
-    t.c = wp.float64(0.0)
     t.d = p[1]
     t.e = p[1] * (wp.determinant(F) - p[2])
     return t

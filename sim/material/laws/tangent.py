@@ -23,7 +23,10 @@ from tacauchy_rig.registry import Kind, load
 
 @wp.struct
 class Tangent:
-    """Second derivative of an energy density at one point, in the form of this file's header."""
+    """Second derivative of an energy density at one point, in the form of this file's header.
+
+    A coefficient that a law does not set is zero.
+    """
 
     deformation: wp.mat33d
     cofactor: wp.mat33d

@@ -98,7 +98,9 @@ class DynamicPress:
         self._path, self._model = path, path.model
         self._masses = inertial_masses(path.model, density_kg_m3)
         self._copies = path.model.mesh.symmetry.copies
-        self.state = self._start(depth_m) if path.last is None else path.last.state.copy()
+        self.state = path.untouched(depth_m) if path.last is None else path.last.state.copy()
+        if path.last is None and path.model.relaxation is not None:
+            path.model.relaxation.forget(self.state.positions)
         self.velocities = np.zeros_like(self.state.positions)
         self._time_s, self._work_j = 0.0, 0.0
         self._energy_j = sum(self._energies(self.state))
@@ -146,15 +148,6 @@ class DynamicPress:
                 remedy="take smaller time steps or a slower indenter",
             ) from error
         return self._accept(state, found, iterations, step_s)
-
-    def _start(self, depth_m: float) -> State:
-        path = self._path
-        tip = np.array([*path.centre_m, path.touch_m - depth_m])
-        state = path.model.rest_state(tip=tip, rotation=path.rotation)
-        state.positions = path.unloaded.copy()
-        if path.model.relaxation is not None:
-            path.model.relaxation.forget(state.positions)
-        return state
 
     def _travel(self, problem: Problem, depth_m: float) -> tuple[State, Equilibrium, int]:
         """Bring the indenter down within one time step."""

@@ -97,6 +97,14 @@ class LoadingPath:
             centre_m=self.centre_m,
             rotation=self.rotation,
         )
+        lbfgs = None
+        if self.lbfgs is not None:
+            lbfgs = PreconditionedLbfgs(
+                model=self.model,
+                indenter=self.indenter,
+                potentials=self.potentials,
+                options=self.lbfgs,
+            )
         self._settling = Settling(
             model=self.model,
             solver=self.solver,
@@ -104,7 +112,7 @@ class LoadingPath:
             potentials=self.potentials,
             touch_m=self.touch_m,
             counts=self.counts,
-            lbfgs=self._lbfgs_solver(),
+            lbfgs=lbfgs,
         )
         self._stepping = Stepping(settling=self._settling)
         self.setup_s = time.perf_counter() - started
@@ -215,6 +223,13 @@ class LoadingPath:
         )
         return self._go(point, phase, duration_s)
 
+    def untouched(self, depth_m: float) -> State:
+        """Return the unloaded pad with the indenter at a depth."""
+        tip = np.array([*self.centre_m, self.touch_m - depth_m])
+        state = self.model.rest_state(tip=tip, rotation=self.rotation)
+        state.positions = self.unloaded.copy()
+        return state
+
     def body_force_n(self, point: PathPoint) -> FloatArray:
         """Return what weight and the like leave for clamp and indenter to carry [N], shape [3]."""
         free = ~self.model.clamped
@@ -222,16 +237,6 @@ class LoadingPath:
         for potential in self.potentials:
             part += potential.gradient(point.state.positions)[free].sum(axis=0)
         return self.model.mesh.symmetry.whole_force(part)
-
-    def _lbfgs_solver(self) -> PreconditionedLbfgs | None:
-        if self.lbfgs is None:
-            return None
-        return PreconditionedLbfgs(
-            model=self.model,
-            indenter=self.indenter,
-            potentials=self.potentials,
-            options=self.lbfgs,
-        )
 
     def _pressed(self, what: str) -> PathPoint:
         if self.last is None:
@@ -250,14 +255,7 @@ class LoadingPath:
         first = OVERLAP_SHARE * self.model.height_m if self.lbfgs is None else self.step_max_m
         depth = min(depth_m, first)
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
-        return self._stepping.accept(self._settle(self._start(depth), passing=depth < depth_m))
-
-    def _start(self, depth_m: float) -> State:
-        """Return the unloaded pad with the indenter at a depth."""
-        tip = np.array([*self.centre_m, self.touch_m - depth_m])
-        state = self.model.rest_state(tip=tip, rotation=self.rotation)
-        state.positions = self.unloaded.copy()
-        return state
+        return self._stepping.accept(self._settle(self.untouched(depth), passing=depth < depth_m))
 
     def _touching_share(
         self, point: PathPoint | None, force_n: float, duration_s: float | None
@@ -271,7 +269,7 @@ class LoadingPath:
             return share
         for _ in range(2):
             self._stepping.begin(share * duration_s)
-            start = self._start(OVERLAP_SHARE * self.model.height_m)
+            start = self.untouched(OVERLAP_SHARE * self.model.height_m)
             carried = float(self._settle(start, passing=True).force_n[2])
             share = min(1.0, carried / force_n)
         return share
