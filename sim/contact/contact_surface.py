@@ -112,10 +112,7 @@ class ContactSurface:
 
     def area_vectors(self, positions: FloatArray) -> FloatArray:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
-        reference, faces = self._pad.reference, self._pad.faces
-        along = np.einsum("pka,fkx->afpx", reference.face_gradients, positions[faces])
-        normals = 0.5 * np.cross(along[0], along[1])
-        return np.asarray(normals * reference.face_weights[:, None])
+        return self._pad.reference.area_vectors(positions[self._pad.faces])
 
     def refresh_grip(self, indenter: Indenter, state: State) -> float:
         """Hold the points that touch, free the others, and take over pressure and normal.

@@ -17,7 +17,6 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
@@ -31,6 +30,7 @@ from sim.mesh.sparsity import assembled
 from sim.scene.indenter import Cylinder, Indenter, Sphere, grown
 from sim.scene.material import Material
 from sim.scene.scene import BARRIER_M, Preset, Scene
+from sim.solve.linear_solver import symmetric_factor
 
 # What is left of its error is the same for all settings of a press. Finer ones, or the limit that
 # two tend to, foretell the errors of the training presses no better, and take longer.
@@ -171,12 +171,7 @@ class AxisymmetricGel:
         free[points[:, 1] <= 1e-9 * height_m] = False
         free[points[:, 0] <= 1e-9 * height_m, 0] = False
         kept = np.flatnonzero(free)
-        solve = scipy.sparse.linalg.splu(
-            stiffness[kept][:, kept].tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        ).solve
+        solve = symmetric_factor(stiffness[kept][:, kept]).solve
         self._touched = np.unique(self._edges)
         places = np.searchsorted(kept, 2 * self._touched + 1)
         push = np.zeros((len(kept), len(places)))

@@ -106,8 +106,7 @@ def _traction(
     below = labels <= layer
     faces, under, over = _shared_faces(model.elements, below)
     reference = model.reference
-    along = np.einsum("pka,fkx->afpx", reference.face_gradients, positions[faces])
-    vectors = 0.5 * np.cross(along[0], along[1]) * reference.face_weights[:, None]
+    vectors = reference.area_vectors(positions[faces])
     areas = np.linalg.norm(vectors, axis=2)
     normals = vectors / areas[..., None]
     symmetry, nodes = model.mesh.symmetry, np.unique(faces)

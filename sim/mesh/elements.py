@@ -64,6 +64,18 @@ class ReferenceElement:
         """Nodes of a face."""
         return int(self.face_values.shape[1])
 
+    def area_vectors(self, face_nodes: FloatArray) -> FloatArray:
+        """Return outward normal times area at the contact points of faces [m^2].
+
+        Args:
+            face_nodes: Positions of the faces' nodes [m], shape [face_count, face_node_count, 3].
+
+        Returns:
+            Shape [face_count, face_point_count, 3].
+        """
+        along = np.einsum("pka,fkx->afpx", self.face_gradients, face_nodes)
+        return np.asarray(0.5 * np.cross(along[0], along[1]) * self.face_weights[:, None])
+
 
 def reference_element(order: ElementOrder, *, face_splits: int = 0) -> ReferenceElement:
     """Return the tables of an element type.

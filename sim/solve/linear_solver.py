@@ -104,6 +104,16 @@ class PardisoSolver:
         return np.asarray(solution)
 
 
+def symmetric_factor(matrix: scipy.sparse.csr_matrix) -> Any:
+    """Return SuperLU's factor of a matrix that is symmetric and about positive definite."""
+    return scipy.sparse.linalg.splu(
+        matrix.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
 class SuperLuSolver:
     """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode."""
 
@@ -118,12 +128,7 @@ class SuperLuSolver:
         self._upper.data[:] = data
         full = self._upper + scipy.sparse.triu(self._upper, 1).T
         try:
-            self._factor = scipy.sparse.linalg.splu(
-                full.tocsc(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+            self._factor = symmetric_factor(full)
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
         if np.any(self._factor.U.diagonal() <= 0.0):

@@ -12,13 +12,11 @@ from typing import Any
 import warp as wp
 
 from sim.batch.kernels.gathering import Gathering, Layout, Numbering
-from sim.device import Device, filled, start_warp
+from sim.device import Device, filled
 from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law, Tangent, cofactor
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.elements import ReferenceElement
-
-start_warp()
 
 
 @wp.func

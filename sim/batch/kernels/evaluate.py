@@ -39,11 +39,8 @@ from sim.batch.kernels.state import (
     Vectors,
     may_run,
 )
-from sim.device import start_warp
 from sim.material.laws.tangent import Law
 from sim.mesh.elements import ElementOrder, reference_element
-
-start_warp()
 
 # Sums over an environment's unknowns.
 RESIDUAL = wp.constant(0)  # y . y

@@ -33,10 +33,7 @@ from sim.batch.kernels.state import (
     Vectors,
     may_run,
 )
-from sim.device import start_warp
 from sim.mesh.elements import ElementOrder, reference_element
-
-start_warp()
 
 
 @wp.func

@@ -14,14 +14,12 @@ import warp as wp
 from sim.arrays import FloatArray
 from sim.batch.kernels.element_forces import BatchGel, inverse_jacobian
 from sim.batch.kernels.gathering import Numbering
-from sim.device import Device, filled, on_host, start_warp
+from sim.device import Device, filled, on_host
 from sim.fields.stress import SurfaceStress
 from sim.material.elasticity import shape_gradients
 from sim.material.laws.tangent import Law
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.elements import ElementOrder, reference_element
-
-start_warp()
 
 
 @wp.struct
