@@ -41,7 +41,6 @@ def measure_force_errors(
     file: Path,
     store: PressStore,
     *,
-    presses: Sequence[Training] = TRAINING,
     on_progress: Callable[[str], None] = lambda _text: None,
 ) -> list[ForceErrorRow]:
     """Press every scene with every setting and write the rows to a JSON file; a quarter of an hour.
@@ -53,10 +52,10 @@ def measure_force_errors(
         RigError: A scene cannot be pressed.
     """
     pressed_path(  # compiles the kernels, which no time should hold
-        Setting(Preset.FAST, 0.5).applied(presses[0].scene), [1e-5]
+        Setting(Preset.FAST, 0.5).applied(TRAINING[0].scene), [1e-5]
     )
     rows: list[ForceErrorRow] = []
-    for number, press in enumerate(presses, start=1):
+    for number, press in enumerate(TRAINING, start=1):
         on_progress(f"{describe(press.scene.indenter)}, nu {press.scene.material.poisson:g}")
         rows += _measured(number, press, store)
     fits = json.dumps({kind: asdict(fit) for kind, fit in fits_through(rows).items()}, indent=1)
@@ -78,9 +77,7 @@ def _measured(number: int, press: Training, store: PressStore) -> Iterator[Force
                 press=number,
                 kind=kind,
                 indenter=describe(scene.indenter),
-                poisson=share.poisson,
-                radius_share=share.radius_share,
-                fillet_share=share.fillet_share,
+                **asdict(share),
                 preset=setting.preset,
                 refinement=setting.refinement,
                 sector_count=sectors_of(tried) if revolved else 0,
