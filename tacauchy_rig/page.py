@@ -6,10 +6,11 @@ import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
+from typing import TypedDict
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from tacauchy_rig.tables import Table, markdown_table
+from tacauchy_rig.tables import Table, markdown_cell, markdown_table
 
 _WIDTH = 100
 # Tables, headings, figures and lists stand as they are written.
@@ -19,7 +20,8 @@ _UNFILLED = ("|", "#", "!", "- ", "```")
 def page(package: str, template: str, facts: Mapping[str, object]) -> str:
     """Return a template's text as Markdown, its paragraphs filled to lines of 100 characters.
 
-    Templates show a table by ``{{ t | table }}`` and may split prose into lines as they like.
+    Templates show a table by ``{{ t | table }}``, or write one with ``{{ c | cell }}``.
+    They may split prose into lines as they like.
 
     Args:
         package: That the template lies in, such as ``tacauchy_rig.cli.studies``.
@@ -41,7 +43,15 @@ def prose(package: str, template: str, block: str, /, **facts: object) -> str:
     return " ".join(_block(package, template, block, facts).split())
 
 
-def table_prose(package: str, template: str, block: str, /, **facts: object) -> dict[str, str]:
+class TableProse(TypedDict):
+    """What a table is called, what has to hold, and what a reader has to know."""
+
+    title: str
+    criterion: str
+    note: str
+
+
+def table_prose(package: str, template: str, block: str, /, **facts: object) -> TableProse:
     """Return title, criterion and note of a table: the paragraphs of a block, in this order.
 
     Args:
@@ -50,8 +60,8 @@ def table_prose(package: str, template: str, block: str, /, **facts: object) -> 
         block: Which of its blocks.
         facts: What it is told.
     """
-    parts = _paragraphs(_block(package, template, block, facts))
-    return dict(zip(("title", "criterion", "note"), parts, strict=True))
+    title, criterion, *notes = _paragraphs(_block(package, template, block, facts))
+    return TableProse(title=title, criterion=criterion, note=" ".join(notes))
 
 
 def _block(package: str, template: str, block: str, facts: dict[str, object]) -> str:
@@ -93,7 +103,7 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["table"] = markdown_table
+    environment.filters |= {"table": markdown_table, "cell": markdown_cell}
     return environment
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from operator import itemgetter
+from typing import TypedDict, TypeVar, Unpack
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -57,31 +58,34 @@ class Table:
         return [[cell_text(cell) for cell in row] for row in self.rows]
 
 
+class About(TypedDict, total=False):
+    """What a table says beside its rows, as in ``Table``."""
+
+    title: str
+    criterion: str
+    passed: bool
+    note: str
+    command: str
+
+
 def table_of(
     records: Iterable[Record],
     columns: Mapping[str, Callable[[Record], Cell]],
-    *,
-    title: str = "",
-    criterion: str = "",
-    passed: bool = True,
-    note: str = "",
-    command: str = "",
+    **about: Unpack[About],
 ) -> Table:
     """Return a table with a row for each record.
 
     Args:
         columns: By heading, what a record shows there.
-        title: This and the rest as in ``Table``.
+        about: What the table says beside them.
     """
-    return Table(
-        title=title,
-        columns=tuple(columns),
-        rows=tuple(tuple(value(record) for value in columns.values()) for record in records),
-        criterion=criterion,
-        passed=passed,
-        note=note,
-        command=command,
-    )
+    rows = tuple(tuple(value(record) for value in columns.values()) for record in records)
+    return Table(columns=tuple(columns), rows=rows, **about)
+
+
+def table_of_rows(rows: Sequence[Mapping[str, Cell]], **about: Unpack[About]) -> Table:
+    """Return a table of cells by heading, those of the first row; there is at least one row."""
+    return table_of(rows, {heading: itemgetter(heading) for heading in rows[0]}, **about)
 
 
 def cell_text(cell: Cell) -> str:
@@ -96,13 +100,14 @@ def cell_text(cell: Cell) -> str:
 def markdown_table(table: Table) -> str:
     """Return the rows as a table of Markdown, without title and note."""
     lines = [table.columns, *table.texts]
-    shown = ["| " + " | ".join(_escaped(text) for text in line) + " |" for line in lines]
+    shown = ["| " + " | ".join(map(markdown_cell, line)) + " |" for line in lines]
     shown.insert(1, "|" + "---|" * len(table.columns))
     return "\n".join(shown)
 
 
-def _escaped(text: str) -> str:
-    return text.replace("|", r"\|").replace("\n", " ")
+def markdown_cell(cell: Cell) -> str:
+    """Return a cell's text so that it stays within its cell."""
+    return cell_text(cell).replace("|", r"\|").replace("\n", " ")
 
 
 def terminal_table(table: Table, *, width: int) -> RenderableType:
@@ -115,44 +120,31 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
     """
     shown: list[RenderableType] = [Text(line) for line in textwrap.wrap(table.title, width)]
     texts = [[text.replace("**", "") for text in row] for row in table.texts]
-    cells = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
-    for columns in _parted([_Column.of(each, width) for each in cells], width):
+    columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
+    # Just wide enough for the cells to wrap in few lines.
+    least = [max(_narrowest(text, width) for text in column) for column in columns]
+    for group in _parted(least, width):
         drawn = RichTable(box=box.SIMPLE_HEAD, pad_edge=False)
-        for number, column in enumerate(columns):
+        # What is left of the width goes to the columns that still wrap, from the left.
+        spare = max(width - _width([least[k] for k in group]), 0)
+        for k in group:
+            heading, *cells = columns[k]
+            wide = min(max(map(len, columns[k])), least[k] + spare)
+            spare -= max(wide - least[k], 0)
+            # Numbers and words are compared by their ends.
+            is_short = all(" " not in text for text in cells)
             drawn.add_column(
-                Text(column.cells[0]),
-                justify="right" if number and column.is_short else "left",
+                Text(heading),
+                justify="right" if k != group[0] and is_short else "left",
                 overflow="fold",
-                width=column.width,
+                width=wide,
             )
-        for row in zip(*(column.cells[1:] for column in columns), strict=True):
-            drawn.add_row(*(Text(text) for text in row))
+        for row in texts:
+            drawn.add_row(*(Text(row[k]) for k in group))
         shown.append(drawn)
     if table.criterion:
         shown += [Text(each) for each in textwrap.wrap(f"{table.result}: {table.criterion}", width)]
     return Group(*shown)
-
-
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """A column on a terminal: heading and cells, and the width that they are given."""
-
-    cells: list[str]
-    width: int
-
-    @classmethod
-    def of(cls, cells: list[str], width: int) -> _Column:
-        """Make a column just wide enough for its cells to wrap in few lines."""
-        return cls(cells, max(_narrowest(text, width) for text in cells))
-
-    @property
-    def is_short(self) -> bool:
-        """Its cells are numbers or words, which a reader compares by their ends."""
-        return all(" " not in text for text in self.cells[1:])
-
-    def widened(self, spare: int) -> _Column:
-        """Return it as wide as its text, or by what is to spare."""
-        return _Column(self.cells, min(max(map(len, self.cells)), self.width + spare))
 
 
 def _narrowest(text: str, most: int) -> int:
@@ -164,25 +156,15 @@ def _narrowest(text: str, most: int) -> int:
     return width
 
 
-def _parted(columns: Sequence[_Column], width: int) -> list[list[_Column]]:
+def _parted(widths: Sequence[int], width: int) -> list[list[int]]:
     """Return groups of columns that fit the width, each beginning with the first column."""
-    if not columns:
-        return []
-    first, *rest = columns
-    groups: list[list[_Column]] = [[first]]
-    for column in rest:
-        if len(groups[-1]) > 1 and _width([*groups[-1], column]) > width:
-            groups.append([first])
-        groups[-1].append(column)
-    return [_spread(group, width) for group in groups]
+    groups = [[0]] if widths else []
+    for k in range(1, len(widths)):
+        if len(groups[-1]) > 1 and _width([widths[i] for i in (*groups[-1], k)]) > width:
+            groups.append([0])
+        groups[-1].append(k)
+    return groups
 
 
-def _width(columns: Sequence[_Column]) -> int:
-    return sum(column.width + _GAP for column in columns)
-
-
-def _spread(columns: list[_Column], width: int) -> list[_Column]:
-    """Give what is left of the width to the columns that still wrap, from the left."""
-    for k, column in enumerate(columns):
-        columns[k] = column.widened(max(width - _width(columns), 0))
-    return columns
+def _width(columns: Sequence[int]) -> int:
+    return sum(columns) + _GAP * len(columns)

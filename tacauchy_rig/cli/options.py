@@ -20,3 +20,18 @@ JsonFile = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write what was found there as JSON."),
 ]
+FigureFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figures go.")]
+FigurePage = Annotated[
+    Path | None,
+    typer.Option(
+        "--page",
+        metavar="FILE",
+        help="Write a page; its figures go to images beside it.",
+    ),
+]
+Jobs = Annotated[
+    int,
+    typer.Option(
+        "--jobs", metavar="N", min=1, help="How many to run at once, each in a process of its own."
+    ),
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacauchy_rig.page import criteria_page, filled, prose, table_prose
+from tacauchy_rig.page import criteria_page, filled, table_prose
 from tacauchy_rig.tables import Table
 
 MET = Table(
@@ -70,8 +70,11 @@ def test_paragraphs_are_filled_and_tables_left_as_they_are() -> None:
 
 def test_a_block_of_a_template_is_one_line_of_prose() -> None:
     """A table's note is filled by whoever shows it, so that it holds no line breaks."""
-    facts = {"power": "1.10", "of_one": "0.90"}
-    note = prose("sim.studies.bench", "notes.md.jinja", "growth", **facts)
+    facts = {"power": "1.10", "of_one": "0.90", "wanted": 1.5}
+    found = table_prose("sim.studies.bench", "tables.md.jinja", "growth", **facts)
+    note = found["note"]
+    assert found["title"] == "Growth with elements"
+    assert found["criterion"].endswith("to the power of 1.5")
     assert note.startswith(
         "Fitted through all rows: time goes with the elements to the power of 1.10"
     )

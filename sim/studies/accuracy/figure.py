@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim.mesh.elements import ElementOrder
-from sim.studies.accuracy.study import Row, Study, error_bar
+from sim.studies.accuracy.observation import Row
+from sim.studies.accuracy.study import Study, error_bar
 from tacauchy_rig.figure_style import BLUE, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
 
 _FLOOR = 1e-5

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.effects.mesh_choice import mesh_depth
@@ -102,19 +101,24 @@ def fits_through(rows: Sequence[ForceErrorRow]) -> dict[str, ForceErrorFit]:
 def fitted(known: Sequence[ForceErrorRow]) -> ForceErrorFit:
     """Fit rows of one kind of indenter, on revolved meshes."""
     pressed = np.array([(row.poisson, row.radius_share, row.fillet_share) for row in known])
-    rows = _Rows(
-        errors=np.array([row.error for row in known]),
-        sections=np.array([abs(row.section_error or 0.0) for row in known]),
-        sectors=np.array([float(row.sector_count) for row in known]),
-        logarithms=np.array([_circumstances(each).logarithms for each in pressed]),
+    rows = np.array(
+        [
+            (
+                row.error,
+                abs(row.section_error or 0.0),
+                float(row.sector_count),
+                *_circumstances(each).logarithms,
+            )
+            for row, each in zip(known, pressed, strict=True)
+        ]
     )
     presses = np.array([row.press for row in known])
     beyond = [
-        rows.of(presses == press).beyond(rows.of(presses != press).solved())
+        _beyond(_solved(rows[presses != press]), rows[presses == press])
         for press in sorted(set(presses.tolist()))
     ]
     return ForceErrorFit(
-        coefficients=tuple(rows.solved().tolist()),
+        coefficients=tuple(_solved(rows).tolist()),
         margin=float(np.quantile(np.concatenate(beyond), QUANTILE)),
         lowest=_circumstances(pressed.min(axis=0)),
         highest=_circumstances(pressed.max(axis=0)),
@@ -129,42 +133,27 @@ def _circumstances(values: FloatArray) -> Circumstances:
     return Circumstances(poisson=poisson, radius_share=radius_share, fillet_share=fillet_share)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Rows:
-    """What a fit is laid through; every array has a value or a line for each row."""
+def _modelled(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return what a fit gives for rows of error, section's error, sectors and logarithms."""
+    return modelled_errors(coefficients, rows[:, 1], rows[:, 2], rows[:, 3:])
 
-    errors: FloatArray
-    sections: FloatArray
-    sectors: FloatArray
-    logarithms: FloatArray
 
-    def of(self, chosen: NDArray[np.bool_]) -> _Rows:
-        """Return some of the rows."""
-        return _Rows(
-            errors=self.errors[chosen],
-            sections=self.sections[chosen],
-            sectors=self.sectors[chosen],
-            logarithms=self.logarithms[chosen],
-        )
+def _solved(rows: FloatArray) -> FloatArray:
+    """Return the coefficients of the fit; far outliers count less than their squares."""
+    errors = rows[:, 0]
+    usual = scatter(errors)
+    start = np.array([*_START, *np.zeros(rows.shape[1] - 3)])
+    drawn = [*_DRAWN, *range(len(_START), len(start))]
 
-    def modelled(self, coefficients: FloatArray) -> FloatArray:
-        """Return what a fit gives for the rows."""
-        return modelled_errors(coefficients, self.sections, self.sectors, self.logarithms)
+    def off(coefficients: FloatArray) -> FloatArray:
+        apart = (errors - _modelled(coefficients, rows)) / usual
+        return np.concatenate([apart, _RIDGE * (coefficients - start)[drawn]])
 
-    def solved(self) -> FloatArray:
-        """Return the coefficients of the fit; far outliers count less than their squares."""
-        usual = scatter(self.errors)
-        start = np.array([*_START, *np.zeros(self.logarithms.shape[1])])
-        drawn = [*_DRAWN, *range(len(_START), len(start))]
+    solve: Callable[..., scipy.optimize.OptimizeResult] = scipy.optimize.least_squares
+    return np.asarray(solve(off, start, loss="soft_l1").x)
 
-        def off(coefficients: FloatArray) -> FloatArray:
-            apart = (self.errors - self.modelled(coefficients)) / usual
-            return np.concatenate([apart, _RIDGE * (coefficients - start)[drawn]])
 
-        solve: Callable[..., scipy.optimize.OptimizeResult] = scipy.optimize.least_squares
-        return np.asarray(solve(off, start, loss="soft_l1").x)
-
-    def beyond(self, coefficients: FloatArray) -> FloatArray:
-        """Return how many scatters the rows lie above a fit."""
-        middle = self.modelled(coefficients)
-        return (self.errors - middle) / scatter(middle)
+def _beyond(coefficients: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return how many scatters rows lie above a fit."""
+    middle = _modelled(coefficients, rows)
+    return np.asarray((rows[:, 0] - middle) / scatter(middle))

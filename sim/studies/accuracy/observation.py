@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -24,36 +25,73 @@ _TOUCHING_M = 6e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
-    """A press to a force.
+class Row:
+    """A configuration's errors and cost.
 
     Attributes:
-        force_n: The force that was asked for [N].
-        depth_m: Where it is reached [m].
-        stiffness_n_m: dF_z / d(depth) there [N/m].
-        pressure_max_pa: Largest contact pressure [Pa].
-        contact_radius_m: Radius of the disc of the contact's area [m].
-        maps: Height maps at the image's resolution.
+        errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
+            of depth, largest pressure and contact radius at the force; RMS error of the height over
+            the deepest indentation; 1 - SSIM of the image.
+        chances: By quantity: how far its error may be off for what its mesh happens to cut.
+        zncc_contact: Correlation with the reference's image inside the contact.
         setup_s: Meshing, upload and symbolic factorisation [s].
         solve_s: From the unloaded gel to the force [s].
         cpu_s: Processor time of both [s].
         steps: Increments on the way.
+        on_front: No configuration that is at least as fast is closer in F_z.
+        failure: Why there are no numbers; empty otherwise.
     """
 
     configuration: Configuration
+    errors: dict[str, float] = field(default_factory=dict)
+    chances: dict[str, float] = field(default_factory=dict)
+    zncc_contact: float = np.nan
+    setup_s: float = np.nan
+    solve_s: float = np.nan
+    cpu_s: float = np.nan
+    steps: int = 0
+    newton_iterations: int = 0
+    tet_count: int = 0
+    node_count: int = 0
+    on_front: bool = False
+    failure: str = ""
+
+    @property
+    def wall_s(self) -> float:
+        """Set-up and solve [s]."""
+        return self.setup_s + self.solve_s
+
+    @property
+    def time_s(self) -> float:
+        """Set-up and solve, without what they waited for a processor that others used [s]."""
+        if self.configuration.device != "cpu":
+            return self.wall_s
+        return min(self.wall_s, self.cpu_s)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values for ``--json``, units in the keys."""
+        return {**asdict(self), "wall_s": self.wall_s, "time_s": self.time_s}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A press to a force.
+
+    Attributes:
+        row: Its settings and cost; errors are not known yet.
+        force_n: The force that was asked for [N].
+        depth_m: Where it is reached [m].
+        pressure_max_pa: Largest contact pressure [Pa].
+        contact_radius_m: Radius of the disc of the contact's area [m].
+        maps: Height maps at the image's resolution.
+    """
+
+    row: Row
     force_n: float
     depth_m: float
-    stiffness_n_m: float
     pressure_max_pa: float
     contact_radius_m: float
     maps: HeightMaps
-    setup_s: float
-    solve_s: float
-    cpu_s: float
-    steps: int
-    newton_iterations: int
-    tet_count: int
-    node_count: int
     path: LoadingPath
 
     def force_at(self, depth_m: float) -> float:
@@ -94,14 +132,8 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
     # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
     wide = model.contact_options.is_wide
     touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
-    return Observation(
+    row = Row(
         configuration=configuration,
-        force_n=force,
-        depth_m=point.depth_m,
-        stiffness_n_m=point.stiffness_n_m,
-        pressure_max_pa=contact.pressure_max_pa,
-        contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
-        maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         setup_s=ready - started,
         solve_s=solved - ready,
         cpu_s=spent,
@@ -109,6 +141,14 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         newton_iterations=path.counts.newton_iterations,
         tet_count=len(model.elements),
         node_count=len(model.nodes),
+    )
+    return Observation(
+        row=row,
+        force_n=force,
+        depth_m=point.depth_m,
+        pressure_max_pa=contact.pressure_max_pa,
+        contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
+        maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         path=path,
     )
 

@@ -2,76 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.force_error_estimate import error_order
+from sim.mesh.elements import ElementOrder
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.scene import Preset, Scene
 from sim.studies.accuracy.configurations import Configuration, coarser
 from sim.studies.accuracy.force_limit import COARSENING, extrapolated
-from sim.studies.accuracy.mesh_chance import (
-    MeasuredChance,
-    MeshKey,
-    chance_of,
-    chances,
-    mesh_key,
-    neighbours,
-)
-from sim.studies.accuracy.observation import Observation, height_error, observe
+from sim.studies.accuracy.observation import Observation, Row, height_error, observe
 from tacauchy_rig.errors import RigError
 
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
 _ORDER_LOW = 1.0
+EDGE_SHIFT = 0.07
+# What finer meshes, on which nothing was measured, may have of an error for their chance.
+_SHARE_MIN, _SHARE_MAX = 0.25, 1.0
+
+Errors = Mapping[str, float]
+MeshKey = tuple[ElementOrder, Preset, float]
 
 Render = Callable[[HeightMaps], ImageArray]
 Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """A configuration's errors and cost.
-
-    Attributes:
-        errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
-            of depth, largest pressure and contact radius at the force; RMS error of the height over
-            the deepest indentation; 1 - SSIM of the image.
-        chances: By quantity: how far its error may be off for what its mesh happens to cut.
-        zncc_contact: Correlation with the reference's image inside the contact.
-        on_front: No configuration that is at least as fast is closer in F_z.
-        failure: Why there are no numbers; empty otherwise.
-    """
-
-    configuration: Configuration
-    errors: dict[str, float] = field(default_factory=dict)
-    chances: dict[str, float] = field(default_factory=dict)
-    zncc_contact: float = np.nan
-    setup_s: float = np.nan
-    solve_s: float = np.nan
-    cpu_s: float = np.nan
-    steps: int = 0
-    newton_iterations: int = 0
-    tet_count: int = 0
-    node_count: int = 0
-    on_front: bool = False
-    failure: str = ""
-
-    @property
-    def wall_s(self) -> float:
-        """Set-up and solve [s]."""
-        return self.setup_s + self.solve_s
-
-    @property
-    def time_s(self) -> float:
-        """Set-up and solve, without what they waited for a processor that others used [s]."""
-        if self.configuration.device != "cpu":
-            return self.wall_s
-        return min(self.wall_s, self.cpu_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +87,10 @@ def study(
             rows.append(judge.row(exact))
             continue
         on_progress(configuration.name)
-        rows.append(_row(scene, configuration, geometry, judge))
+        try:
+            rows.append(judge.row(observe(scene, configuration, geometry)))
+        except RigError as error:
+            rows.append(Row(configuration=configuration, failure=error.message))
     on_progress("some of them on shorter and longer edges, for what a mesh happens to cut")
     known = _measured_chances(scene, [row for row in rows if row.errors], shifted, geometry, judge)
     rows = [replace(row, chances=chances(row.configuration, row.errors, known)) for row in rows]
@@ -144,9 +105,7 @@ def _measured_chances(
     judge: _Judge,
 ) -> dict[MeshKey, MeasuredChance]:
     found: dict[MeshKey, MeasuredChance] = {}
-    for row in rows:
-        if row.configuration not in shifted:
-            continue
+    for row in (row for row in rows if row.configuration in shifted):
         with suppress(RigError):
             others = [
                 judge.errors(observe(scene, other, geometry))[0]
@@ -156,6 +115,70 @@ def _measured_chances(
                 row.errors, chance_of(row.errors, others), row.tet_count
             )
     return found
+
+
+def mesh_key(configuration: Configuration) -> MeshKey:
+    """Return what decides a configuration's mesh and element."""
+    return configuration.element, configuration.preset, configuration.refinement
+
+
+def neighbours(configuration: Configuration) -> tuple[Configuration, Configuration]:
+    """Return the same settings with all edges longer, and shorter, by as much as a seed may."""
+    longer, shorter = (
+        replace(configuration, refinement=configuration.refinement * (1.0 + shift))
+        for shift in (-EDGE_SHIFT, EDGE_SHIFT)
+    )
+    return longer, shorter
+
+
+def chance_of(own: Errors, others: Sequence[Errors]) -> dict[str, float]:
+    """Return by quantity the largest difference of an error from its own on other meshes."""
+    return {name: max(abs(other[name] - error) for other in others) for name, error in own.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredChance:
+    """Errors on a mesh, and by how much they differ on its neighbours.
+
+    Attributes:
+        tet_count: Of the mesh.
+    """
+
+    errors: Errors
+    chance: Errors
+    tet_count: int
+
+
+def chances(
+    configuration: Configuration, errors: Errors, measured: Mapping[MeshKey, MeasuredChance]
+) -> dict[str, float]:
+    """Return the chance of a configuration's errors.
+
+    That of its own mesh and element where it was measured; else the share of the error that it has
+    on the finest mesh with such an element, between a quarter and all of it. The paper's mesh is
+    but one and has none.
+
+    Args:
+        measured: What was found on the meshes that were shifted.
+    """
+    if configuration.preset is Preset.PAPER:
+        return dict.fromkeys(errors, 0.0)
+    key = mesh_key(configuration)
+    alike = [found for other, found in measured.items() if other[0] is key[0]]
+    near = measured.get(key) or max(alike, key=lambda found: found.tet_count, default=None)
+    shares = dict.fromkeys(errors, _SHARE_MIN) if near is None else _shares(near)
+    scaled = {name: shares[name] * abs(error) for name, error in errors.items()}
+    if near is None or key not in measured:
+        return scaled
+    return {name: max(near.chance[name], scaled[name]) for name in errors}
+
+
+def _shares(found: MeasuredChance) -> dict[str, float]:
+    return {name: _share(found.chance[name], abs(error)) for name, error in found.errors.items()}
+
+
+def _share(chance: float, error: float) -> float:
+    return float(np.clip(chance / error, _SHARE_MIN, _SHARE_MAX)) if error > 0.0 else _SHARE_MIN
 
 
 def _warm_up(
@@ -216,27 +239,7 @@ class _Judge:
     def row(self, found: Observation) -> Row:
         """Return an observation's errors and cost."""
         errors, zncc = self.errors(found)
-        return Row(
-            configuration=found.configuration,
-            errors=errors,
-            zncc_contact=zncc,
-            setup_s=found.setup_s,
-            solve_s=found.solve_s,
-            cpu_s=found.cpu_s,
-            steps=found.steps,
-            newton_iterations=found.newton_iterations,
-            tet_count=found.tet_count,
-            node_count=found.node_count,
-        )
-
-
-def _row(
-    scene: Scene, configuration: Configuration, geometry: CameraGeometry, judge: _Judge
-) -> Row:
-    try:
-        return judge.row(observe(scene, configuration, geometry))
-    except RigError as error:
-        return Row(configuration=configuration, failure=error.message)
+        return replace(found.row, errors=errors, zncc_contact=zncc)
 
 
 def _with_front(rows: Sequence[Row]) -> tuple[Row, ...]:

@@ -12,10 +12,10 @@ from sim.error.tolerance import settings_by_cost
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy.mesh_chance import EDGE_SHIFT
-from sim.studies.accuracy.study import QUANTITIES, Row, Study
+from sim.studies.accuracy.observation import Row
+from sim.studies.accuracy.study import EDGE_SHIFT, QUANTITIES, Study
 from sim.studies.accuracy.tolerance_check import COST_WANTED, ToleranceOutcome
-from tacauchy_rig.page import prose
+from tacauchy_rig.page import table_prose
 from tacauchy_rig.tables import Cell, Table, table_of
 
 _EXAMPLES: dict[str, Indenter] = {
@@ -27,7 +27,7 @@ ROWS_WANTED, FRONT_WANTED = 12, 4
 KEPT_WANTED = 0.9
 # Two runs are compared, and either may be off by its bar.
 _RUNS = 2.0
-_note = partial(prose, "sim.studies.accuracy", "notes.md.jinja")
+_prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
 
 Errors = Mapping[str, Mapping[str, float]]
 
@@ -68,11 +68,11 @@ def study_table(found: Study, *, scene: str, command: str) -> Table:
             "settings": lambda row: row.configuration.name,
             **{name: partial(unless_failed, value=value) for name, value in columns.items()},
         },
-        title="Error against time",
-        criterion=f"at least {ROWS_WANTED} configurations and a front of at least {FRONT_WANTED}",
         passed=len(measured) >= ROWS_WANTED and front >= FRONT_WANTED,
-        note=_note(
+        **_prose(
             "study",
+            rows_wanted=ROWS_WANTED,
+            front_wanted=FRONT_WANTED,
             scene=scene,
             reference=found.reference.configuration.name,
             bars=", ".join(f"{name} {bar:.2%}" for name, bar in found.bars.items()),
@@ -111,10 +111,8 @@ def seed_table(first: Errors, second: Errors, bars: Errors, *, seed: int, comman
             "bar of F_z [%]": lambda name: 1e2 * _RUNS * bars[name]["force"],
             "outside": lambda name: ", ".join(outside[name]) or "none",
         },
-        title=f"The same on other meshes, seed {seed}",
-        criterion="every error is reproduced within its bar on meshes of another seed",
         passed=missed == 0,
-        note=_note("seeds", within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
+        **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
         command=command,
     )
 
@@ -146,9 +144,7 @@ def presets_table(*, command: str) -> Table:
                 for poisson in _EXAMPLE_POISSON
             },
         },
-        title="What the presets are worth",
-        criterion="none: this is what a tolerance chooses by",
-        note=_note("presets", share=f"{QUANTILE:.0%}"),
+        **_prose("presets", share=f"{QUANTILE:.0%}"),
         command=command,
     )
 
@@ -189,12 +185,10 @@ def tolerance_table(
             "tolerance": lambda each: str(each.asked.tolerance),
             **{name: partial(unless_refused, name=name) for name in columns},
         },
-        title=title,
-        criterion="the error is within the tolerance on nine scenes of ten, at no more than "
-        f"{COST_WANTED:g} times the processor time of the cheapest settings that would have",
         passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
-        note=_note(
+        **_prose(
             "tolerances",
+            title=title,
             kept=kept,
             count=len(found),
             cost=f"{COST_WANTED:g}",

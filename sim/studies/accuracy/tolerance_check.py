@@ -11,7 +11,7 @@ from sim.error.measured_errors import FAST, Setting, indenter_kind, setting_of
 from sim.error.tolerance import expected_error, keeping, settings_by_cost
 from sim.press import path_for, solve
 from sim.scene.scene import Preset, Scene
-from sim.studies.accuracy.force_limit import ForceLimit, PressStore, pressed_path
+from sim.studies.accuracy.force_limit import PressStore, pressed_path
 from sim.studies.accuracy.scenes import HELD_OUT, HeldOut
 from tacauchy_rig.errors import ConfigError
 
@@ -88,20 +88,32 @@ def check_tolerance(asked: HeldOut, store: PressStore) -> ToleranceOutcome:
     depth = judged_depth(asked.scene)
     # The limit is that of the mesh that the scene's own target asks for.
     (limit,) = store.limits(_everything_on(scene), [depth])
-    trials = _Trials(scene=scene, depth_m=depth, limit=limit, store=store)
-    allowed = asked.tolerance.of(trials.limit.force_n)
-    error, spent = trials.of(setting_of(scene))
-    cheapest, least = trials.cheapest(allowed)
+    allowed = asked.tolerance.of(limit.force_n)
+
+    def trial(setting: Setting) -> tuple[Setting, float, float]:
+        """Return a setting, its relative error, and its processor time [s]."""
+        own = setting == setting_of(scene)
+        tried = scene if own else _everything_on(setting.applied(scene))
+        found = store.pressed_path(tried, [depth])
+        return setting, limit.error(found.forces_n[0]), found.cpu_s
+
+    setting, error, spent = trial(setting_of(scene))
+    # Preset paper is left out: its error is 70 % or more.
+    others = settings_by_cost(indenter_kind(scene.indenter))
+    trials = (trial(other) for other in others if other.preset is not Preset.PAPER)
+    cheapest, _, least = next(
+        (found for found in trials if abs(found[1]) <= allowed), (None, 0.0, 0.0)
+    )
     believed, _ = expected_error(scene, plan_effects(scene), depth_m=depth)
     return ToleranceOutcome(
         asked=asked,
         allowed=allowed,
-        setting=setting_of(scene),
-        force_n=trials.limit.force_n,
+        setting=setting,
+        force_n=limit.force_n,
         depth_m=depth,
         believed=believed or 0.0,
         true_error=error,
-        doubt=trials.limit.doubt,
+        doubt=limit.doubt,
         cheapest=cheapest,
         cost_ratio=None if cheapest is None else (choosing + spent) / least,
         choice_ratio=None if cheapest is None else choosing / least,
@@ -115,36 +127,6 @@ def judged_depth(scene: Scene) -> float:
     fast = FAST.applied(scene)
     plan = plan_effects(fast)
     return solve(fast, plan, path_for(fast, plan)).depth_m
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Trials:
-    """A scene with any settings, each pressed to one depth [m] and held against its limit."""
-
-    scene: Scene
-    depth_m: float
-    limit: ForceLimit
-    store: PressStore
-
-    def of(self, setting: Setting) -> tuple[float, float]:
-        """Return the relative error of a setting, and its processor time [s]."""
-        own = setting == setting_of(self.scene)
-        tried = self.scene if own else _everything_on(setting.applied(self.scene))
-        found = self.store.pressed_path(tried, [self.depth_m])
-        return self.limit.error(found.forces_n[0]), found.cpu_s
-
-    def cheapest(self, allowed: float) -> tuple[Setting | None, float]:
-        """Return the cheapest setting within a tolerance, and its processor time [s].
-
-        Preset paper is left out: its error is 70 % or more.
-        """
-        for setting in settings_by_cost(indenter_kind(self.scene.indenter)):
-            if setting.preset is Preset.PAPER:
-                continue
-            error, spent = self.of(setting)
-            if abs(error) <= allowed:
-                return setting, spent
-        return None, 0.0
 
 
 def _everything_on(scene: Scene) -> Scene:

@@ -14,6 +14,7 @@ from sim.effects.presets import build_model
 from sim.error.measured_errors import FAST, Setting
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
@@ -125,8 +126,7 @@ def travel(
     for _ in range(repeats):
         path = path_for(scene, plan, model=path.model)
         ready, cpu = time.perf_counter(), time.process_time()
-        for frame in range(1, FRAME_COUNT + 1):
-            point = path.advance(TRAVEL_M * frame / FRAME_COUNT)
+        point = _travel(path)
         times.append((time.perf_counter() - ready, time.process_time() - cpu))
     wall_s, cpu_s = min(times)
     return FrameRow(
@@ -176,8 +176,7 @@ def measure_reuse(
     model = build_model(scene)
     for name in ways:
         yield _timed(name, [_path(scene, model, WAYS[name])], [_travel])
-    newton = LoadingPath(model, scene.indenter, scene.centre_m, options=_OPTIONS)
-    yield _timed(NEWTON, [newton], [_travel])
+    yield _timed(NEWTON, [_path(scene, model, None)], [_travel])
     ordered = sorted(forces_n)
     one = [_path(scene, model, LbfgsOptions())] * len(ordered)
     anew = [_path(scene, model, LbfgsOptions()) for _ in ordered]
@@ -185,28 +184,23 @@ def measure_reuse(
         yield _timed(name, paths, [partial(LoadingPath.push, force_n=force) for force in ordered])
 
 
-def _path(scene: Scene, model: Model, options: LbfgsOptions) -> LoadingPath:
-    return LoadingPath(
-        model,
-        scene.indenter,
-        scene.centre_m,
-        options=_OPTIONS,
-        lbfgs=options,
-    )
+def _path(scene: Scene, model: Model, options: LbfgsOptions | None) -> LoadingPath:
+    return LoadingPath(model, scene.indenter, scene.centre_m, options=_OPTIONS, lbfgs=options)
 
 
-def _travel(path: LoadingPath) -> None:
-    for frame in range(1, FRAME_COUNT + 1):
-        path.advance(TRAVEL_M * frame / FRAME_COUNT)
+def _travel(path: LoadingPath) -> PathPoint:
+    """Press 1 mm deep in frames, and return the last."""
+    depths = [TRAVEL_M * frame / FRAME_COUNT for frame in range(1, FRAME_COUNT + 1)]
+    return [path.advance(depth) for depth in depths][-1]
 
 
 def _timed(
-    way: str, paths: Sequence[LoadingPath], legs: Sequence[Callable[[LoadingPath], object]]
+    way: str, paths: Sequence[LoadingPath], moves: Sequence[Callable[[LoadingPath], object]]
 ) -> ReuseRow:
-    """Go every leg on its path; a path may serve several."""
+    """Make every move on its path; a path may serve several."""
     spent = time.process_time()
-    for path, leg in zip(paths, legs, strict=True):
-        leg(path)
+    for path, move in zip(paths, moves, strict=True):
+        move(path)
     spent = time.process_time() - spent
     distinct = {id(path): path for path in paths}.values()
     kept = [path.lbfgs_solver for path in distinct if path.lbfgs_solver is not None]

@@ -77,29 +77,6 @@ class RenderingRow:
         return 1e3 * self.median_s / self.image_count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Look:
-    """What a renderer is made of, dents [m] for it, [batch, height, width], and a row for both."""
-
-    arguments: tuple[Any, ...]
-    options: dict[str, Any]
-    rest_m: FloatArray
-    dents_m: FloatArray
-    row: Callable[..., RenderingRow]
-
-    def alone(self) -> TactileRenderer:
-        """Return the renderer that a replay uses."""
-        return TactileRenderer(*self.arguments, **self.options)
-
-    def timed_alone(self, budget_s: float) -> RenderingRow:
-        """Time the deepest dent's image, rendered by itself."""
-        single, height = self.alone(), self.rest_m - self.dents_m[-1]
-        times_s = times_of(
-            lambda: single.render(height), most=_REPEATS, least=_REPEATS_LEAST, budget_s=budget_s
-        )
-        return self.row(renderer="one by one", device="cpu", image_count=1, **_facts(times_s))
-
-
 def measure_rendering(
     scene: Scene, *, sensors: Sequence[str] = SENSORS, budget_s: float = 3.0
 ) -> Iterator[RenderingRow]:
@@ -120,27 +97,30 @@ def measure_rendering(
 def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRow]:
     device = batch_device()
     surface = _pressed(scene, name)
-    yield _look(name, surface, samples=1, count=1).timed_alone(budget_s)
-    look = _look(name, surface, samples=SAMPLES, count=BATCH if device != "cpu" else _BATCH_ON_CPU)
-    yield look.timed_alone(budget_s)
-    batch = TactileRenderer(*look.arguments, **look.options, device=device)
-    dents: Any = wp.array(look.dents_m.astype(np.float32), dtype=wp.float32, device=device)
+    many = BATCH if device != "cpu" else _BATCH_ON_CPU
+    for samples, count in ((1, 1), (SAMPLES, many)):
+        renderer, rest_m, dents_m, row = _look(name, surface, samples=samples, count=count)
+        # The deepest dent's image, rendered by itself as a replay does.
+        alone = partial(renderer().render, rest_m - dents_m[-1])
+        yield row(renderer="one by one", device="cpu", image_count=1, **_times_of(alone, budget_s))
+    batch = renderer(device=device)
+    dents: Any = wp.array(dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
     def together() -> Any:
         images = batch.render_batch(dents)
         wp.synchronize_device(device)
         return images
 
-    single = look.alone()
-    expected = np.stack([single.render(look.rest_m - dent) for dent in look.dents_m])
+    single = renderer()
+    expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
     apart = np.abs(together().numpy().astype(np.int16) - expected.astype(np.int16))
-    yield look.row(
+    yield row(
         renderer="batch",
         device=wp.get_device(device).name if device != "cpu" else device,
-        image_count=len(look.dents_m),
+        image_count=len(dents_m),
         apart_levels=int(apart.max()),
         apart_share=float(np.mean(apart > 0)),
-        **_facts(times_of(together, most=_REPEATS, least=_REPEATS_LEAST, budget_s=budget_s)),
+        **_times_of(together, budget_s),
     )
 
 
@@ -151,29 +131,31 @@ def _pressed(scene: Scene, name: str) -> SurfaceState:
     return surface_state(path, path.advance(_DEPTH_M))
 
 
-def _look(name: str, surface: SurfaceState, *, samples: int, count: int) -> _Look:
+def _look(
+    name: str, surface: SurfaceState, *, samples: int, count: int
+) -> tuple[Callable[..., TactileRenderer], FloatArray, FloatArray, Callable[..., RenderingRow]]:
+    """Return what makes a renderer, heights at rest and dents for it [m], and what makes a row.
+
+    Heights have shape [height, width], dents [count, height, width].
+    """
     sensor = load_sensor(name)
     geometry = camera_geometry(sensor)
     maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
     shadows, model = shadows_of(sensor), _as_wide_as_fitted(sensor)
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
-    depths = np.arange(1, count + 1) / count
-    return _Look(
-        arguments=(grey, maps.rest, model, geometry),
-        options={"shadows": shadows, "samples": samples, "blur_px": BLUR_PX},
-        rest_m=maps.rest,
-        dents_m=depths[:, None, None] * (maps.rest - maps.loaded),
-        row=partial(
-            RenderingRow,
-            sensor=sensor.title,
-            width_px=geometry.width,
-            height_px=geometry.height,
-            samples=samples,
-            blur_px=BLUR_PX,
-            shadow_count=0 if shadows is None else len(shadows.lamps),
-            term_count=len(model.exponents) + len(model.term_coefficients),
-        ),
+    look: dict[str, Any] = {"samples": samples, "blur_px": BLUR_PX}
+    renderer = partial(TactileRenderer, grey, maps.rest, model, geometry, shadows=shadows, **look)
+    row = partial(
+        RenderingRow,
+        sensor=sensor.title,
+        width_px=geometry.width,
+        height_px=geometry.height,
+        shadow_count=0 if shadows is None else len(shadows.lamps),
+        term_count=len(model.exponents) + len(model.term_coefficients),
+        **look,
     )
+    depths = np.arange(1, count + 1) / count
+    return renderer, maps.rest, depths[:, None, None] * (maps.rest - maps.loaded), row
 
 
 def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
@@ -213,7 +195,8 @@ def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
     )
 
 
-def _facts(times_s: list[float]) -> dict[str, Any]:
+def _times_of(act: Callable[[], object], budget_s: float) -> dict[str, Any]:
+    times_s = times_of(act, most=_REPEATS, least=_REPEATS_LEAST, budget_s=budget_s)
     return {
         "median_s": float(np.median(times_s)),
         "least_s": min(times_s),

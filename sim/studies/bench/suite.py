@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 from sim.effects.plan import plan_effects
 from sim.optics.camera_geometry import CameraGeometry
@@ -103,95 +105,66 @@ def run_bench(
     """
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
+    rows: defaultdict[str, list[Any]] = defaultdict(list)
     exact_n = 0.0
     if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
         on_progress(f"F_z with preset {against}")
         exact_n = exact_force(scene, preset=against)
-    frames = _frames(scene, exact_n, on_progress) if Part.FRAMES in parts else []
-    reuse: list[ReuseRow] = []
+    if Part.FRAMES in parts:
+        on_progress("frames")
+        for travelled in travels(scene, exact_n=exact_n):
+            on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
+            rows["frames"].append(travelled)
     if Part.REUSE in parts:
         on_progress("what reuse saves")
-        reuse += measure_reuse(scene, forces_n)
-    part_rows: list[PartRow] = []
-    replays: list[ReplayRow] = []
+        rows["reuse"] += measure_reuse(scene, forces_n)
     for preset in _PRESETS:
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")
-            part_rows += part_times(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
+            rows["phases"] += part_times(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
         if Part.REPLAY in parts:
             on_progress(f"replay, preset {preset}")
-            replays.append(measure_replay(scene, preset, forces_n, image_of))
-    batches, peers, absent = _side_by_side(scene, exact_n, parts, peer, on_progress)
-    grown: Sequence[GrowthRow] = ()
+            rows["replays"].append(measure_replay(scene, preset, forces_n, image_of))
+    _side_by_side(rows, scene, exact_n, parts, peer, on_progress)
     if Part.GROWTH in parts:
         on_progress("growth with elements")
-        grown = growth(scene, depth_m=_PHASE_DEPTH_M)
-    rendering: list[RenderingRow] = []
+        rows["growth"] += growth(scene, depth_m=_PHASE_DEPTH_M)
     if Part.RENDERING in parts:
         on_progress(f"rendering, batches on {batch_device()}")
-        rendering += measure_rendering(scene)
-    absent += _without_gpu(parts)
-    return Benchmark(
-        frames=tuple(frames),
-        reuse=tuple(reuse),
-        batches=tuple(batches),
-        peers=tuple(peers),
-        phases=tuple(part_rows),
-        rendering=tuple(rendering),
-        replays=tuple(replays),
-        growth=tuple(grown),
-        absent=tuple(absent),
-    )
-
-
-def _frames(scene: Scene, exact_n: float, on_progress: Progress) -> list[FrameRow]:
-    """Travel with preset fast, and with finer meshes while its force is too far off."""
-    on_progress("frames")
-    frames = []
-    for travelled in travels(scene, exact_n=exact_n):
-        on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
-        frames.append(travelled)
-    return frames
-
-
-def _without_gpu(parts: Collection[Part]) -> list[str]:
-    """Return what of these parts a machine without a GPU cannot measure; nothing on one with it."""
-    if batch_device() != "cpu":
-        return []
-    return [
-        f"{what}, which is done on a GPU: there is none here"
-        for part, what in _NO_GPU.items()
-        if part in parts
-    ]
+        rows["rendering"] += measure_rendering(scene)
+    if batch_device() == "cpu":
+        rows["absent"] += [
+            f"{what}, which is done on a GPU: there is none here"
+            for part, what in _NO_GPU.items()
+            if part in parts
+        ]
+    return Benchmark(**{name: tuple(found) for name, found in rows.items()})
 
 
 def _side_by_side(
+    rows: defaultdict[str, list[Any]],
     scene: Scene,
     exact_n: float,
     parts: Collection[Part],
     peer: Peer | None,
     on_progress: Progress,
-) -> tuple[list[BatchRow], list[PeerRow], list[str]]:
-    """Measure batches, and the peer after them; return what could not be measured too."""
-    device, absent = batch_device(), []
-    batches: list[BatchRow] = []
-    peers: list[PeerRow] = []
+) -> None:
+    """Measure batches, and the peer after them."""
+    device = batch_device()
     without = "" if peer is None else why_no_libuipc(scene, device=device)
     if without:
         on_progress(f"not measured: {without}")
-        absent.append(without)
-    has_peer = peer is not None and not without
+        rows["absent"].append(without)
     if Part.BATCHES in parts:
         on_progress(f"batches on {device}")
         for row in measure_batches(scene, device=device, exact_n=exact_n):
             on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
-            batches.append(row)
-    if has_peer:
+            rows["batches"].append(row)
+    if peer is not None and not without:
         on_progress(f"libuipc on {device}")
         for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
             on_progress(f"  {found.summary}")
-            peers.append(found)
-    return batches, peers, absent
+            rows["peers"].append(found)
 
 
 def _warm_up(scene: Scene) -> None:

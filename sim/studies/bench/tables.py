@@ -14,7 +14,7 @@ from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.studies.bench.suite import Benchmark
-from tacauchy_rig.page import prose
+from tacauchy_rig.page import table_prose
 from tacauchy_rig.tables import Table, table_of
 
 FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
@@ -23,8 +23,7 @@ _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 # To which times are to grow less than the environments.
 _FEW = 60
 _STRESS_MS = 0.1
-_TIMES = "none: a time belongs to the machine and what else it does"
-_note = partial(prose, "sim.studies.bench", "notes.md.jinja")
+_prose = partial(table_prose, "sim.studies.bench", "tables.md.jinja")
 
 
 def bench_tables(found: Benchmark) -> list[Table]:
@@ -61,13 +60,16 @@ def _frames(found: Benchmark) -> Table:
             "frames [1/s]": lambda row: row.frames_per_s,
             "peak memory [MiB]": lambda row: row.memory_mib,
         },
-        title="Frames a second",
-        criterion=f"on two cores at least {FAST_FRAMES_PER_S:g} frames/s with preset fast, and at "
-        f"least {CLOSE_FRAMES_PER_S:g} with F_z within {FORCE_ERROR_MAX:.0%} of preset accurate's",
         passed=found.frames[0].frames_per_s >= FAST_FRAMES_PER_S
         and max((row.frames_per_s for row in close), default=0.0) >= CLOSE_FRAMES_PER_S,
-        note=_note(
-            "frames", travel_mm=f"{TRAVEL_M * 1e3:g}", count=FRAME_COUNT, close=f"{CLOSE:.0%}"
+        **_prose(
+            "frames",
+            fast=FAST_FRAMES_PER_S,
+            wanted=CLOSE_FRAMES_PER_S,
+            error_max=FORCE_ERROR_MAX,
+            travel_mm=f"{TRAVEL_M * 1e3:g}",
+            count=FRAME_COUNT,
+            close=f"{CLOSE:.0%}",
         ),
     )
 
@@ -84,9 +86,7 @@ def _reuse(found: Benchmark) -> Table:
             "over the first": lambda row: row.cpu_s / first.cpu_s,
             "F_z [N]": lambda row: row.force_n,
         },
-        title="What reuse saves",
-        criterion=_TIMES,
-        note=_note("reuse"),
+        **_prose("reuse"),
     )
 
 
@@ -111,9 +111,6 @@ def _batches(found: Benchmark) -> Table:
             "gap [um]": lambda row: 1e6 * row.gap_m,
             "failed": lambda row: row.failed_count,
         },
-        title="Environments side by side",
-        criterion="F_z within 3 % of preset accurate, base reaction and indenter force alike to "
-        f"{BALANCE:g}, every gap positive, every environment at its last frame",
         passed=all(
             abs(row.force_error) <= FORCE_ERROR_MAX
             and row.imbalance <= BALANCE
@@ -121,8 +118,9 @@ def _batches(found: Benchmark) -> Table:
             and row.failed_count == 0
             for row in rows
         ),
-        note=_note(
+        **_prose(
             "batches",
+            balance=BALANCE,
             first=rows[0],
             few=_FEW,
             power=power,
@@ -133,7 +131,6 @@ def _batches(found: Benchmark) -> Table:
 
 def _stress(found: Benchmark) -> Table:
     judged = [row for row in found.batches if row.environments == 1 and row.device != "cpu"]
-    limit = f"for one environment on a GPU less than {_STRESS_MS:g} ms"
     return table_of(
         found.batches,
         {
@@ -146,10 +143,8 @@ def _stress(found: Benchmark) -> Table:
             ),
             "with results on the host [us]": lambda row: 1e6 * row.stress.host_s,
         },
-        title="Stress on the surface, in a batch",
-        criterion=limit if judged else _TIMES,
         passed=all(1e3 * row.stress.device_s < _STRESS_MS for row in judged),
-        note=_note("stress"),
+        **_prose("stress", limit_ms=_STRESS_MS, is_judged=bool(judged)),
     )
 
 
@@ -167,9 +162,7 @@ def _launches(found: Benchmark) -> Table:
             **{f"{name} [us]": partial(time_us, name=name) for name in rows[0].parts_s},
             "together [us]": lambda row: round(1e6 * sum(row.parts_s.values()), 1),
         },
-        title="Parts of an evaluation",
-        criterion=_TIMES,
-        note=_note("launches"),
+        **_prose("launches"),
     )
 
 
@@ -196,9 +189,7 @@ def _parts(found: Benchmark) -> Table:
                 for what in ("median", "least")
             },
         },
-        title="Parts of the work",
-        criterion=_TIMES,
-        note=_note("parts"),
+        **_prose("parts"),
     )
 
 
@@ -219,13 +210,13 @@ def _rendering(found: Benchmark) -> Table:
             "apart [levels]": lambda row: row.apart_levels,
             "apart [%]": lambda row: 1e2 * row.apart_share,
         },
-        title="Rendering",
-        criterion=f"an image alone in {_ONE_MS:g} ms on two cores, one of a batch of {BATCH} on a "
-        f"GPU in {_OF_A_BATCH_MS:g} ms, no value more than one level from the image alone",
         passed=all(row.image_ms < limits[row.renderer] for row in judged)
         and all(row.apart_levels <= 1 for row in found.rendering),
-        note=_note(
+        **_prose(
             "rendering",
+            one_ms=_ONE_MS,
+            of_a_batch_ms=_OF_A_BATCH_MS,
+            batch=BATCH,
             first=found.rendering[0],
             blur_px=f"{BLUR_PX:g}",
             samples=SAMPLES,
@@ -250,11 +241,14 @@ def _replays(found: Benchmark) -> Table:
             "together [s]": lambda row: row.wall_s,
             "peak memory [MiB]": lambda row: row.memory_mib,
         },
-        title="Replay of a run",
-        criterion=f"F_z within {REPLAY_ERROR_MAX:.0%}, images and mesh included, in less than "
-        f"{TIME_MAX_S:g} s and {MEMORY_MAX_MIB:.0f} MiB (2 GB) on two cores",
         passed=any(row.wall_s < TIME_MAX_S and row.memory_mib < MEMORY_MAX_MIB for row in within),
-        note=_note("replays", samples=SAMPLES),
+        **_prose(
+            "replays",
+            error_max=REPLAY_ERROR_MAX,
+            time_max_s=TIME_MAX_S,
+            memory_max_mib=MEMORY_MAX_MIB,
+            samples=SAMPLES,
+        ),
     )
 
 
@@ -275,8 +269,11 @@ def _growth(found: Benchmark) -> Table:
             "of an iteration [ms]": lambda row: 1e3 * row[1],
             "exponent from the row above": lambda row: row[2],
         },
-        title="Growth with elements",
-        criterion=f"time grows no faster than the elements to the power of {EXPONENT_WANTED:g}",
         passed=power <= EXPONENT_WANTED,
-        note=_note("growth", power=f"{power:.2f}", of_one=f"{exponent(sizes, each):.2f}"),
+        **_prose(
+            "growth",
+            wanted=EXPONENT_WANTED,
+            power=f"{power:.2f}",
+            of_one=f"{exponent(sizes, each):.2f}",
+        ),
     )

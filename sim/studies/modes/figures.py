@@ -61,11 +61,7 @@ def draw_sensors(
 ) -> list[Path]:
     """Draw one press on several sensors, one a row: section, mesh, pressure, tangential traction.
 
-    Args:
-        page_folder: Put a smaller PNG there besides.
-
-    Raises:
-        RecordError: The files cannot be written.
+    Its arguments and its error are those of ``draw_modes``.
     """
 
     def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, _section: PlaneCut) -> str:

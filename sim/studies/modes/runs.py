@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -169,30 +169,9 @@ class ModeRun:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pressed:
-    """An indenter pressed into a sensor with friction, the start of every mode."""
-
-    sensor: Sensor
-    indenter: Cylinder | Sphere
-    path: LoadingPath
-    point: PathPoint
-    processor_s: float = 0.0
-
-    def again(self) -> LoadingPath:
-        """Return the path brought back to where the indenter was just pressed in."""
-        self.path.advance(self.point.depth_m, start=self.point)
-        return self.path
-
-
 def press_in(
-    sensor: Sensor,
-    indenter: Cylinder | Sphere,
-    *,
-    preset: Preset,
-    depth_m: float = DEPTH_M,
-    refinement: float = 1.0,
-) -> Pressed:
+    sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset, refinement: float = 1.0
+) -> ModeRun:
     """Press straight down into the whole pad.
 
     Args:
@@ -203,7 +182,7 @@ def press_in(
     """
     scene = sensor.scene(
         indenter,
-        Target(depth_m=depth_m),
+        Target(depth_m=DEPTH_M),
         contact=ContactMode.FRICTION,
         friction=FRICTION,
         preset=preset,
@@ -212,81 +191,84 @@ def press_in(
     )
     began = time.process_time()
     path = path_for(scene, plan_effects(scene), refinement=refinement)
-    point = path.advance(depth_m)
+    point = path.advance(DEPTH_M)
     spent = time.process_time() - began
-    return Pressed(sensor=sensor, indenter=indenter, path=path, point=point, processor_s=spent)
+    return press_mode(sensor, indenter, path, point, processor_s=spent)
 
 
-def press_mode(pressed: Pressed) -> ModeRun:
-    """Hold a straight press against its signature."""
-    criteria = press_criteria(contact_signature(pressed.path.model, pressed.point))
-    travel = f"{pressed.point.depth_m * 1e3:g} mm deep"
-    return _run("press", pressed, pressed.point, travel, criteria, pressed.processor_s)
+def press_mode(
+    sensor: Sensor,
+    indenter: Cylinder | Sphere,
+    path: LoadingPath,
+    point: PathPoint,
+    *,
+    processor_s: float = 0.0,
+) -> ModeRun:
+    """Hold a straight press, the start of every mode, against its signature."""
+    signature = contact_signature(path.model, point)
+    return ModeRun(
+        name="press",
+        sensor=sensor,
+        indenter=indenter,
+        travel=f"{point.depth_m * 1e3:g} mm deep",
+        path=path,
+        point=point,
+        signature=signature,
+        criteria=press_criteria(signature),
+        processor_s=processor_s,
+    )
 
 
-def slide_mode(pressed: Pressed) -> ModeRun:
+def slide_mode(pressed: ModeRun) -> ModeRun:
     """Carry the indenter along x under the same force until its drag grows no more.
 
     Raises:
         ConvergenceError: There is no equilibrium.
     """
-    began, path = time.process_time(), pressed.again()
-    before = signature = contact_signature(path.model, pressed.point)
+    began, path = time.process_time(), _again(pressed)
+    signature = pressed.signature
     travel, growth = 0.0, math.inf
     while abs(growth) > GROWTH_MAX and travel < _SLIDE_MAX_M:
         travel += SLIDE_STEP_M
         point = path.carry(shift_m=(SLIDE_STEP_M, 0.0), hold=Hold.FORCE)
         earlier, signature = signature, contact_signature(path.model, point)
         growth = signature.mobilised_friction / max(earlier.mobilised_friction, 1e-300) - 1.0
-    return _run(
-        "slide",
+    return replace(
         pressed,
-        point,
-        f"{travel * 1e3:.1f} mm along x",
-        slide_criteria(before, signature, growth),
-        time.process_time() - began,
+        name="slide",
+        travel=f"{travel * 1e3:.1f} mm along x",
+        point=point,
+        signature=signature,
+        criteria=slide_criteria(pressed.signature, signature, growth),
+        processor_s=time.process_time() - began,
     )
 
 
-def twist_mode(pressed: Pressed) -> ModeRun:
+def twist_mode(pressed: ModeRun) -> ModeRun:
     """Turn the indenter about z at the same depth until all but the middle slides.
 
     Raises:
         ConvergenceError: There is no equilibrium.
     """
-    began, path, turned = time.process_time(), pressed.again(), 0.0
+    began, path, turned = time.process_time(), _again(pressed), 0.0
     while turned < _TWIST_MAX_RAD:
         turned += _TWIST_STEP_RAD
         point = path.carry(twist_rad=_TWIST_STEP_RAD)
         signature = contact_signature(path.model, point)
         if signature.sliding_friction >= _SLIDING_SHARE * FRICTION:
             break
-    return _run(
-        "twist",
+    return replace(
         pressed,
-        point,
-        f"{math.degrees(turned):.1f}\N{DEGREE SIGN} about z",
-        twist_criteria(signature),
-        time.process_time() - began,
-    )
-
-
-def _run(
-    name: str,
-    pressed: Pressed,
-    point: PathPoint,
-    travel: str,
-    criteria: tuple[ModeCriterion, ...],
-    processor_s: float,
-) -> ModeRun:
-    return ModeRun(
-        name=name,
-        sensor=pressed.sensor,
-        indenter=pressed.indenter,
-        travel=travel,
-        path=pressed.path,
+        name="twist",
+        travel=f"{math.degrees(turned):.1f}\N{DEGREE SIGN} about z",
         point=point,
-        signature=contact_signature(pressed.path.model, point),
-        criteria=criteria,
-        processor_s=processor_s,
+        signature=signature,
+        criteria=twist_criteria(signature),
+        processor_s=time.process_time() - began,
     )
+
+
+def _again(pressed: ModeRun) -> LoadingPath:
+    """Return the path brought back to where the indenter was just pressed in."""
+    pressed.path.advance(pressed.point.depth_m, start=pressed.point)
+    return pressed.path

@@ -9,10 +9,9 @@ import numpy as np
 
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
-from sim.optics.colour.lamps import ShadowCaster
+from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
+from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.render.pixel_colours import ColourModel
 from sim.optics.render.renderer import TactileRenderer
 from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
@@ -57,20 +56,13 @@ class ObjectPress:
     processor_s: float
 
 
-def press_object(
-    name: str,
-    sensor: Sensor,
-    geometry: CameraGeometry,
-    model: ColourModel,
-    *,
-    shadows: ShadowCaster | None,
-    preset: Preset,
-) -> ObjectPress:
+def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
     """Press an object 0.4 mm deep and render it.
 
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
+    geometry, model, shadows = camera_geometry(sensor), nominal_model(sensor), shadows_of(sensor)
     started = time.process_time()
     body: MeshIndenter = OBJECTS[name]()
     scene = sensor.scene(body, Target(depth_m=DEPTH_M), preset=preset)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 from sim.effects.presets import build_model
 from sim.press import press
@@ -10,10 +11,13 @@ from sim.press_command import scene_from
 from sim.scene.material import Layer, Material
 from sim.scene.scene import Scene
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table, table_of
+from tacauchy_rig.tables import Table, table_of_rows
 
 _LIMIT = 1e-6
 REFINEMENTS = (1.0, 1.5)
+# Headings of what is judged.
+BASE, LOAD, GAP = "indenter and base", "indenter and load", "smallest gap [um]"
+TRACTION_GAPS = [f"surface_traction_gap_relative, edges 1/{factor:g}" for factor in REFINEMENTS]
 _GEL = "--pad box:20x24x4mm --young 0.4MPa --poisson 0.48 --preset fast"
 _PRESSES = {
     "sharp punch to a depth": "--indenter cylinder:diameter=5mm --depth 0.2mm",
@@ -34,65 +38,40 @@ _SCENES["ball on two layers"] = replace(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BalancedPress:
-    """The force of one press, counted in four ways.
+def balanced_press(scene: Scene) -> dict[str, float | None]:
+    """Press a scene on its own mesh and on a finer one; count its force in four ways.
 
-    Attributes:
-        force_n: On the indenter [N].
-        base_relative: |force + base reaction| over the force.
-        load_relative: |force - load| over the load; None where a depth was asked for.
-        traction_gaps: surface_traction_gap_relative on meshes of ``REFINEMENTS``.
-        gap_min_m: Smallest gap [m], over both meshes.
+    Returns:
+        By the table's headings: F_z [N]; force + base reaction and force - load, over the force,
+        the latter None where a depth was asked for; surface_traction_gap_relative on both meshes;
+        the smallest gap [um].
     """
-
-    name: str
-    force_n: float
-    base_relative: float
-    load_relative: float | None
-    traction_gaps: tuple[float, ...]
-    gap_min_m: float
-
-    @property
-    def is_balanced(self) -> bool:
-        """Indenter, base and load agree to 1e-6, and nothing overlaps."""
-        return max(self.base_relative, self.load_relative or 0.0) < _LIMIT and self.gap_min_m > 0.0
-
-
-def balanced_press(name: str, scene: Scene) -> BalancedPress:
-    """Press a scene on its own mesh and on a finer one."""
     results = [press(scene, model=build_model(scene, refinement=factor)) for factor in REFINEMENTS]
     load = scene.target.force_n
-    return BalancedPress(
-        name=name,
-        force_n=results[0].force_n[2],
-        base_relative=max(result.force_balance_relative for result in results),
-        load_relative=None
-        if load is None
-        else max(abs(result.force_n[2] / load - 1.0) for result in results),
-        traction_gaps=tuple(result.surface_traction_gap_relative for result in results),
-        gap_min_m=min(result.gap_min_m for result in results),
-    )
+    off_load = [abs(result.force_n[2] / load - 1.0) for result in results] if load else [None]
+    gaps = [result.surface_traction_gap_relative for result in results]
+    return {
+        "F_z [N]": results[0].force_n[2],
+        BASE: max(result.force_balance_relative for result in results),
+        LOAD: max(off_load, key=lambda off: off or 0.0),
+        **dict(zip(TRACTION_GAPS, gaps, strict=True)),
+        GAP: 1e6 * min(result.gap_min_m for result in results),
+    }
+
+
+def is_balanced(row: Mapping[str, float | None]) -> bool:
+    """Indenter, base and load agree to 1e-6, and nothing overlaps."""
+    return max(row[BASE] or 0.0, row[LOAD] or 0.0) < _LIMIT and (row[GAP] or 0.0) > 0.0
 
 
 def measure() -> Table:
     """Press the scenes and compare."""
-    found = [balanced_press(name, scene) for name, scene in _SCENES.items()]
-    worst = [max(row.traction_gaps[k] for row in found) for k in range(len(REFINEMENTS))]
-    gap = "surface_traction_gap_relative, edges 1/"
-    return table_of(
-        found,
-        {
-            "press": lambda row: row.name,
-            "F_z [N]": lambda row: row.force_n,
-            "indenter and base": lambda row: row.base_relative,
-            "indenter and load": lambda row: row.load_relative,
-            f"{gap}{REFINEMENTS[0]:g}": lambda row: row.traction_gaps[0],
-            f"{gap}{REFINEMENTS[1]:g}": lambda row: row.traction_gaps[1],
-            "smallest gap [um]": lambda row: row.gap_min_m * 1e6,
-        },
-        **stated("balance", worst=worst),
-        passed=all(row.is_balanced for row in found) and worst[-1] < worst[0],
+    found = {name: balanced_press(scene) for name, scene in _SCENES.items()}
+    worst = [max(row[name] or 0.0 for row in found.values()) for name in TRACTION_GAPS]
+    return table_of_rows(
+        [{"press": name, **row} for name, row in found.items()],
+        passed=all(map(is_balanced, found.values())) and worst[-1] < worst[0],
         command="tacauchy-rig press --pad box:20x24x4mm --young 0.4MPa --poisson 0.48 "
         "--indenter cylinder:diameter=5mm --force 1N --preset fast",
+        **stated("balance", worst=worst),
     )

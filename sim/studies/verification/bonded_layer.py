@@ -10,7 +10,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.layered_solution import BondedLayers, Ply, hertz_force
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 _YOUNG_PA = 0.3e6
 _PUNCH = Cylinder(diameter_m=5e-3)
@@ -32,7 +32,7 @@ def measure_punch(
     *, preset: Preset = Preset.ACCURATE, allowed: tuple[tuple[float, float], ...] = PUNCH_ALLOWED
 ) -> Table:
     """Press a flat punch at every Poisson's ratio."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     passed = True
     scenes = [_scene(_PUNCH, _PUNCH_PAD, poisson, _PUNCH_DEPTH_M, preset) for poisson, _ in allowed]
     for scene, (poisson, limit) in zip(scenes, allowed, strict=True):
@@ -41,14 +41,21 @@ def measure_punch(
         force = press(scene).force_n[2]
         error = force / expected - 1.0
         passed &= abs(error) <= limit
-        kappa = layer.punch_factor(_PUNCH.radius_m)
-        rows.append((poisson, kappa, force, expected, 100.0 * error, 100.0 * limit))
-    return Table(
-        **stated("punch", preset=preset),
-        columns=("nu", "kappa", "F_z [N]", "exact [N]", "error [%]", "allowed [%]"),
-        rows=tuple(rows),
+        rows.append(
+            {
+                "nu": poisson,
+                "kappa": layer.punch_factor(_PUNCH.radius_m),
+                "F_z [N]": force,
+                "exact [N]": expected,
+                "error [%]": 100.0 * error,
+                "allowed [%]": 100.0 * limit,
+            }
+        )
+    return table_of_rows(
+        rows,
         passed=passed,
         command=press_command(scenes[0]),
+        **stated("punch", preset=preset),
     )
 
 
@@ -56,7 +63,7 @@ def measure_ball(
     *, preset: Preset = Preset.ACCURATE, presses: tuple[tuple[float, float], ...] = BALL_PRESSES
 ) -> Table:
     """Press a ball into pads of different thickness."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     passed = True
     terms = {"radius_m": 0.5 * _BALL.diameter_m, "young_pa": _YOUNG_PA, "poisson": _BALL_POISSON}
     for height, depth in presses:
@@ -66,24 +73,23 @@ def measure_ball(
         layer, contact = layers.ball_force(radius_m=terms["radius_m"], depth_m=depth)
         expected = hertz if contact < _THICK_SHARE * height else layer
         passed &= abs(force / expected - 1.0) <= _BALL_ALLOWED
-        off_hertz, off_layer = (100.0 * (force / exact - 1.0) for exact in (hertz, layer))
-        pad = (height * 1e3, depth * 1e3, contact / height)
-        rows.append((*pad, force, hertz, off_hertz, layer, off_layer))
-    return Table(
-        **stated("ball", preset=preset),
-        columns=(
-            "pad [mm]",
-            "depth [mm]",
-            "a / h",
-            "F_z [N]",
-            "Hertz [N]",
-            "off Hertz [%]",
-            "layer [N]",
-            "off the layer [%]",
-        ),
-        rows=tuple(rows),
+        rows.append(
+            {
+                "pad [mm]": height * 1e3,
+                "depth [mm]": depth * 1e3,
+                "a / h": contact / height,
+                "F_z [N]": force,
+                "Hertz [N]": hertz,
+                "off Hertz [%]": 100.0 * (force / hertz - 1.0),
+                "layer [N]": layer,
+                "off the layer [%]": 100.0 * (force / layer - 1.0),
+            }
+        )
+    return table_of_rows(
+        rows,
         passed=passed,
         command=press_command(_ball_scene(*presses[0], preset)),
+        **stated("ball", preset=preset),
     )
 
 

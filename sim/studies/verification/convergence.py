@@ -17,7 +17,7 @@ from sim.scene.material import Material
 from sim.scene.scene import Preset
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
 REFINEMENTS = (1.0, 1.5, 2.0)
@@ -57,27 +57,25 @@ def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]
 
 def measure() -> Table:
     """Press a sharp punch and a ball on three meshes each."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     passed = True
     for indenter, wanted in _INDENTERS:
         scene = replace(_SCENE, indenter=indenter)
         plan = plan_effects(scene)
-        forces = tuple(force_on(scene, plan, refinement=factor) for factor in REFINEMENTS)
-        order, limit = fitted_order(1.0 / np.array(REFINEMENTS), np.array(forces))
-        rows.append((describe(indenter), *forces, limit, order, wanted))
-        passed &= order >= wanted
-    return Table(
-        **stated("convergence"),
-        columns=(
-            "indenter",
-            *(f"F_z, edges 1/{factor:g} [N]" for factor in REFINEMENTS),
-            "limit [N]",
-            "order",
-            "at least",
-        ),
-        rows=tuple(rows),
-        passed=passed,
-    )
+        forces = [force_on(scene, plan, refinement=factor) for factor in REFINEMENTS]
+        headings = [f"F_z, edges 1/{factor:g} [N]" for factor in REFINEMENTS]
+        row = _fitted_row(indenter, 1.0 / np.array(REFINEMENTS), forces, headings)
+        rows.append(row | {"at least": wanted})
+        passed &= float(row["order"] or 0.0) >= wanted
+    return table_of_rows(rows, passed=passed, **stated("convergence"))
+
+
+def _fitted_row(
+    indenter: Indenter, edges: FloatArray, forces_n: Sequence[float], headings: Sequence[str]
+) -> dict[str, Cell]:
+    order, limit = fitted_order(edges, np.array(forces_n))
+    forces = zip(headings, forces_n, strict=True)
+    return {"indenter": describe(indenter), **dict(forces), "limit [N]": limit, "order": order}
 
 
 def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
@@ -95,16 +93,10 @@ def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
 
 def measure_rim() -> Table:
     """Fit the order to a sharp punch on four meshes."""
-    forces = rim_forces()
-    order, limit = fitted_order(np.array(EDGE_SHARES), np.array(forces))
-    return Table(
+    headings = [f"F_z, edges of {share:g} radii [N]" for share in EDGE_SHARES]
+    row = _fitted_row(_RIM.indenter, np.array(EDGE_SHARES), rim_forces(), headings)
+    return table_of_rows(
+        [row],
+        passed=_LOWEST <= float(row["order"] or 0.0) <= _HIGHEST,
         **stated("rim", lowest=_LOWEST, highest=_HIGHEST),
-        columns=(
-            "indenter",
-            *(f"F_z, edges of {share:g} radii [N]" for share in EDGE_SHARES),
-            "limit [N]",
-            "order",
-        ),
-        rows=((describe(_RIM.indenter), *forces, limit, order),),
-        passed=_LOWEST <= order <= _HIGHEST,
     )

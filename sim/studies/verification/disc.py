@@ -14,7 +14,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 _ALLOWED = 0.01
 _FILE = "disc_press_nu045.csv"
@@ -32,7 +32,7 @@ class DiscForce:
 
 def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) -> Table:
     """Press both laws through the reference's depths, each along one path."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[dict[str, Cell]] = []
     worst = 0.0
     for law in (LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN):
         wanted = [f for f in disc_forces() if f.law is law and f.depth_m <= depth_max_m]
@@ -41,23 +41,23 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
         for reference in wanted:
             force = float(path.advance(reference.depth_m).force_n[2])
             error = force / reference.force_n - 1.0
-            worst = max(worst, abs(error))
             doubt = reference.uncertainty_n / reference.force_n
-            depth = round(reference.depth_m * 1e3, 6)
-            rows.append((law.value, depth, force, reference.force_n, 100 * error, 100 * doubt))
-    return Table(
-        **stated("disc", preset=preset),
-        columns=(
-            "law",
-            "depth [mm]",
-            "F_z [N]",
-            "reference [N]",
-            "error [%]",
-            "reference's own doubt [%]",
-        ),
-        rows=tuple(rows),
+            worst = max(worst, abs(error))
+            rows.append(
+                {
+                    "law": law.value,
+                    "depth [mm]": round(reference.depth_m * 1e3, 6),
+                    "F_z [N]": force,
+                    "reference [N]": reference.force_n,
+                    "error [%]": 100 * error,
+                    "reference's own doubt [%]": 100 * doubt,
+                }
+            )
+    return table_of_rows(
+        rows,
         passed=worst <= _ALLOWED,
         command=press_command(disc_scene(LawName.STABLE_NEO_HOOKEAN, depth_max_m, preset)),
+        **stated("disc", preset=preset),
     )
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from sim.effects.plan import plan_effects
 from sim.force_error_estimate import (
     COARSENINGS,
     CoarserForce,
-    ForceErrorEstimate,
     estimate_from,
     force_on,
 )
@@ -19,48 +18,16 @@ from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table, table_of
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 logger = logging.getLogger(__name__)
 
 _INSIDE_WANTED = 0.9
 _FINER = 2.0
+BELIEVED = "estimated_force_error_relative"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RefinedPress:
-    """One scene on four meshes.
-
-    Attributes:
-        name: Of the scene, for a table.
-        force_n: F_z on the preset's mesh.
-        finer_n: F_z on the mesh twice as fine.
-    """
-
-    name: str
-    scene: Scene
-    force_n: float
-    finer_n: float
-    coarser: tuple[CoarserForce, ...]
-
-    @property
-    def estimate(self) -> ForceErrorEstimate:
-        """What is believed without the finer mesh; both meshes leave out the same effects."""
-        return estimate_from(self.scene, self.force_n, self.coarser)
-
-    @property
-    def true_error(self) -> float:
-        """Relative to the finer mesh."""
-        return abs(self.force_n / self.finer_n - 1.0)
-
-    @property
-    def is_inside(self) -> bool:
-        """The true error is not larger than the estimate."""
-        estimated = self.estimate.relative
-        return estimated is not None and self.true_error <= estimated
-
-
-def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> RefinedPress:
+def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> dict[str, Cell]:
     """Press a scene to its depth on its own mesh, on two coarser ones and on a finer one.
 
     Args:
@@ -74,16 +41,29 @@ def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> RefinedP
         CoarserForce(ratio=ratio, force_n=force_on(scene, plan, refinement=1.0 / ratio))
         for ratio in COARSENINGS
     )
-    found = RefinedPress(
-        name=name,
-        scene=scene,
-        force_n=force_on(scene, plan, refinement=1.0),
-        finer_n=force_on(scene, plan, refinement=finer),
-        coarser=coarser,
-    )
-    believed = found.estimate.relative
-    logger.info("%s: true error %.3g, believed %.3g", name, found.true_error, believed)
-    return found
+    own, fine = (force_on(scene, plan, refinement=factor) for factor in (1.0, finer))
+    return estimate_row(name, scene, own, fine, coarser)
+
+
+def estimate_row(
+    name: str, scene: Scene, force_n: float, finer_n: float, coarser: tuple[CoarserForce, ...]
+) -> dict[str, Cell]:
+    """Return the true error of F_z beside what is believed without the finer mesh.
+
+    Both meshes leave out the same effects.
+    """
+    error = abs(force_n / finer_n - 1.0)
+    believed = estimate_from(scene, force_n, coarser).relative
+    logger.info("%s: true error %.3g, believed %.3g", name, error, believed)
+    return {
+        "scene": name,
+        "preset": scene.preset.value,
+        "F_z [N]": force_n,
+        "F_z, edges half as long [N]": finer_n,
+        "true error": error,
+        BELIEVED: believed,
+        "inside": "yes" if believed is not None and error <= believed else "no",
+    }
 
 
 def measure() -> Table:
@@ -91,26 +71,18 @@ def measure() -> Table:
     return judged([refined_press(name, scene) for name, scene in HELD_OUT.items()])
 
 
-def judged(found: Sequence[RefinedPress]) -> Table:
+def judged(rows: Sequence[dict[str, Cell]]) -> Table:
     """Return what was found, and whether enough lie inside their estimate."""
-    inside = sum(press.is_inside for press in found)
-    ratios = sorted((press.estimate.relative or 0.0) / press.true_error for press in found)
-    return table_of(
-        found,
-        {
-            "scene": lambda press: press.name,
-            "preset": lambda press: press.scene.preset.value,
-            "F_z [N]": lambda press: press.force_n,
-            "F_z, edges half as long [N]": lambda press: press.finer_n,
-            "true error": lambda press: press.true_error,
-            "estimated_force_error_relative": lambda press: press.estimate.relative,
-            "inside": lambda press: "yes" if press.is_inside else "no",
-        },
-        **stated("estimates", inside=inside, count=len(found), ratio=ratios[len(ratios) // 2]),
-        passed=inside >= _INSIDE_WANTED * len(found),
+    inside = sum(row["inside"] == "yes" for row in rows)
+    pairs = [(float(row[BELIEVED] or 0.0), float(row["true error"] or 0.0)) for row in rows]
+    ratios = sorted(believed / error for believed, error in pairs)
+    return table_of_rows(
+        rows,
+        passed=inside >= _INSIDE_WANTED * len(rows),
         command="tacauchy-rig press --pad disc:radius=7mm,height=3.5mm --young 0.2MPa "
         "--poisson 0.47 --indenter cylinder:diameter=4mm --depth 0.1mm --preset fast "
         "--estimate-error",
+        **stated("estimates", inside=inside, count=len(rows), ratio=ratios[len(ratios) // 2]),
     )
 
 

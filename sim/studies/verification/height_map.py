@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from sim.fields.surface import SurfaceState
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.tet_mesh import TetMesh
-from sim.optics.camera_geometry import camera_geometry
+from sim.optics.camera_geometry import CameraGeometry, camera_geometry
 from sim.optics.height.contact import indenter_height
 from sim.optics.height.height_map import height_maps
 from sim.press import follow, path_for
@@ -34,7 +34,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table, table_of
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 LIMIT_M = 10e-6
 _JUDGED = (Preset.BALANCED, Preset.ACCURATE)
@@ -46,6 +46,9 @@ BODIES: dict[str, tuple[str, Callable[[], Indenter]]] = {
     "ball": ("ball 8 mm", lambda: Sphere(diameter_m=8e-3)),
     "edge": ("edge of 4 mm between faces at 30 degrees", chisel),
 }
+# Headings of what is measured.
+LARGEST, RMS = "largest difference of a pixel [um]", "rms [um]"
+ABOVE_LIMIT, ABOVE_INDENTER = "pixels above 10 um", "pixels above the indenter"
 # Heights are kept in nanometres.
 _UNIT_M = 1e-9
 
@@ -55,33 +58,7 @@ _COARSE = Grading(start_m=0.0, end_m=1e-3, size_m=2e-3, growth=2.5, size_max_m=2
 _SECTORS = 16
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightMapError:
-    """One press, seen by the sensor's camera, beside that of preset ``reference``.
-
-    Attributes:
-        name: Of the body.
-        preset: That is judged.
-        largest_m: Largest difference of a pixel's height [m].
-        rms_m: Root mean square difference over the image [m].
-        above_limit: Pixels that differ by more than the limit.
-        above_indenter: Pixels that lie above the indenter.
-    """
-
-    name: str
-    preset: Preset
-    largest_m: float
-    rms_m: float
-    above_limit: int
-    above_indenter: int
-
-    @property
-    def kept(self) -> bool:
-        """Every pixel is within the limit and none above the indenter."""
-        return self.above_limit == 0 and self.above_indenter == 0
-
-
-def height_map_error(name: str, preset: Preset, *, reference: FloatArray) -> HeightMapError:
+def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> dict[str, Cell]:
     """Press a body 0.5 mm deep into a GelSight Mini and compare the heights pixel by pixel.
 
     Args:
@@ -91,40 +68,42 @@ def height_map_error(name: str, preset: Preset, *, reference: FloatArray) -> Hei
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
+    surface, geometry, heights = _seen(name, preset)
+    off = np.abs(heights - reference)
+    return {
+        "indenter, 0.5 mm deep": BODIES[name][0],
+        "preset": preset.value,
+        LARGEST: float(off.max()) * 1e6,
+        RMS: float(np.sqrt(np.mean(off**2))) * 1e6,
+        ABOVE_LIMIT: int(np.sum(off > LIMIT_M)),
+        ABOVE_INDENTER: int(np.sum(heights > indenter_height(surface, *geometry.pad_grid()))),
+    }
+
+
+def is_kept(row: dict[str, Cell]) -> bool:
+    """Every pixel is within the limit and none above the indenter."""
+    return row[ABOVE_LIMIT] == row[ABOVE_INDENTER] == 0
+
+
+def _seen(name: str, preset: Preset) -> tuple[SurfaceState, CameraGeometry, FloatArray]:
+    """Press a body; return the surface, the camera, and the heights that it sees [m]."""
     sensor = load_sensor("gelsight-mini")
     geometry = camera_geometry(sensor)
     surface = pressed(BODIES[name][1](), preset, sensor)
-    heights = height_maps(surface, geometry, pad=sensor.pad).loaded
-    off = np.abs(heights - reference)
-    return HeightMapError(
-        name=name,
-        preset=preset,
-        largest_m=float(off.max()),
-        rms_m=float(np.sqrt(np.mean(off**2))),
-        above_limit=int(np.sum(off > LIMIT_M)),
-        above_indenter=int(np.sum(heights > indenter_height(surface, *geometry.pad_grid()))),
-    )
+    return surface, geometry, height_maps(surface, geometry, pad=sensor.pad).loaded
 
 
 def measure() -> Table:
     """Press a cylinder, a ball and an edge with all presets but ``reference``."""
-    found = [
-        height_map_error(name, preset, reference=kept_heights(name))
+    rows = [
+        height_map_row(name, preset, reference=kept_heights(name))
         for name in BODIES
         for preset in _SHOWN
     ]
-    return table_of(
-        found,
-        {
-            "indenter, 0.5 mm deep": lambda error: BODIES[error.name][0],
-            "preset": lambda error: error.preset.value,
-            "largest difference of a pixel [um]": lambda error: error.largest_m * 1e6,
-            "rms [um]": lambda error: error.rms_m * 1e6,
-            "pixels above 10 um": lambda error: error.above_limit,
-            "pixels above the indenter": lambda error: error.above_indenter,
-        },
+    return table_of_rows(
+        rows,
+        passed=all(is_kept(row) for row in rows if row["preset"] in _JUDGED),
         **stated("heights"),
-        passed=all(error.kept for error in found if error.preset in _JUDGED),
     )
 
 
@@ -147,10 +126,7 @@ def keep_heights(name: str, folder: Path) -> None:
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
-    sensor = load_sensor("gelsight-mini")
-    geometry = camera_geometry(sensor)
-    surface = pressed(BODIES[name][1](), Preset.REFERENCE, sensor)
-    heights = height_maps(surface, geometry, pad=sensor.pad).loaded
+    _, geometry, heights = _seen(name, Preset.REFERENCE)
     quarter = heights[geometry.height // 2 :, geometry.width // 2 :]
     whole_nm = np.round(quarter / _UNIT_M).astype(np.int32)
     np.savez_compressed(folder / f"heights_{name}.npz", heights_nm=whole_nm)

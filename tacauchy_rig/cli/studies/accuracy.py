@@ -29,7 +29,7 @@ from sim.studies.accuracy.figure import draw_study
 from sim.studies.accuracy.force_error_table import measure_force_errors
 from sim.studies.accuracy.force_limit import PressStore
 from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
-from sim.studies.accuracy.study import Row, error_bar, study
+from sim.studies.accuracy.study import error_bar, study
 from sim.studies.accuracy.tables import presets_table, seed_table, study_table, tolerance_table
 from sim.studies.accuracy.tolerance_check import check_tolerances
 from tacauchy_rig.cli.options import JsonFile
@@ -132,8 +132,8 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         "scene": text,
         "seed": seed,
         "reference_error_bars": found.bars,
-        "reference": _row_facts(found.reference),
-        "rows": [_row_facts(row) for row in found.rows],
+        "reference": found.reference.as_json(),
+        "rows": [row.as_json() for row in found.rows],
         "versions": versions(),
         "section": asdict(table),
     }
@@ -147,10 +147,6 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     for file in files:
         say(str(file))
     return facts
-
-
-def _row_facts(row: Row) -> dict[str, Any]:
-    return {**asdict(row), "wall_s": row.wall_s, "time_s": row.time_s}
 
 
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:

@@ -12,12 +12,11 @@ import typer
 from sim.scene.scene import Effect
 from sim.studies.effects_check.cases import EFFECT_CASES, EffectCase
 from sim.studies.effects_check.check import EffectCheck, check_effects
-from tacauchy_rig.cli.options import JsonFile
+from sim.studies.processes import side_by_side
+from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
-from tacauchy_rig.cli.studies.side_by_side import Jobs, side_by_side
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import page
-from tacauchy_rig.tables import Table, table_of
 
 
 def effects_check(
@@ -88,40 +87,11 @@ def _page(checks: Sequence[EffectCheck], command: str) -> str:
         "checks": checks,
         "case_count": len(EFFECT_CASES),
         "missed": [check.case.name for check in checks if not check.passed],
-        "compared": _compared(checks),
         "apart": apart,
-        "kept": _kept(checks),
+        "names": _names,
+        "percent": _percent,
     }
     return page("tacauchy_rig.cli.studies", "effects.md.jinja", facts)
-
-
-def _compared(checks: Sequence[EffectCheck]) -> Table:
-    return table_of(
-        checks,
-        {
-            "scene": lambda check: check.case.name,
-            "tolerance": lambda check: _percent(check.plan.tolerance),
-            "left out": lambda check: _names(check.added),
-            "expected": lambda check: _percent(check.plan.estimated_error),
-            "found": lambda check: _percent(check.difference),
-            "time saved": lambda check: f"{check.time_ratio:.1f} x",
-            "": lambda check: "within" if check.passed else "**missed**",
-        },
-    )
-
-
-def _kept(checks: Sequence[EffectCheck]) -> Table:
-    return table_of(
-        [(check, omission) for check in checks for omission in check.omissions],
-        {
-            "scene": lambda kept: kept[0].case.name,
-            "effect": lambda kept: kept[1].effect.value,
-            "expected": lambda kept: _percent(kept[1].estimated),
-            "found": lambda kept: _percent(kept[1].measured),
-            "time": lambda kept: f"{kept[1].time_ratio:.1f} x",
-            "": lambda kept: "needless" if kept[1] in kept[0].needless else "needed",
-        },
-    )
 
 
 def _names(effects: Sequence[Effect]) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -21,34 +19,25 @@ from sim.studies.modes.runs import (
     PUNCH,
     ModeRun,
     press_in,
-    press_mode,
     slide_mode,
     twist_mode,
 )
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import FigureFolder, FigurePage, JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import page as written
-from tacauchy_rig.tables import Table, table_of
 
 _MOVED_ON = "gelsight-mini"
 _SENSORS = ("gelsight-mini", "digit", "9dtact")
 
 
 def modes(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figures go.")],
+    out: FigureFolder,
     indenter: Annotated[
         str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
     ] = describe(PUNCH),
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            "--page",
-            metavar="FILE",
-            help="Write a page, such as docs/contact_modes.md; its figures go to images beside it.",
-        ),
-    ] = None,
+    page: FigurePage = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
@@ -87,14 +76,14 @@ def _round(text: str) -> Cylinder | Sphere:
 
 def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun]:
     pressed = press_in(load_sensor(_MOVED_ON), indenter, preset=preset)
-    for mode in (press_mode, slide_mode, twist_mode):
-        yield mode(pressed)
+    yield pressed
+    yield slide_mode(pressed)
+    yield twist_mode(pressed)
 
 
 def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
     for name in _SENSORS:
-        sensor = load_sensor(name)
-        yield press_mode(press_in(sensor, BALL, preset=preset, refinement=BALL_REFINEMENT))
+        yield press_in(load_sensor(name), BALL, preset=preset, refinement=BALL_REFINEMENT)
 
 
 def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
@@ -122,53 +111,19 @@ def modes_page(
         pressed: One press on several sensors.
         command: What makes the page.
     """
-    runs = [*moved, *pressed]
     return written(
         "tacauchy_rig.cli.studies",
         "modes.md.jinja",
         {
             "command": command,
             "preset": preset,
-            "friction": f"{FRICTION:g}",
-            "missed": [run.title for run in runs if not run.passed],
+            "friction": FRICTION,
+            "missed": [run.title for run in (*moved, *pressed) if not run.passed],
             "punch": describe(moved[0].indenter),
             "sensor": moved[0].sensor.title,
             "ball": f"{describe(pressed[0].indenter)}, {pressed[0].travel}",
             "refinement": f"{BALL_REFINEMENT:g}",
-            "moved": _criteria(moved),
-            "pressed": _criteria(pressed),
-            "signatures": _signatures(runs),
-        },
-    )
-
-
-def _criteria(runs: Sequence[ModeRun]) -> Table:
-    return table_of(
-        [(run, criterion) for run in runs for criterion in run.criteria],
-        {
-            "run": lambda row: f"{row[0].sensor.title}, {row[0].name}, {row[0].travel}",
-            "criterion": lambda row: row[1].name,
-            "measured": lambda row: row[1].measured,
-            "limit": lambda row: row[1].limit,
-            "": lambda row: row[1].verdict if row[1].passed else f"**{row[1].verdict}**",
-        },
-    )
-
-
-def _signatures(runs: Sequence[ModeRun]) -> Table:
-    return table_of(
-        runs,
-        {
-            "sensor, mode": lambda run: f"{run.sensor.title}, {run.name}",
-            "F_n [N]": lambda run: f"{run.signature.normal_size_n:.4f}",
-            "T [N]": lambda run: f"{math.hypot(*run.signature.tangential_n):.4f}",
-            "sum t [N]": lambda run: f"{run.signature.tangential_sum_n:.4f}",
-            "sliding": lambda run: f"{run.signature.sliding_friction / FRICTION:.4f}",
-            "centre [mm]": lambda run: f"{run.signature.centre_m[0] * 1e3:.4f}",
-            "radial": lambda run: f"{run.signature.radial_share:.4f}",
-            "inward": lambda run: f"{run.signature.inward_share:.4f}",
-            "around": lambda run: f"{run.signature.circumferential_share:.4f}",
-            "radial, by point": lambda run: f"{run.signature.radial_share_points:.3f}",
-            "time [s]": lambda run: f"{run.processor_s:.0f}",
+            "moved": list(moved),
+            "pressed": list(pressed),
         },
     )

@@ -3,40 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim.optics.camera_geometry import camera_geometry
-from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.objects.figures import draw_objects
 from sim.studies.objects.runs import DEPTH_M, ObjectPress, press_object
 from sim.studies.objects.shapes import OBJECTS
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import FigureFolder, FigurePage, JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
 from tacauchy_rig.page import page as written
-from tacauchy_rig.tables import table_of
 
 _SENSORS = "gelsight-mini,digit"
 
 
 def objects(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figure goes.")],
+    out: FigureFolder,
     sensors: Annotated[
         str, typer.Option("--sensors", help="Names or files, with commas between.")
     ] = _SENSORS,
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            "--page",
-            metavar="FILE",
-            help="Write a page, such as docs/objects.md; its figure goes to images beside it.",
-        ),
-    ] = None,
+    page: FigurePage = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images."""
@@ -68,10 +57,9 @@ def objects(
 
 def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
     sensor = load_sensor(name)
-    geometry, model, shadows = camera_geometry(sensor), nominal_model(sensor), shadows_of(sensor)
     found = []
     for label in OBJECTS:
-        found.append(press_object(label, sensor, geometry, model, shadows=shadows, preset=preset))
+        found.append(press_object(label, sensor, preset=preset))
         run = found[-1]
         say(f"  {run.sensor}, {label}: {run.force_n:.3f} N [{run.processor_s:.0f} s]")
     return found
@@ -85,27 +73,6 @@ def objects_page(runs: Sequence[Sequence[ObjectPress]], *, command: str, preset:
         command: What makes the page.
     """
     presses = [run for sensor in runs for run in sensor]
-    bodies = table_of(
-        OBJECTS,
-        {
-            "object": str,
-            "what it is": lambda name: (
-                (OBJECTS[name].__doc__ or "").strip().removeprefix("Return ").rstrip(".")
-            ),
-        },
-    )
-    rows = table_of(
-        presses,
-        {
-            "sensor": lambda run: run.sensor,
-            "object": lambda run: run.name,
-            "F_z [N]": lambda run: f"{run.force_n:.3f}",
-            "highest pixel above the object [um]": lambda run: (
-                f"{_seen_um(run.highest_over_m):.3g}"
-            ),
-            "time [s]": lambda run: f"{run.processor_s:.0f}",
-        },
-    )
     return written(
         "tacauchy_rig.cli.studies",
         "objects.md.jinja",
@@ -114,8 +81,9 @@ def objects_page(runs: Sequence[Sequence[ObjectPress]], *, command: str, preset:
             "depth_mm": f"{DEPTH_M * 1e3:g}",
             "preset": preset,
             "minutes": f"{sum(run.processor_s for run in presses) / 60.0:.0f}",
-            "bodies": bodies,
-            "presses": rows,
+            "bodies": OBJECTS,
+            "presses": presses,
+            "seen_um": _seen_um,
         },
     )
 

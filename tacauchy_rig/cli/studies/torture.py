@@ -11,12 +11,10 @@ import typer
 
 from sim.studies.hard_cases.case import CaseResult, observe
 from sim.studies.hard_cases.catalogue import all_cases, select_cases
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
-from tacauchy_rig.cli.studies.side_by_side import Jobs
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import page
-from tacauchy_rig.tables import table_of
 from tacauchy_rig.versions import machine, versions
 
 _PAGE = Path("docs/hard_cases.md")
@@ -85,15 +83,6 @@ def markdown(results: Sequence[CaseResult], *, command: str, used: Mapping[str, 
         command: What made it.
         used: Versions of what was used.
     """
-    overview = table_of(
-        results,
-        {
-            "row": lambda result: result.number,
-            "case": lambda result: result.name,
-            "verdict": lambda result: result.verdict,
-            "seconds": lambda result: f"{result.wall_s:.0f}",
-        },
-    )
     facts = {
         "summary": _summary(results),
         "results": results,
@@ -101,6 +90,5 @@ def markdown(results: Sequence[CaseResult], *, command: str, used: Mapping[str, 
         "command": command,
         "versions": ", ".join(f"{name} {used[name]}" for name in _NUMERICAL if name in used),
         "machine": machine(),
-        "overview": overview,
     }
     return page("tacauchy_rig.cli.studies", "hard_cases.md.jinja", facts)

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from sim.studies.processes import side_by_side
 from sim.studies.verification.catalogue import ON_REQUEST, SECTIONS
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
-from tacauchy_rig.cli.studies.side_by_side import Jobs, side_by_side
 from tacauchy_rig.errors import ConfigError, RigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table

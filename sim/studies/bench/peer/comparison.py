@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import itemgetter
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -17,11 +17,12 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Scene
 from sim.studies.bench.batches import BALANCE, BatchRow
 from sim.studies.bench.frames import FRAME_COUNT
+from sim.studies.bench.peer.libuipc import press_in_libuipc
 from sim.studies.bench.peer.pad import PeerBalance, PeerMesh, PeerPad, peer_balance, peer_pad
-from sim.studies.bench.peer.process import PeerFailedError, PeerProcess
-from sim.studies.bench.peer.task import AS_SHIPPED, LADDER, PeerTolerance
-from tacauchy_rig.page import prose
-from tacauchy_rig.tables import Cell, Table, table_of
+from sim.studies.bench.peer.task import AS_SHIPPED, LADDER, PeerFound, PeerTask, PeerTolerance
+from sim.studies.processes import OwnProcess, ProcessFailedError
+from tacauchy_rig.page import table_prose
+from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 ENVIRONMENTS = (1, 8, 60)
 # Of a row, the compilation of libuipc's kernels in the first of them included; and of all rows.
@@ -118,13 +119,16 @@ def measure_libuipc(
     """
     whole = batch_model(scene, symmetric=False)
     deadline = time.monotonic() + _TOTAL_S
-    with PeerProcess(backend=backend) as process:
+    # Its kernels stay loaded from press to press; where it aborts, the next one starts anew.
+    with OwnProcess() as process, TemporaryDirectory(prefix="libuipc-") as folder:
+        run = partial(press_in_libuipc, folder=folder, backend=backend)
         for kind in meshes:
             pad = peer_pad(scene, whole, kind)
             press = partial(
                 _row,
                 pad,
                 process=process,
+                run=run,
                 deadline=deadline,
                 exact_n=exact_n,
                 our_n=pad.our_force(),
@@ -146,7 +150,8 @@ def _row(
     *,
     count: int,
     tolerance: PeerTolerance,
-    process: PeerProcess,
+    process: OwnProcess,
+    run: Callable[[PeerTask], PeerFound],
     deadline: float,
     exact_n: float,
     our_n: float,
@@ -164,9 +169,9 @@ def _row(
         return replace(blank, failure=f"not begun: libuipc has had its {_TOTAL_S:.0f} s")
     task = pad.task(count=count, tolerance=tolerance, load_n=our_n)
     try:
-        found = process.press(task, limit_s=min(_LIMIT_S, left_s))
-    except PeerFailedError as error:
-        return replace(blank, failure=error.message)
+        found = process.call(partial(run, task), limit_s=min(_LIMIT_S, left_s))
+    except ProcessFailedError as error:
+        return replace(blank, failure=error.message.splitlines()[0])
     balance = peer_balance(pad, task, found)
     return replace(
         blank,
@@ -189,14 +194,11 @@ def peer_table(ours: Sequence[BatchRow], peers: Sequence[PeerRow]) -> Table:
         *(_our_cells(row) for row in ours if row.environments in counts),
         *(_peer_cells(row, speeds.get(row.environments)) for row in peers),
     ]
-    return table_of(
+    return table_of_rows(
         rows,
-        {name: itemgetter(name) for name in rows[0]},
-        title="Beside libuipc",
-        criterion="none: a comparison; a time is worth no more than the force beside it",
-        note=prose(
+        **table_prose(
             "sim.studies.bench",
-            "notes.md.jinja",
+            "tables.md.jinja",
             "libuipc",
             version=next((row.version for row in peers if row.version), ""),
             balance=f"{BALANCE:g}",

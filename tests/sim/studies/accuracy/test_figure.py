@@ -11,7 +11,8 @@ from sim.mesh.elements import ElementOrder
 from sim.scene.scene import Preset
 from sim.studies.accuracy.configurations import Configuration
 from sim.studies.accuracy.figure import bar_ends, draw_study
-from sim.studies.accuracy.study import QUANTITIES, Row, Study
+from sim.studies.accuracy.observation import Row
+from sim.studies.accuracy.study import QUANTITIES, Study
 
 
 def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> Row:

@@ -17,8 +17,15 @@ from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
-from sim.studies.accuracy.mesh_chance import MeasuredChance, chances, mesh_key
-from sim.studies.accuracy.study import QUANTITIES, error_bar, front_of, study
+from sim.studies.accuracy.study import (
+    QUANTITIES,
+    MeasuredChance,
+    chances,
+    error_bar,
+    front_of,
+    mesh_key,
+    study,
+)
 from sim.studies.accuracy.tables import presets_table, seed_table
 
 _GEOMETRY = CameraGeometry(

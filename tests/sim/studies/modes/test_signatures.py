@@ -18,7 +18,6 @@ from sim.studies.modes.figures import draw_modes, draw_sensors
 from sim.studies.modes.runs import (
     FRICTION,
     ModeRun,
-    Pressed,
     press_mode,
     slide_criteria,
     slide_mode,
@@ -44,13 +43,8 @@ def runs() -> dict[str, ModeRun]:
         motion=Motion(shift_m=(1e-3, 0.0)),
     )
     path = path_for(scene, plan_effects(scene))
-    pressed = Pressed(
-        sensor=load_sensor("gelsight-mini"),
-        indenter=BALL,
-        path=path,
-        point=path.advance(DEPTH_M),
-    )
-    return {mode.name: mode for mode in (f(pressed) for f in (press_mode, slide_mode, twist_mode))}
+    pressed = press_mode(load_sensor("gelsight-mini"), BALL, path, path.advance(DEPTH_M))
+    return {mode.name: mode for mode in (pressed, slide_mode(pressed), twist_mode(pressed))}
 
 
 def test_pressing_pulls_radially_and_sums_to_nothing(runs: dict[str, ModeRun]) -> None:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from sim.force_error_estimate import CoarserForce
+from sim.effects.plan import plan_effects
+from sim.force_error_estimate import CoarserForce, force_on
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.error_estimates import (
     HELD_OUT,
-    RefinedPress,
+    estimate_row,
     judged,
     refined_press,
 )
+from tacauchy_rig.tables import Cell
 
 SCENE = Scene(
     pad=DiscPad(radius_m=5e-3, height_m=3e-3),
@@ -35,14 +37,16 @@ def test_ten_scenes_are_held_out() -> None:
 def test_small_scene_has_an_estimate_and_a_true_error() -> None:
     """Four meshes of one ball: forces come down as edges shorten, and the estimate holds."""
     found = refined_press("ball", SCENE, finer=1.5)
-    assert found.coarser[1].force_n > found.force_n > 0.99 * found.finer_n
-    assert found.is_inside
+    coarse_n = force_on(SCENE, plan_effects(SCENE), refinement=0.5)
+    force_n, finer_n = (float(found[name] or 0.0) for name in list(found)[2:4])
+    assert coarse_n > force_n > 0.99 * finer_n
+    assert found["inside"] == "yes"
 
 
-def press_with(*, finer_n: float) -> RefinedPress:
+def press_with(*, finer_n: float) -> dict[str, Cell]:
     """Return a press that was never made."""
     coarser = (CoarserForce(ratio=1.5, force_n=1.01), CoarserForce(ratio=2.0, force_n=1.03))
-    return RefinedPress(name="made up", scene=SCENE, force_n=1.0, finer_n=finer_n, coarser=coarser)
+    return estimate_row("made up", SCENE, 1.0, finer_n, coarser)
 
 
 @pytest.mark.parametrize(("outside", "passed"), [(0, True), (1, True), (2, False)])

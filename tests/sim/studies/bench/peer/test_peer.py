@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.studies.bench.batches import BALANCE, BatchRow, StressTimes
 from sim.studies.bench.frames import FRAME_COUNT
 from sim.studies.bench.peer.comparison import PeerRow, peer_table, why_no_libuipc
+from sim.studies.bench.peer.libuipc import press_in_libuipc
 from sim.studies.bench.peer.pad import (
     PeerBalance,
     PeerMesh,
@@ -31,8 +34,8 @@ from sim.studies.bench.peer.pad import (
     peer_balance,
     peer_pad,
 )
-from sim.studies.bench.peer.process import PeerFailedError, PeerProcess
 from sim.studies.bench.peer.task import AS_SHIPPED, FRAME_S, LADDER, PeerFound, PeerTask
+from sim.studies.processes import OwnProcess, ProcessFailedError
 
 _BODY = Cylinder(diameter_m=5e-3, fillet_m=1.5e-3)
 _SCENE = Scene(
@@ -180,12 +183,13 @@ def test_only_cylinders_are_pressed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert why_no_libuipc(_SCENE, device="cuda:0") == ""
 
 
-def test_a_peer_that_cannot_start_is_a_failed_row(task: PeerTask) -> None:
+def test_a_peer_that_cannot_start_is_a_failed_row(task: PeerTask, tmp_path: Path) -> None:
     """Without libuipc, or without the backend asked for, the process says so, again and again."""
-    with PeerProcess(backend="absent") as process:
+    press = partial(press_in_libuipc, task, folder=str(tmp_path), backend="absent")
+    with OwnProcess() as process:
         for _ in range(2):
-            with pytest.raises(PeerFailedError, match=r"uipc|absent|status"):
-                process.press(task, limit_s=60.0)
+            with pytest.raises(ProcessFailedError, match=r"uipc|absent|status"):
+                process.call(press, limit_s=60.0)
 
 
 def test_the_table_sets_force_and_balance_beside_every_time() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tacauchy_rig.cli.studies.side_by_side import side_by_side
+from sim.studies.processes import side_by_side
 from tacauchy_rig.errors import ConfigError
 
 
@@ -49,8 +49,8 @@ def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
 _LONG = """
 import os, time
 from pathlib import Path
-from tests.tacauchy_rig.cli.studies.test_side_by_side import _stay
-from tacauchy_rig.cli.studies.side_by_side import side_by_side
+from tests.sim.studies.test_processes import _stay
+from sim.studies.processes import side_by_side
 
 if __name__ == "__main__":
     list(side_by_side(_stay, {names!r}, jobs=2))
@@ -67,7 +67,7 @@ def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
     names = [str(tmp_path / "a"), str(tmp_path / "b")]
     script = tmp_path / "long.py"
     script.write_text(_LONG.format(names=names), encoding="utf-8")
-    root = Path(__file__).parents[4]
+    root = Path(__file__).parents[3]
     with subprocess.Popen(
         [sys.executable, str(script)], env=os.environ | {"PYTHONPATH": str(root)}
     ) as command:
