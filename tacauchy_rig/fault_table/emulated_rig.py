@@ -6,7 +6,6 @@ import re
 import socket
 from importlib import resources
 from pathlib import Path
-from typing import Self
 
 from jinja2 import Template
 
@@ -15,7 +14,6 @@ from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.arm.trace import TraceRow, read_trace
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
-from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 
@@ -44,13 +42,14 @@ def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int
 
 
 class EmulatedRig:
-    """Emulated robot, force sensor and camera at addresses that a restart keeps; a context.
+    """Emulated robot, force sensor and camera at addresses that a restart keeps.
 
     Args:
         folder: Where everything of this case goes.
 
     Attributes:
         rig_toml: Configuration that takes them for real devices.
+        devices: To be started and stopped by whoever uses them.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -59,31 +58,12 @@ class EmulatedRig:
         host, camera_port = free_loopback_host(), _free_port()
         self.rig_toml = write_case_config(self.folder, host=host, camera_port=camera_port)
         self.config: RigConfig = load_config(self.rig_toml).config
-        self._emulation = Emulation(
+        self.devices = Emulation(
             self.config,
             folder=self.folder / EMULATION_NAME,
             devices=frozenset(Device),
             camera_port=camera_port,
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._emulation.stop()
-
-    @property
-    def emulation(self) -> Path:
-        """Folder of traces, control sockets and logs."""
-        return self._emulation.folder
-
-    def start(self) -> None:
-        """Start the devices.
-
-        Raises:
-            DeviceError: One did not come up.
-        """
-        self._emulation.start()
 
     def mend(self, cause: Fault | None) -> None:
         """Do what a person does after the fault: unlock, power on, or exchange the device.
@@ -94,19 +74,15 @@ class EmulatedRig:
             cause: What failed; None when only the arm may have been locked.
         """
         if cause is not None and cause.device is not Device.ROBOT:
-            self._emulation.restart(cause.device)
+            self.devices.restart(cause.device)
         elif cause is not None and cause.kind not in _PERSON_AT_THE_PENDANT:
-            self._emulation.restart(Device.ROBOT, tip=self.arm_trace()[-1].position)
+            self.devices.restart(Device.ROBOT, tip=self.arm_trace()[-1].position)
         for command in _PERSON_AT_THE_PENDANT.values():
             self._tell_dashboard(command)
 
     def arm_trace(self) -> list[TraceRow]:
         """Return what the emulated arm truly did so far."""
-        return read_trace(self.emulation)
-
-    def gel(self) -> Plant:
-        """Return a fresh gel like the one that is pressed."""
-        return self._emulation.gel()
+        return read_trace(self.devices.folder)
 
     def without_places(self, text: str) -> str:
         """Return a message without addresses and paths that are this case's alone."""

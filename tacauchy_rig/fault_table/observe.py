@@ -49,16 +49,17 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
     """
     for number in range(1, TRIES + 1):
         shutil.rmtree(folder, ignore_errors=True)
-        with EmulatedRig(folder) as rig:
-            command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
-            try:
-                rig.start()
-                command.confirm(rig.config)
-                return _Case(case, rig, command).observe(tries=number)
-            except DeviceError as error:
-                logger.warning("%s, try %d: %s", case.name, number, error)
-            finally:
-                command.close()
+        rig = EmulatedRig(folder)
+        command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
+        try:
+            rig.devices.start()
+            command.confirm(rig.config)
+            return _Case(case, rig, command).observe(tries=number)
+        except DeviceError as error:
+            logger.warning("%s, try %d: %s", case.name, number, error)
+        finally:
+            command.close()
+            rig.devices.stop()
     raise DeviceError(
         f"fault case {case.name}: no run of {TRIES} reached its {case.moment.value}",
         remedy="close what else keeps this computer busy; the last run is in " + str(folder),
@@ -118,7 +119,7 @@ class _Case:
         if isinstance(cause, Victim):
             self._run.kill(cause)
         else:
-            post_fault(self._rig.emulation, cause)
+            post_fault(self._rig.devices.folder, cause)
         return fault_ns
 
     def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
@@ -130,7 +131,7 @@ class _Case:
             rows = self._rig.arm_trace()
         now_ns = time.monotonic_ns()
         forces = true_forces(
-            self._rig.gel(),
+            self._rig.devices.gel(),
             rows,
             rotation=self._rig.config.robot.tool_rotation,
             start_ns=self._search_start_ns(),

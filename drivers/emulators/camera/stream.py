@@ -2,8 +2,7 @@
 
 ``python -m drivers.emulators.camera.stream --folder DIR --width 640 --height 480 --rate 25``
 prints one JSON line with its URL. Frames are captured on absolute deadlines and leave the camera's
-latency later; their numbers are drawn in (``camera_stamp``), and ``camera_trace.jsonl`` holds
-what each one shows.
+latency later; their numbers are drawn in, and ``camera_trace.jsonl`` holds what each one shows.
 """
 
 from __future__ import annotations

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
 
 import pytest
 
-from drivers.emulators.process import keep_time
+from drivers.device.faults import Device
+from drivers.emulators.process import DeviceSettings, keep_time, run_device
 
 
 @pytest.mark.parametrize("mostly_sleeps", [True, False])
@@ -23,3 +25,14 @@ def test_a_refused_priority_is_no_error(monkeypatch, mostly_sleeps):
     keep_time(mostly_sleeps=mostly_sleeps)
     assert len(asked) == 1
     assert asked[0][0] == (0 if mostly_sleeps else -10)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_in_words(monkeypatch, capsys, tmp_path):
+    """Whatever the device: exit status 2, its name, the reason and a remedy."""
+    file = tmp_path / "file"
+    file.touch()
+    monkeypatch.setattr(sys, "argv", ["device", "--folder", str(file / "folder")])
+    assert run_device(DeviceSettings, Device.CAMERA, lambda *_: None) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("emulated camera: Not a directory")
+    assert f"see that {file / 'folder'} can be created" in told
