@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.force_error_estimate import error_order
-from sim.mesh.elements import ElementOrder
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.scene import Preset, Scene
@@ -25,7 +24,6 @@ EDGE_SHIFT = 0.07
 _SHARE_MIN, _SHARE_MAX = 0.25, 1.0
 
 Errors = Mapping[str, float]
-MeshKey = tuple[ElementOrder, Preset, float]
 
 Render = Callable[[HeightMaps], ImageArray]
 Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
@@ -103,23 +101,17 @@ def _measured_chances(
     shifted: Sequence[Configuration],
     geometry: CameraGeometry,
     judge: _Judge,
-) -> dict[MeshKey, MeasuredChance]:
-    found: dict[MeshKey, MeasuredChance] = {}
+) -> list[Row]:
+    """Return the rows of the shifted settings with their chances, measured on other meshes."""
+    found: list[Row] = []
     for row in (row for row in rows if row.configuration in shifted):
         with suppress(RigError):
             others = [
                 judge.errors(observe(scene, other, geometry))[0]
                 for other in neighbours(row.configuration)
             ]
-            found[mesh_key(row.configuration)] = MeasuredChance(
-                row.errors, chance_of(row.errors, others), row.tet_count
-            )
+            found.append(replace(row, chances=chance_of(row.errors, others)))
     return found
-
-
-def mesh_key(configuration: Configuration) -> MeshKey:
-    """Return what decides a configuration's mesh and element."""
-    return configuration.element, configuration.preset, configuration.refinement
 
 
 def neighbours(configuration: Configuration) -> tuple[Configuration, Configuration]:
@@ -136,21 +128,8 @@ def chance_of(own: Errors, others: Sequence[Errors]) -> dict[str, float]:
     return {name: max(abs(other[name] - error) for other in others) for name, error in own.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredChance:
-    """Errors on a mesh, and by how much they differ on its neighbours.
-
-    Attributes:
-        tet_count: Of the mesh.
-    """
-
-    errors: Errors
-    chance: Errors
-    tet_count: int
-
-
 def chances(
-    configuration: Configuration, errors: Errors, measured: Mapping[MeshKey, MeasuredChance]
+    configuration: Configuration, errors: Errors, measured: Sequence[Row]
 ) -> dict[str, float]:
     """Return the chance of a configuration's errors.
 
@@ -163,22 +142,24 @@ def chances(
     """
     if configuration.preset is Preset.PAPER:
         return dict.fromkeys(errors, 0.0)
-    key = mesh_key(configuration)
-    alike = [found for other, found in measured.items() if other[0] is key[0]]
-    near = measured.get(key) or max(alike, key=lambda found: found.tet_count, default=None)
-    shares = dict.fromkeys(errors, _SHARE_MIN) if near is None else _shares(near)
-    scaled = {name: shares[name] * abs(error) for name, error in errors.items()}
-    if near is None or key not in measured:
+    alike = [row for row in measured if row.configuration.element is configuration.element]
+    same = next((row for row in alike if _has_mesh_of(row.configuration, configuration)), None)
+    near = same or max(alike, key=lambda row: row.tet_count, default=None)
+    scaled = {name: _share(near, name) * abs(error) for name, error in errors.items()}
+    if same is None:
         return scaled
-    return {name: max(near.chance[name], scaled[name]) for name in errors}
+    return {name: max(same.chances[name], scaled[name]) for name in errors}
 
 
-def _shares(found: MeasuredChance) -> dict[str, float]:
-    return {name: _share(found.chance[name], abs(error)) for name, error in found.errors.items()}
+def _has_mesh_of(one: Configuration, other: Configuration) -> bool:
+    return (one.preset, one.refinement) == (other.preset, other.refinement)
 
 
-def _share(chance: float, error: float) -> float:
-    return float(np.clip(chance / error, _SHARE_MIN, _SHARE_MAX)) if error > 0.0 else _SHARE_MIN
+def _share(near: Row | None, name: str) -> float:
+    """Return the chance of an error over its size, as far as a finer mesh may have it."""
+    if near is None or near.errors[name] == 0.0:
+        return _SHARE_MIN
+    return float(np.clip(near.chances[name] / abs(near.errors[name]), _SHARE_MIN, _SHARE_MAX))
 
 
 def _warm_up(

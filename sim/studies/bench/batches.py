@@ -16,6 +16,7 @@ from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
+from sim.studies.bench.press_parts import times_of
 
 _LAUNCHES = 50
 # Any but zero, which would be no work on the CPU.
@@ -63,11 +64,7 @@ def stress_times(batch: Batch, *, repeats: int = _LAUNCHES) -> StressTimes:
     """Time taking the stress off the last press; the shortest of the ways to the host."""
     extraction = batch.iteration.stress
     device_s = _time_of(extraction.launch, device=batch.device, repeats=repeats)
-    fetched = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        batch.surface_stresses()
-        fetched.append(time.perf_counter() - started)
+    fetched = times_of(batch.surface_stresses, most=repeats, least=repeats, budget_s=0.0)
     return StressTimes(face_count=extraction.face_count, device_s=device_s, host_s=min(fetched))
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import platform
-import timeit
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.footprint_presets import diagonal
 from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.fields.stress import surface_stress
@@ -20,7 +19,7 @@ from sim.press_command import press_command, scene_from
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from sim.solve.model import Model
+from sim.studies.bench.press_parts import times_of
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
@@ -79,7 +78,8 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
         if result.point is None:
             continue
         model = result.model
-        times = _extraction_times(model, result.point.state.positions)
+        extract = partial(surface_stress, model, result.point.state.positions)
+        times = times_of(extract, most=_REPEATS, least=_REPEATS, budget_s=0.0)
         low, middle, high = (1e3 * float(np.quantile(times, q)) for q in (0.05, 0.5, 0.95))
         rows.append(
             {
@@ -99,9 +99,3 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
         **stated("stress_cost", repeats=_REPEATS, machine=platform.machine()),
         command=press_command(replace(_SCENE, preset=presets[0])),
     )
-
-
-def _extraction_times(model: Model, positions: FloatArray) -> FloatArray:
-    """Return the wall time of every extraction but the first [s]."""
-    runs = timeit.repeat(lambda: surface_stress(model, positions), repeat=1 + _REPEATS, number=1)
-    return np.array(runs[1:])

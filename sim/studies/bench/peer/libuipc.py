@@ -71,11 +71,6 @@ class PeerWorld:
         self.world.init(scene)
 
     @property
-    def is_valid(self) -> bool:
-        """Libuipc has met no error."""
-        return bool(self.world.is_valid())
-
-    @property
     def gel(self) -> Any:
         """The pads' geometry as it was last retrieved."""
         return self._slots[0].geometry()
@@ -89,10 +84,6 @@ class PeerWorld:
         """Give the GPU's memory back: libuipc holds the animation, and that holds this."""
         self.scene.animator().erase(self._indenter.id())
         del self.world, self.engine, self.scene
-
-    def synchronise(self) -> None:
-        """Wait until the GPU is done."""
-        self.world.sync()
 
     def frame_facts(self) -> dict[str, Any]:
         """Return what libuipc counted in the last frame."""
@@ -250,7 +241,7 @@ def _pressed(world: PeerWorld, started: float) -> PeerFound:
         times.append(_timed(world, heights))
     positions, tips = world.read()
     world.go_to(heights[-1])
-    world.synchronise()
+    world.world.sync()
     problems = _limits(frames)
     still = _counts([world.frame_facts()], _NEWTON)
     if any(steps > 1 for steps in still):
@@ -283,11 +274,11 @@ def _warm_up(world: PeerWorld, heights: FloatArray) -> list[dict[str, Any]]:
 
 def _timed(world: PeerWorld, heights: FloatArray) -> float:
     """Return the time of a press [s]."""
-    world.synchronise()
+    world.world.sync()
     started = time.perf_counter()
     for tips in heights:
         world.go_to(tips)
-    world.synchronise()
+    world.world.sync()
     spent = time.perf_counter() - started
     _check(world)
     return spent
@@ -316,7 +307,7 @@ def _limits(frames: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _check(world: PeerWorld) -> None:
-    if not world.is_valid:
+    if not world.world.is_valid():
         raise ConvergenceError(
             f"libuipc has met an error in frame {world.world.frame()}",
             remedy="see its own messages above",

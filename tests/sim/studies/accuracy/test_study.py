@@ -17,13 +17,12 @@ from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
+from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import (
     QUANTITIES,
-    MeasuredChance,
     chances,
     error_bar,
     front_of,
-    mesh_key,
     study,
 )
 from sim.studies.accuracy.tables import presets_table, seed_table
@@ -154,10 +153,10 @@ def test_a_bar_holds_the_references_doubt_and_the_meshs_chance() -> None:
 def test_chance_is_measured_or_taken_from_the_finest_that_was() -> None:
     """A finer mesh has the share of its error that the finest measured one has, within bounds."""
     coarse = replace(_EXACT, refinement=0.25)
-    known = {
-        mesh_key(coarse): MeasuredChance({"force": 0.2}, {"force": 0.01}, tet_count=100),
-        mesh_key(_EXACT): MeasuredChance({"force": 0.05}, {"force": 0.02}, tet_count=1000),
-    }
+    known = [
+        Row(configuration=each, errors={"force": error}, chances={"force": chance}, tet_count=count)
+        for each, error, chance, count in ((coarse, 0.2, 0.01, 100), (_EXACT, 0.05, 0.02, 1000))
+    ]
     assert chances(_EXACT, {"force": 0.05}, known) == {"force": 0.02}
     assert chances(coarse, {"force": 0.2}, known) == {"force": pytest.approx(0.05)}
     finer = replace(_EXACT, preset=Preset.BALANCED)
