@@ -56,14 +56,8 @@ def _protocol(trial: TrialEvidence) -> Criterion:
             or "`tacauchy-rig resume RUN` repeats the trial"
         )
     passed = record is not None and record.passed
-    return Criterion(
-        name="press",
-        passed=passed,
-        measured=float(passed),
-        limit="the attempt ran to its end and met every check of the protocol",
-        unit="",
-        remedy="" if passed else remedy,
-    )
+    limit = "the attempt ran to its end and met every check of the protocol"
+    return _criterion("press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy)
 
 
 def _recording(trial: TrialEvidence) -> Iterator[Criterion]:
@@ -79,7 +73,7 @@ def _recording(trial: TrialEvidence) -> Iterator[Criterion]:
     if record is None or tare is None or measured is None or recorded is None:
         for name in RECORDED:
             limit = "the recording holds what the protocol measured"
-            yield _criterion(name, math.nan, passed=False, limit=limit, unit="N", remedy="")
+            yield _criterion(name, math.nan, passed=False, limit=limit, unit="N", remedy=NOT_THERE)
         return
     tare_errors_n = [_standard_error(d, tare.sample_count) for d in tare.deviation[:3]]
     force_error_n = math.hypot(
@@ -95,7 +89,6 @@ def _recording(trial: TrialEvidence) -> Iterator[Criterion]:
         limit=f"within {limit_n:.2g} N of {measured:.6g} N, the mean that the protocol measured",
         unit="N",
         remedy=RECORDED_REMEDY,
-        missing=RECORDED_REMEDY,
     )
     yield _recorded_tare(recorded, tare, tare_errors_n)
     yield _criterion(
@@ -106,7 +99,6 @@ def _recording(trial: TrialEvidence) -> Iterator[Criterion]:
         f" measured {measured:.6g} N with compression_sign {sign:+d}",
         unit="N",
         remedy=RECORDED_REMEDY,
-        missing=RECORDED_REMEDY,
     )
 
 
@@ -128,7 +120,6 @@ def _recorded_tare(
         " that the protocol took as zero",
         unit="N",
         remedy=RECORDED_REMEDY,
-        missing=RECORDED_REMEDY,
     )
 
 
@@ -148,7 +139,9 @@ def _force(trial: TrialEvidence, thresholds: Thresholds) -> Criterion:
         passed=abs(mismatch) <= limit,
         limit=f"|simulated - measured| at most {limit:g} N",
         unit="N",
-        remedy="lower replay.force_tolerance and replay the run: `tacauchy-rig replay RUN`",
+        remedy=NOT_THERE
+        if math.isnan(mismatch)
+        else "lower replay.force_tolerance and replay the run: `tacauchy-rig replay RUN`",
     )
 
 
@@ -160,29 +153,23 @@ def _similarity(thresholds: Thresholds, scores: ImageScores | None) -> Criterion
         passed=value >= thresholds.ssim,
         limit=f"at least {thresholds.ssim:g} (RGB)",
         unit="",
-        remedy="look at the difference images: a ring is pose, a tint is light, a disc is force;"
+        remedy=NOT_THERE
+        if math.isnan(value)
+        else "look at the difference images: a ring is pose, a tint is light, a disc is force;"
         " calibrate scale and optics for this sensor",
     )
 
 
 def _criterion(
-    name: str,
-    measured: float,
-    *,
-    passed: bool,
-    limit: str,
-    unit: str,
-    remedy: str,
-    missing: str = NOT_THERE,
+    name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
 ) -> Criterion:
-    advice = missing if math.isnan(measured) else remedy
     return Criterion(
         name=name,
         passed=passed,
         measured=measured,
         limit=limit,
         unit=unit,
-        remedy="" if passed else advice,
+        remedy="" if passed else remedy,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import label_forces
-from reports.scores.contact import ContactScores
 from tacauchy_rig.figure_style import (
     BLUE,
     COLUMN_IN,
@@ -32,10 +31,10 @@ def draw_contact(report: ValidationReport) -> Figure:
     """Draw the contact's correlation and residual, raw and with pose and light taken out."""
     figure = new_figure(PAGE_IN, 1.9, simulated=report.evidence.simulated)
     left, right = figure.subplots(1, 2)
-    _draw_contact_score(left, report.trials, lambda c: c.zncc)
-    _draw_contact_score(right, report.trials, lambda c: c.relative_residual)
-    floors = [_number(t.contact_no_contact_residual) for t in report.trials]
-    right.plot(range(len(floors)), floors, color=INK, marker="_", ls="none", label="No contact")
+    _draw_contact_score(left, report.trials, "zncc")
+    _draw_contact_score(right, report.trials, "relative_residual")
+    floors = np.array([t.contact_no_contact_residual for t in report.trials], dtype=np.float64)
+    right.plot(floors, color=INK, marker="_", ls="none", label="No contact")
     left.set_ylabel("ZNCC in the contact")
     right.set_ylabel("Residual / real change")
     right.set_ylim(bottom=0.0)
@@ -48,16 +47,12 @@ def draw_contact(report: ValidationReport) -> Figure:
     return figure
 
 
-def _draw_contact_score(
-    axes: Axes, trials: Sequence[TrialResult], value: Callable[[ContactScores], float]
-) -> None:
-    raw = [math.nan if t.contact is None else value(t.contact) for t in trials]
-    corrected = [
-        math.nan
-        if t.corrections is None or t.corrections.contact_pose_light_corrected is None
-        else value(t.corrections.contact_pose_light_corrected)
-        for t in trials
-    ]
+def _draw_contact_score(axes: Axes, trials: Sequence[TrialResult], name: str) -> None:
+    fitted = [t.corrections and t.corrections.contact_pose_light_corrected for t in trials]
+    raw, corrected = (
+        [getattr(scores, name, math.nan) for scores in of]
+        for of in ([t.contact for t in trials], fitted)
+    )
     axes.plot(raw, color=BLUE, marker="o", markersize=3, label="Raw")
     axes.plot(
         corrected,
@@ -144,7 +139,3 @@ def _draw_errors(axes: Axes, rows: Sequence[tuple[str, float]], label: str) -> N
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel(label)
     axes.grid(axis="x")
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -50,14 +50,14 @@ def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
     axes.set_title(f"{TITLES[matrix.metric]}: right force wins {won}/{count}", fontsize=7.5)
     best = np.nanargmax(np.where(np.isnan(quality), -np.inf, quality), axis=1)
     for i in range(count):
-        axes.add_patch(
-            _frame(
-                int(best[i]), i, INK if matrix.forces_n[best[i]] == matrix.forces_n[i] else ORANGE
-            )
-        )
-        for j in range(count):
-            if count <= MAX_NUMBERED:
-                _write_value(axes, i, j, values, _row_scaled(quality))
+        is_right = matrix.forces_n[best[i]] == matrix.forces_n[i]
+        corner = (best[i] - 0.46, i - 0.46)
+        edge = INK if is_right else ORANGE
+        axes.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor=edge, lw=1.1))
+    if count <= MAX_NUMBERED:
+        shade = _row_scaled(quality)
+        for (i, j), value in np.ndenumerate(values):
+            _write_value(axes, i, j, float(value), float(shade[i, j]))
 
 
 def _row_scaled(quality: np.ndarray) -> np.ndarray:
@@ -66,23 +66,10 @@ def _row_scaled(quality: np.ndarray) -> np.ndarray:
     return np.asarray((quality - low) / np.where(span > 0, span, 1.0))
 
 
-def _frame(column: int, row: int, color: str) -> Rectangle:
-    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, fill=False, edgecolor=color, lw=1.1)
-
-
-def _write_value(axes: Axes, i: int, j: int, values: np.ndarray, shade: np.ndarray) -> None:
-    value = values[i, j]
-    text = "–" if np.isnan(value) else _format(float(value))
-    color = GREY if np.isnan(value) else INK if shade[i, j] > 0.55 else "white"
-    axes.text(
-        j,
-        i,
-        text,
-        ha="center",
-        va="center",
-        fontsize=5.5,
-        color=color,
-    )
+def _write_value(axes: Axes, i: int, j: int, value: float, shade: float) -> None:
+    text = "–" if np.isnan(value) else _format(value)
+    color = GREY if np.isnan(value) else INK if shade > 0.55 else "white"
+    axes.text(j, i, text, ha="center", va="center", fontsize=5.5, color=color)
 
 
 def _format(value: float) -> str:

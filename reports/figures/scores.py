@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.results import TrialResult, ValidationReport
-from reports.figures.trials import force_label, label_forces, shown
-from reports.scores.metrics import Metric
+from reports.figures.trials import force_label, label_forces, legend_above, shown
+from reports.scores.metrics import ImageScores, Metric
 from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
 
 SIMILARITIES = {
@@ -80,16 +80,7 @@ def _draw_bars(axes: Axes, trials: Sequence[TrialResult]) -> None:
         Line2D([], [], color=GREY, linestyle="--", linewidth=0.7),
         Line2D([], [], **FLOOR_STYLE),
     ]
-    axes.legend(
-        handles,
-        [*labels, "Mean", "No contact"],
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=5,
-        columnspacing=0.8,
-        handletextpad=0.4,
-        borderpad=0.1,
-    )
+    legend_above(axes, handles, [*labels, "Mean", "No contact"], columns=5)
     letter(axes, "(b)")
 
 
@@ -106,14 +97,7 @@ def draw_errors(report: ValidationReport) -> Figure:
     if through is not None:
         right.axhline(through, color=ORANGE, linestyle=":", label=f"Of mean MSE {through:.2f}")
     for axes in (left, right):
-        axes.legend(
-            loc="lower center",
-            bbox_to_anchor=(0.55, 1.0),
-            ncols=3,
-            columnspacing=0.8,
-            handletextpad=0.4,
-            borderpad=0.1,
-        )
+        legend_above(axes, columns=3, x=0.55)
     return figure
 
 
@@ -134,10 +118,13 @@ def _draw_error_bars(
 
 
 def _value(trial: TrialResult, metric: Metric) -> float:
-    value = math.nan if trial.metrics is None else trial.metrics.value(metric)
-    return value if math.isfinite(value) else math.nan
+    return _finite(trial.metrics, metric)
 
 
 def _floor(trial: TrialResult, metric: Metric) -> float:
-    value = math.nan if trial.floors is None else trial.floors.no_contact.value(metric)
+    return _finite(None if trial.floors is None else trial.floors.no_contact, metric)
+
+
+def _finite(scores: ImageScores | None, metric: Metric) -> float:
+    value = math.nan if scores is None else scores.value(metric)
     return value if math.isfinite(value) else math.nan

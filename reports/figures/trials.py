@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from matplotlib.axes import Axes
 
@@ -27,6 +27,19 @@ def shown(trials: Sequence[Trial]) -> list[Trial]:
 def force_label(trial: TrialResult | TrialEvidence) -> str:
     """Return the target force with two decimals, as the paper shows it."""
     return f"{trial.force_target_n:.2f}"
+
+
+def legend_above(axes: Axes, *labelled: Any, columns: int, x: float = 0.5) -> None:
+    """Put a legend above the axes, of what has a label, or of handles and their labels."""
+    axes.legend(
+        *labelled,
+        loc="lower center",
+        bbox_to_anchor=(x, 1.0),
+        ncols=columns,
+        columnspacing=0.8,
+        handletextpad=0.4,
+        borderpad=0.1,
+    )
 
 
 def label_forces(axes: Axes, trials: Sequence[TrialResult]) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.comparison.sentences import MINUS, NAMES
 from reports.scores.metrics import Metric
@@ -42,7 +41,7 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
         images: Folder of the trials' images, which are put into the page.
     """
     environment = Environment(
-        loader=FunctionLoader(_template),
+        loader=PackageLoader("reports"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -56,10 +55,6 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
         "decimals": DECIMALS,
     }
     return environment.get_template("report.html.jinja").render(summary=summary)
-
-
-def _template(name: str) -> str:
-    return resources.files("reports").joinpath("templates", name).read_text("utf-8")
 
 
 def png_data(path: Path) -> str:

@@ -6,8 +6,9 @@ from typing import Any
 
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.scores.floors import NOISE_MULTIPLE
-from reports.scores.metrics import DEFINITIONS
+from reports.scores.metrics import Metric
 from reports.scores.statistics import CONFIDENCE
+from tacauchy_rig.page import prose
 from tacauchy_rig.store.codec import to_plain
 
 SCHEMA = 1
@@ -36,18 +37,14 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
             "reference": "pixelwise median of the no-contact frames before the press",
         },
         "definitions": {
-            **{metric.value: text for metric, text in DEFINITIONS.items()},
-            "metrics": "RGB; metrics_grey: the same on BT.601 luminance",
-            "skill": (
-                "(score - no contact) / (ceiling - no contact); not discriminating where the"
-                f" span is below {NOISE_MULTIPLE:g} times the change that noise alone makes"
-            ),
-            "contact": (
-                "on the change against the real no-contact frame, inside the footprint of the"
-                " real image widened by a quarter of its radius; the footprint is the convex hull"
-                " of what changed by more than half of the peak"
-            ),
-            "interval": f"Student t over the trials, {CONFIDENCE:.0%}",
+            name: prose(
+                "reports",
+                "templates/definitions.txt.jinja",
+                name,
+                noise_multiple=f"{NOISE_MULTIPLE:g}",
+                confidence=f"{CONFIDENCE:.0%}",
+            )
+            for name in (*Metric, "metrics", "skill", "contact", "interval")
         },
         "trials": [_trial(trial) for trial in report.trials],
         "statistics": to_plain(report.statistics),
@@ -68,7 +65,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
 def _trial(trial: TrialResult) -> dict[str, Any]:
     value: dict[str, Any] = to_plain(trial)
     # Readers find these keys in every trial, with nulls where there was nothing to score.
-    value["metrics"] = value["metrics"] or {metric.value: None for metric in DEFINITIONS}
+    value["metrics"] = value["metrics"] or {metric.value: None for metric in Metric}
     value["floors"] = value["floors"] or {"no_contact": None, "flat_mean": None}
     value["floors"]["wrong_force"] = value["floors"].get("wrong_force") or {}
     return value

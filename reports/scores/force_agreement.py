@@ -125,62 +125,58 @@ def uncertainty_budget(
     simulated = None if replay is None else replay.force_simulated_n
     drift = None if record is None else record.force_drift_n
     numerics = "no replay" if replay is None else replay.force_error_basis
-    return (
-        _term(
-            TermGroup.NUMERICS,
-            "mesh, element and barrier of the simulator",
-            _share(None if replay is None else replay.force_error_estimate, simulated),
-            known=numerics,
-            unknown=numerics,
-        ),
-        _term(
-            TermGroup.INPUTS,
-            "modulus of the gel",
-            _share(None if model is None else model.young_uncertainty_relative, simulated),
-            known="stated with the material",
-            unknown="unknown: the material states no uncertainty for this unit",
-        ),
-        _term(
-            TermGroup.INPUTS,
-            "tilt and place of the indenter",
-            None,
-            unknown="unknown: not measured",
-        ),
-        _term(
-            TermGroup.INPUTS,
-            "height of first contact",
-            _contact_height(trial, touched_m),
-            known="half of the simulator's depth at the contact force, times its stiffness",
-            unknown="unknown: no simulated curve",
-        ),
-        _term(
-            TermGroup.DATA,
-            "scatter of the force in the dwell",
-            None if record is None else record.force_deviation_n,
-            known="standard deviation over the dwell",
-            unknown="not recorded",
-        ),
-        _term(
-            TermGroup.DATA,
-            "drift of the force sensor's zero",
-            None if drift is None else abs(drift),
-            known="unloaded after minus before",
-            unknown="not recorded",
-        ),
-        _term(
-            TermGroup.DATA,
-            "repeatability of the press",
-            None,
-            unknown="unknown: needs at least five presses at one force",
-        ),
+    numerics_n = _share(None if replay is None else replay.force_error_estimate, simulated)
+    modulus_n = _share(None if model is None else model.young_uncertainty_relative, simulated)
+    scatter_n = None if record is None else record.force_deviation_n
+    drift_n = None if drift is None else abs(drift)
+    # Name, value, and what it rests on where it is known and where it is not.
+    terms: dict[TermGroup, list[tuple[str, float | None, str, str]]] = {
+        TermGroup.NUMERICS: [
+            ("mesh, element and barrier of the simulator", numerics_n, numerics, numerics),
+        ],
+        TermGroup.INPUTS: [
+            (
+                "modulus of the gel",
+                modulus_n,
+                "stated with the material",
+                "unknown: the material states no uncertainty for this unit",
+            ),
+            ("tilt and place of the indenter", None, "", "unknown: not measured"),
+            (
+                "height of first contact",
+                _contact_height(trial, touched_m),
+                "half of the simulator's depth at the contact force, times its stiffness",
+                "unknown: no simulated curve",
+            ),
+        ],
+        TermGroup.DATA: [
+            (
+                "scatter of the force in the dwell",
+                scatter_n,
+                "standard deviation over the dwell",
+                "not recorded",
+            ),
+            (
+                "drift of the force sensor's zero",
+                drift_n,
+                "unloaded after minus before",
+                "not recorded",
+            ),
+            (
+                "repeatability of the press",
+                None,
+                "",
+                "unknown: needs at least five presses at one force",
+            ),
+        ],
+    }
+    return tuple(
+        UncertaintyTerm(
+            name=name, group=group, value_n=value_n, basis=unknown if value_n is None else known
+        )
+        for group, rows in terms.items()
+        for name, value_n, known, unknown in rows
     )
-
-
-def _term(
-    group: TermGroup, name: str, value_n: float | None, *, unknown: str, known: str = ""
-) -> UncertaintyTerm:
-    basis = unknown if value_n is None else known
-    return UncertaintyTerm(name=name, group=group, value_n=value_n, basis=basis)
 
 
 def _share(relative: float | None, force_n: float | None) -> float | None:

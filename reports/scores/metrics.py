@@ -36,24 +36,6 @@ class Metric(StrEnum):
         return self is not Metric.MSE
 
 
-DEFINITIONS: dict[Metric, str] = {
-    Metric.SSIM: (
-        "structural similarity (Wang et al. 2004), Gaussian window, sigma 1.5 px, population"
-        " covariance, data range 255; colour: mean over the three channels"
-    ),
-    Metric.NCC: (
-        "zero-mean normalised cross-correlation (ZNCC) over all pixels; colour: the three"
-        " channels as one vector with one mean"
-    ),
-    Metric.HISTOGRAM_CORRELATION: (
-        "cv2.compareHist, HISTCMP_CORREL, 256 bins over 0..255; colour: mean over the R, G and B"
-        " histograms. Blind to where pixels are: 1 for shuffled pixels"
-    ),
-    Metric.PSNR_DB: "10 log10(255^2 / MSE) on 8-bit values [dB]; none for identical images",
-    Metric.MSE: "mean squared error on 8-bit values over all pixels (and channels) [grey level^2]",
-}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageScores:
     """The five scores of one image against another.

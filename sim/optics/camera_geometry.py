@@ -64,6 +64,20 @@ class CameraGeometry:
                 remedy="give the part cut off at each border, such as 0.15",
             )
 
+    @classmethod
+    def centred(
+        cls, width: int, height: int, *, scale_x_m: float, scale_y_m: float
+    ) -> CameraGeometry:
+        """Return an upright view whose middle is the pad's centre."""
+        return cls(
+            width=width,
+            height=height,
+            scale_x_m=scale_x_m,
+            scale_y_m=scale_y_m,
+            centre_x_px=0.5 * (width - 1),
+            centre_y_px=0.5 * (height - 1),
+        )
+
     @property
     def mean_scale_m(self) -> float:
         """Geometric mean of the scales [m/px]."""

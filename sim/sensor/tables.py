@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -155,7 +156,7 @@ class OpticsKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorLamp:
+class Lamp:
     """A lamp beside the gel, as far as its maker's drawings tell; calibration replaces it.
 
     Attributes:
@@ -167,6 +168,16 @@ class SensorLamp:
     azimuth_rad: float
     elevation_rad: float
     colour: tuple[float, float, float]
+
+    @property
+    def towards(self) -> tuple[float, float, float]:
+        """Direction to it along columns, rows and up, of length 1."""
+        level = math.cos(self.elevation_rad)
+        return (
+            level * math.cos(self.azimuth_rad),
+            level * math.sin(self.azimuth_rad),
+            math.sin(self.elevation_rad),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +193,7 @@ class SensorOptics:
     """
 
     kind: OpticsKind = OpticsKind.PHOTOMETRIC
-    lamps: tuple[SensorLamp, ...] = ()
+    lamps: tuple[Lamp, ...] = ()
     shadow_softness_m: float | None = None
     grey_depth_m: tuple[float, ...] = ()
     grey_change: tuple[float, ...] = ()
@@ -222,7 +233,7 @@ def parse_optics(data: dict[str, Any], origin: str) -> SensorOptics:
     return SensorOptics(kind=kind, lamps=lamps, shadow_softness_m=_softness(table, lamps, origin))
 
 
-def _softness(table: dict[str, Any], lamps: tuple[SensorLamp, ...], origin: str) -> float | None:
+def _softness(table: dict[str, Any], lamps: tuple[Lamp, ...], origin: str) -> float | None:
     if "shadow_softness" not in table:
         return None
     name = f"{origin}: optics.shadow_softness"
@@ -251,7 +262,7 @@ def _grey_table(table: dict[str, Any], origin: str) -> tuple[tuple[float, ...], 
     return depth, change
 
 
-def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[SensorLamp, ...]:
+def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[Lamp, ...]:
     found = []
     for number, entry in enumerate(entries, start=1):
         name = f"{origin}: lamp {number}"
@@ -265,7 +276,5 @@ def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[SensorLamp, ...]
             for key in ("azimuth", "elevation")
         )
         red, green, blue = (float(level) for level in entry["colour"])
-        found.append(
-            SensorLamp(azimuth_rad=azimuth, elevation_rad=elevation, colour=(red, green, blue))
-        )
+        found.append(Lamp(azimuth_rad=azimuth, elevation_rad=elevation, colour=(red, green, blue)))
     return tuple(found)

@@ -60,19 +60,18 @@ def render_presses(
     presses: Sequence[BallPress], calibration: Calibration, *, nudge: bool
 ) -> list[RenderedPress]:
     """Render presses that the model need not have seen, where labels or nudged circles say."""
-    return [_rendered(press, calibration, nudge=nudge) for press in presses]
-
-
-def _rendered(press: BallPress, calibration: Calibration, *, nudge: bool) -> RenderedPress:
-    model, scene, circle = calibration.model, calibration.scene, press.circle
-    lit = without_shadows(press, circle, scene, calibration.shadows)
-    light = scene.light(lit, circle, model)
-    for _ in range(_NUDGES if nudge else 0):
-        circle = scene.nudged(lit, model, light)
+    model, scene, found = calibration.model, calibration.scene, []
+    for press in presses:
+        circle = press.circle
         lit = without_shadows(press, circle, scene, calibration.shadows)
         light = scene.light(lit, circle, model)
-    image = press_image(calibration, circle)
-    return RenderedPress(press=press, rendered=image, light=light, circle=circle)
+        for _ in range(_NUDGES if nudge else 0):
+            circle = scene.nudged(lit, model, light)
+            lit = without_shadows(press, circle, scene, calibration.shadows)
+            light = scene.light(lit, circle, model)
+        image = press_image(calibration, circle)
+        found.append(RenderedPress(press=press, rendered=image, light=light, circle=circle))
+    return found
 
 
 def check_presses(

@@ -104,7 +104,9 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         if folder is not None and not folder.is_dir():
             raise ConfigError(f"{folder} is no folder", remedy="give a folder of images")
     background = read_rgb(_found(request.background, request.folder))
-    geometry = _geometry(request.scale_px_m, background)
+    height, width = background.shape[:2]
+    scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
+    geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
     table = _table(request)
     labelled = [] if table is None else read_ball_presses(request.folder, table)
     images = _images(request, background) if table is None else {}
@@ -147,18 +149,6 @@ def find_presses(
         for name, image in read.images.items()
     ]
     return presses, check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
-
-
-def _geometry(scale_px_m: tuple[float, float], background: ImageArray) -> CameraGeometry:
-    height, width = background.shape[:2]
-    return CameraGeometry(
-        width=width,
-        height=height,
-        scale_x_m=1.0 / scale_px_m[0],
-        scale_y_m=1.0 / scale_px_m[1],
-        centre_x_px=0.5 * (width - 1),
-        centre_y_px=0.5 * (height - 1),
-    )
 
 
 def _found(path: Path, folder: Path) -> Path:

@@ -8,9 +8,9 @@ without those.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import product
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from sim.optics.calibrate.press_image import pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.render.shadows import lost_share
 
 _ROUNDS = 2
@@ -30,9 +30,6 @@ _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
-
-
-_Move = Callable[[ShadowCaster, float], ShadowCaster]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +80,12 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     geometry = _coarse(found.scene.geometry)
     best, misfit = _coloured(start, dents, geometry)
     for step in _STEPS:
-        for trial_of in _moves(len(start.lamps)):
-            for sign in (-1.0, 1.0):
-                trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
-                while error < misfit:
-                    best, misfit = trial, error
-                    trial, error = _coloured(trial_of(best, sign * step), dents, geometry)
+        numbers = product(range(len(start.lamps)), ("azimuth_rad", "elevation_rad"), (-step, step))
+        for index, name, by in numbers:
+            trial, error = _coloured(_moved(best, index, name, by), dents, geometry)
+            while error < misfit:
+                best, misfit = trial, error
+                trial, error = _coloured(_moved(best, index, name, by), dents, geometry)
     return best
 
 
@@ -147,24 +144,12 @@ def _coloured(
     return replace(shadows, lamps=lamps), misfit
 
 
-def _moves(count: int) -> list[_Move]:
-    """Return every way to change one number of the lamps by a step."""
-    moves: list[_Move] = []
-    for i in range(count):
-        moves += [partial(_turned, i), partial(_raised, i)]
-    return moves
-
-
-def _turned(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
+def _moved(shadows: ShadowCaster, index: int, name: str, step: float) -> ShadowCaster:
+    """Return the lamps with one of them turned, or raised or lowered."""
     lamp = shadows.lamps[index]
-    return _with_lamp(shadows, index, replace(lamp, azimuth_rad=lamp.azimuth_rad + step))
-
-
-def _raised(index: int, shadows: ShadowCaster, step: float) -> ShadowCaster:
-    lamp = shadows.lamps[index]
-    bounded = min(max(lamp.elevation_rad * math.exp(step), _LOWEST_RAD), _HIGHEST_RAD)
-    return _with_lamp(shadows, index, replace(lamp, elevation_rad=bounded))
-
-
-def _with_lamp(shadows: ShadowCaster, index: int, lamp: Lamp) -> ShadowCaster:
-    return replace(shadows, lamps=[*shadows.lamps[:index], lamp, *shadows.lamps[index + 1 :]])
+    if name == "azimuth_rad":
+        moved = replace(lamp, azimuth_rad=lamp.azimuth_rad + step)
+    else:
+        raised_rad = lamp.elevation_rad * math.exp(step)
+        moved = replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
+    return replace(shadows, lamps=[*shadows.lamps[:index], moved, *shadows.lamps[index + 1 :]])

@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from sim.arrays import FloatArray
 from sim.optics.colour.polynomial import polynomial_exponents
 
 GREY_EXPONENTS = polynomial_exponents(
@@ -19,27 +16,20 @@ GREY_EXPONENTS = polynomial_exponents(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class GreyDepthModel:
     """Change of the grey level as a table of indentation, the same for all channels.
 
     The table has the camera's response in it, and holds over any no-contact frame.
 
     Attributes:
-        depth_m: Rising indentations from 0 [m], shape [entry_count].
-        change: Grey levels added at each; beyond the last the change stays, shape [entry_count].
-        provenance: Where the table comes from, as JSON values with units in the keys.
+        depth_m: Rising indentations from 0 [m].
+        change: Grey levels added at each; beyond the last the change stays.
+        provenance: Where the table comes from.
     """
 
-    depth_m: FloatArray
-    change: FloatArray
-    provenance: Mapping[str, object] = field(default_factory=dict)
-
-
-def nominal_grey(depth_m: Sequence[float], change: Sequence[float]) -> GreyDepthModel:
-    """Return the table that a sensor's file gives, before any calibration."""
-    return GreyDepthModel(
-        depth_m=np.asarray(depth_m, dtype=np.float64),
-        change=np.asarray(change, dtype=np.float64),
-        provenance={"source": "nominal table of the sensor's file"},
+    depth_m: Sequence[float]
+    change: Sequence[float]
+    provenance: Mapping[str, object] = field(
+        default_factory=lambda: {"source": "nominal table of the sensor's file"}
     )

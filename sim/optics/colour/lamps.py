@@ -1,38 +1,14 @@
-"""Lamps around a gel, and those of them that a pressed gel throws shadows of."""
+"""The lamps around a gel that a pressed gel throws shadows of."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from sim.sensor.tables import Lamp
+
 SHADOWS = "shadows"  # its name in a calibration's provenance
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lamp:
-    """A far lamp of one colour.
-
-    Attributes:
-        azimuth_rad: Direction in which it stands, from growing columns towards growing rows [rad].
-        elevation_rad: Angle of its light to the unloaded surface [rad].
-        colour: Grey levels that it adds to red, green and blue of a surface that faces it.
-    """
-
-    azimuth_rad: float
-    elevation_rad: float
-    colour: tuple[float, float, float]
-
-    @property
-    def towards(self) -> tuple[float, float, float]:
-        """Direction to it along columns, rows and up, of length 1."""
-        level = math.cos(self.elevation_rad)
-        return (
-            level * math.cos(self.azimuth_rad),
-            level * math.sin(self.azimuth_rad),
-            math.sin(self.elevation_rad),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.optics.colour.grey_depth import GreyDepthModel, nominal_grey
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.grey_depth import GreyDepthModel
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.colour.shading_terms import MOST_LAMPS
 from sim.sensor.sensor import Sensor
-from sim.sensor.tables import OpticsKind
+from sim.sensor.tables import Lamp, OpticsKind
 from tacauchy_rig.errors import ConfigError
 
 # Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.
@@ -52,14 +52,6 @@ def nominal_photometric(
     )
 
 
-def lamps_of(sensor: Sensor) -> list[Lamp]:
-    """Return the nominal lamps, none where the file names none."""
-    return [
-        Lamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, colour=lamp.colour)
-        for lamp in sensor.optics.lamps
-    ]
-
-
 def lamp_count_of(sensor: Sensor) -> int:
     """Return how many lamps a calibration looks for: as many as the file names, by colour only."""
     if sensor.optics.kind is not OpticsKind.PHOTOMETRIC:
@@ -70,7 +62,9 @@ def lamp_count_of(sensor: Sensor) -> int:
 def shadows_of(sensor: Sensor) -> ShadowCaster | None:
     """Return the lamps that cast shadows; None unless the sensor's file asks for shadows."""
     softness = sensor.optics.shadow_softness_m
-    return None if softness is None else ShadowCaster(lamps=lamps_of(sensor), softness_m=softness)
+    return (
+        None if softness is None else ShadowCaster(lamps=sensor.optics.lamps, softness_m=softness)
+    )
 
 
 def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
@@ -81,10 +75,10 @@ def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
     """
     optics = sensor.optics
     if optics.kind is OpticsKind.GREY_DEPTH:
-        return nominal_grey(optics.grey_depth_m, optics.grey_change)
+        return GreyDepthModel(optics.grey_depth_m, optics.grey_change)
     if not optics.lamps:
         raise ConfigError(
             f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
             remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
         )
-    return nominal_photometric(lamps_of(sensor))
+    return nominal_photometric(sensor.optics.lamps)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -79,37 +78,16 @@ def evaluate_polynomial(
     Returns:
         Shape [3, point_count], in the precision of ``tilt``.
     """
-    plan = polynomial_plan(exponents, coefficients, tilt.dtype)
+    surface, surface_of, places, place_of = _sorted_terms(tuple(map(tuple, exponents.tolist())))
+    by_place = np.zeros((len(places), 3, len(surface)), dtype=tilt.dtype)
+    by_place[place_of, :, surface_of] = coefficients
+    weights = by_place.reshape(-1, len(surface))
     values = np.empty((3, tilt.shape[1]), dtype=tilt.dtype)
     for start in range(0, tilt.shape[1], _BAND):
         band = slice(start, start + _BAND)
-        _sum_terms(plan, tilt[:, band], position[:, band], indentation_m[band], values[:, band])
+        features = monomials(tilt[:, band], position[:, band], indentation_m[band], surface)
+        _sum_places(places, weights, features, position[:, band], values[:, band])
     return values
-
-
-@dataclass(frozen=True, slots=True)
-class PolynomialPlan:
-    """Terms sorted by their power of place.
-
-    Attributes:
-        surface: Exponents without place, shape [surface_term_count, 5].
-        places: Exponents of place.
-        weights: Of each place's red, green and blue, shape [place_count * 3, surface_term_count].
-    """
-
-    surface: IntArray
-    places: list[tuple[int, int]]
-    weights: RealArray
-
-
-def polynomial_plan(
-    exponents: IntArray, coefficients: FloatArray, dtype: np.dtype[np.floating]
-) -> PolynomialPlan:
-    """Sort a polynomial's terms; arguments as in ``evaluate_polynomial``."""
-    level, surface_of, places, place_of = _sorted_terms(tuple(map(tuple, exponents.tolist())))
-    weights = np.zeros((len(places), 3, len(level)), dtype=dtype)
-    weights[place_of, :, surface_of] = coefficients
-    return PolynomialPlan(level, places, weights.reshape(-1, len(level)))
 
 
 @lru_cache(maxsize=16)
@@ -125,25 +103,29 @@ def _sorted_terms(
     return level, surface_of, [(c, d) for c, d in places.tolist()], place_of
 
 
-def _sum_terms(
-    plan: PolynomialPlan, tilt: RealArray, position: RealArray, depth: RealArray, out: RealArray
-) -> None:
-    """Sum place monomial x (weights @ surface monomials) over one band of pixels."""
-    _sum_places(plan, monomials(tilt, position, depth, plan.surface), position, out)
-
-
 def _sum_places(
-    plan: PolynomialPlan, features: RealArray, position: RealArray, out: RealArray
+    places: list[tuple[int, int]],
+    weights: RealArray,
+    features: RealArray,
+    position: RealArray,
+    out: RealArray,
 ) -> None:
-    """Sum place monomial x (weights @ features).
+    """Sum place monomial x (weights @ features) over one band of pixels.
 
     Places are summed from the highest power down, each once multiplied by what it has more than
     the place it falls back to.
+
+    Args:
+        places: Exponents of place.
+        weights: Of each place's red, green and blue, shape [place_count * 3, feature_count].
+        features: Monomials without place, shape [feature_count, point_count].
+        position: Shape [2, point_count].
+        out: Shape [3, point_count].
     """
-    parts = np.empty((len(plan.weights), features.shape[1]), dtype=features.dtype)
+    parts = np.empty((len(weights), features.shape[1]), dtype=features.dtype)
     for row in range(0, len(parts), _ROWS):
-        np.matmul(plan.weights[row : row + _ROWS], features, out=parts[row : row + _ROWS])
-    by_place = dict(zip(plan.places, parts.reshape(len(plan.places), 3, -1), strict=True))
+        np.matmul(weights[row : row + _ROWS], features, out=parts[row : row + _ROWS])
+    by_place = dict(zip(places, parts.reshape(len(places), 3, -1), strict=True))
     while len(by_place) > 1 or (0, 0) not in by_place:
         c, d = max(by_place, key=lambda place: (sum(place), place))
         part = by_place.pop((c, d))

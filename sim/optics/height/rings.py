@@ -10,7 +10,7 @@ nodes at the ends of chords are put onto the smooth closed curve through those i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -36,34 +36,25 @@ def with_round_rings(surface: SurfaceState) -> SurfaceState:
     turned = _wrapped(deformed_angle - angle)
     place = np.stack([deformed_radius, turned, surface.positions[:, 2]], axis=1)
     drawn = surface.positions.copy()
-    for ring in _rings(surface.triangles6, radius, angle):
-        between = ring.between[np.argsort(angle[ring.between])]
+    for on_rays, in_sectors in _rings(surface.triangles6, radius, angle):
+        between = in_sectors[np.argsort(angle[in_sectors])]
         once_more = np.append(between, between[0])
         turn = np.append(angle[between], angle[between[0]] + 2.0 * np.pi)
         curve = CubicSpline(turn, place[once_more], bc_type="periodic")
-        at = angle[ring.on_rays]
+        at = angle[on_rays]
         out, along, height = curve(at).T
-        drawn[ring.on_rays] = np.stack(
+        drawn[on_rays] = np.stack(
             [axis[0] + out * np.cos(at + along), axis[1] + out * np.sin(at + along), height], axis=1
         )
     return replace(surface, positions=drawn)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Ring:
-    """The nodes that lie on one circle but for the chords.
-
-    Attributes:
-        on_rays: Nodes on the rays between sectors, shape [sector_count].
-        between: Nodes in the middle of sectors, shape [sector_count].
-    """
-
-    on_rays: IntArray
-    between: IntArray
-
-
-def _rings(triangles6: IntArray, radius: FloatArray, angle: FloatArray) -> Iterator[_Ring]:
+def _rings(
+    triangles6: IntArray, radius: FloatArray, angle: FloatArray
+) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield the complete rings: those of corners, and those in the middle between two of them.
+
+    Of each, the nodes on the rays between sectors, and those in the middle of sectors.
 
     A node in the middle of an edge belongs to the ring that the radii of its ends name: they are
     equal on a chord; of a ring between two others, it is an edge along a ray or a diagonal.
@@ -81,7 +72,7 @@ def _rings(triangles6: IntArray, radius: FloatArray, angle: FloatArray) -> Itera
     for members in np.split(order, np.flatnonzero(np.diff(ring_of.ravel()[order])) + 1):
         on_rays, between = nodes[members[on_ray[members]]], nodes[members[~on_ray[members]]]
         if len(on_rays) == len(between) >= _SECTORS_MIN:
-            yield _Ring(on_rays=on_rays, between=between)
+            yield on_rays, between
 
 
 def _polar(offset: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
-from sim.mesh.elements import linear_facets
+from sim.mesh.elements import linear_facets, quadratic_triangle_values
 from sim.optics.height.gradient_recovery import shape_derivatives
 
 _STEEP_SLOPE = 0.5
 _TIMES = 2
 # Corners of the four parts of a face among its nodes.
 _PARTS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
-_PLACES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
+# The nodes of a face, barycentric.
+_PLACES = np.concatenate([np.eye(3), 0.5 * (np.eye(3) + np.roll(np.eye(3), 1, axis=1))])
 
 
 def with_steep_faces_split(surface: SurfaceState) -> SurfaceState:
@@ -66,7 +67,8 @@ def _in_four(nodes: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     corners = faces[:, _PARTS]
     ends = np.stack([corners, np.roll(corners, -1, axis=2)], axis=-1).reshape(-1, 2)
     middles = 0.5 * (_PLACES[_PARTS] + np.roll(_PLACES[_PARTS], -1, axis=1))
-    values = np.einsum("pmk,fkd->fpmd", _shapes(middles), nodes[faces]).reshape(-1, nodes.shape[1])
+    shapes = np.apply_along_axis(quadratic_triangle_values, -1, middles)
+    values = np.einsum("pmk,fkd->fpmd", shapes, nodes[faces]).reshape(-1, nodes.shape[1])
     edges, first, edge_of, uses = np.unique(
         np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
     )
@@ -77,11 +79,3 @@ def _in_four(nodes: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     numbers = len(nodes) + edge_of.reshape(*corners.shape)
     parts = np.concatenate([corners, numbers], axis=2).reshape(-1, 6)
     return np.concatenate([nodes, new]), parts.astype(np.int32)
-
-
-def _shapes(places: FloatArray) -> FloatArray:
-    """Return the quadratic shape functions at places of a face, shape [..., 6]."""
-    s, t = places[..., 0], places[..., 1]
-    r = 1.0 - s - t
-    corners = [r * (2.0 * r - 1.0), s * (2.0 * s - 1.0), t * (2.0 * t - 1.0)]
-    return np.stack([*corners, 4.0 * r * s, 4.0 * s * t, 4.0 * t * r], axis=-1)

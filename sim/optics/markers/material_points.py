@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
-from sim.optics.height.rasterise import PixelCover
 from tacauchy_rig.errors import ConfigError
 
 _TOLERANCE = 1e-6
@@ -25,18 +24,14 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
     Raises:
         ConfigError: A point lies beside the surface.
     """
-    cover = _cover(surface.positions_rest[surface.triangles][..., :2], points)
+    facets, weights = _cover(surface.positions_rest[surface.triangles][..., :2], points)
     moved = surface.positions - surface.positions_rest
-    at_corners = moved[surface.triangles[cover.facet]]
-    found = np.einsum("nc,ncd->nd", cover.barycentric, at_corners)
-    displacement = np.empty((len(points), 3))
-    displacement[cover.pixel] = found
-    return displacement
+    return np.asarray(np.einsum("nc,ncd->nd", weights, moved[surface.triangles[facets]]))
 
 
-def _cover(corners: FloatArray, points: FloatArray) -> PixelCover:
-    """Find one facet for each point; a point on an edge takes either."""
-    facets = np.empty(len(points), dtype=np.int64)
+def _cover(corners: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return a facet for each point, and its coordinates in it; on an edge either is right."""
+    facets = np.empty(len(points), dtype=np.int32)
     weights = np.empty((len(points), 3))
     origin = corners[:, 2]
     u, v = corners[:, 0] - origin, corners[:, 1] - origin
@@ -58,4 +53,4 @@ def _cover(corners: FloatArray, points: FloatArray) -> PixelCover:
             )
         facets[i] = facet
         weights[i] = first[facet], second[facet], third[facet]
-    return PixelCover(pixel=np.arange(len(points)), facet=facets, barycentric=weights)
+    return facets, weights

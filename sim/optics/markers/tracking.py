@@ -24,15 +24,11 @@ class MarkerTracks:
     """Markers of a frame at rest that were found again.
 
     Attributes:
-        rest_px: Centres at rest [px], shape [n, 2].
-        moved_px: Centres of the same markers in the loaded frame [px], shape [n, 2].
         places_m: Centres at rest on the pad [m], shape [n, 2].
         displacement_m: Along the pad's x and y [m], shape [n, 2].
         lost: Markers at rest with no partner.
     """
 
-    rest_px: FloatArray
-    moved_px: FloatArray
     places_m: FloatArray
     displacement_m: FloatArray
     lost: int
@@ -64,13 +60,10 @@ def track_markers(
         second = np.full((1, 2), np.inf)
     there, back = cKDTree(second).query(first)[1], cKDTree(first).query(second)[1]
     paired = back[np.minimum(there, len(second) - 1)] == np.arange(len(first))
-    rest_px, moved_px = first[paired], second[there[paired]]
-    places = geometry.to_pad(rest_px)
+    places = geometry.to_pad(first[paired])
     return MarkerTracks(
-        rest_px=rest_px,
-        moved_px=moved_px,
         places_m=places,
-        displacement_m=geometry.to_pad(moved_px) - places,
+        displacement_m=geometry.to_pad(second[there[paired]]) - places,
         lost=int(np.sum(~paired)),
     )
 

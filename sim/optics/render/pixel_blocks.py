@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,7 +86,7 @@ class PixelBlocks:
         """Warp's type of a block."""
         return BLOCK_TYPES[self.lanes]
 
-    def array(self, values: RealArray, dtype: Any = wp.float32) -> Any:
+    def array(self, values: RealArray | Sequence[float], dtype: Any = wp.float32) -> Any:
         """Return numbers on the device, single ones or blocks."""
         plain = np.ascontiguousarray(values, dtype=np.float32)
         return wp.array(plain, dtype=dtype, device=self.device)

@@ -13,7 +13,7 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
@@ -23,6 +23,7 @@ from sim.optics.render.pixel_kernel import continue_samples, lay_out_samples, ti
 from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.sensor import Sensor
+from sim.sensor.tables import Lamp
 from tacauchy_rig.errors import ConfigError
 
 # Evenly grey no-contact frame of a sensor that nobody has calibrated.

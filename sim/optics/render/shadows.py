@@ -19,9 +19,10 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.render.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
+from sim.sensor.tables import Lamp
 
 _CPU = "cpu"
 

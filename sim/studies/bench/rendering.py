@@ -16,7 +16,7 @@ from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import camera_geometry
-from sim.optics.colour.nominal import lamps_of, nominal_model, shadows_of
+from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
@@ -173,7 +173,7 @@ def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
     coefficients = np.zeros((len(terms), 3))
     for term, levels in zip(model.exponents.tolist(), model.coefficients, strict=True):
         coefficients[terms.index(tuple(term))] = levels
-    lamps = lamps_of(sensor)
+    lamps = sensor.optics.lamps
     shading = ShadingTerms(
         lamps=tuple(
             NearLamp(azimuth_rad=lamp.azimuth_rad, elevation_rad=lamp.elevation_rad, distance=1.6)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
+from sim.sensor.tables import Lamp
 
 _NOTHING_M = -1.0
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -62,12 +61,8 @@ class RadialProfile:
         return np.asarray(2.0 * (flux[0] - flux[1]) / (outer**2 - inner**2))
 
 
-class GelProfile(Protocol):
-    """The gel around a ball of one size on one gel."""
-
-    def __call__(self, contact_radius_m: float) -> RadialProfile:
-        """Return the gel's surface where the contact has this radius [m]."""
-        ...
+GelProfile = Callable[[float], RadialProfile]
+"""The gel around a ball of one size on one gel, by the radius of its contact [m]."""
 
 
 class PressedProfiles:
@@ -171,15 +166,7 @@ def ball_profiles(
     ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=depths_m[-1])
     scene = sensor.scene(ball, target, preset=preset, barrier_m=_CONTACT_DISTANCE_M)
     path = LoadingPath(build_model(scene, mesh=_mesh(scene)), scene.indenter, scene.centre_m)
-    middle = 0.5 * (_PIXELS - 1)
-    geometry = CameraGeometry(
-        width=_PIXELS,
-        height=_PIXELS,
-        scale_x_m=_PIXEL_M,
-        scale_y_m=_PIXEL_M,
-        centre_x_px=middle,
-        centre_y_px=middle,
-    )
+    geometry = CameraGeometry.centred(_PIXELS, _PIXELS, scale_x_m=_PIXEL_M, scale_y_m=_PIXEL_M)
     found = []
     for depth in depths_m:
         # The profile is a mean over all directions: circles drawn round would shift it, held-out

@@ -18,11 +18,9 @@ from sim.optics.calibrate.fit.photometric_fit import REFERENCE, PhotometricSampl
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
 from sim.optics.calibrate.presses.light import (
-    SeenChange,
     fit_light,
     light_at,
     light_weights,
-    no_light,
     seen_change,
     seen_light,
 )
@@ -222,15 +220,6 @@ class PressScene:
         position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
         return np.asarray(self.background[rows, columns] + light_at(light, position))
 
-    def _seen(
-        self,
-        press: BallPress,
-        rows: NDArray[np.intp],
-        columns: NDArray[np.intp],
-        light: FloatArray,
-    ) -> SeenChange:
-        return seen_change(press.image[rows, columns], self._expected(rows, columns, light))
-
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
 
@@ -248,7 +237,7 @@ class PressScene:
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
         outside &= self._bare(rows, columns)
         rows, columns = rows[outside], columns[outside]
-        seen = self._seen(press, rows, columns, no_light())
+        seen = seen_change(press.image[rows, columns], self.background[rows, columns])
         x, y = columns.astype(np.float64), rows.astype(np.float64)
         change = (
             seen.change if model is None else seen.change - self.pixels(model, x, y).predict(circle)
@@ -262,7 +251,8 @@ class PressScene:
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        seen = self._seen(press, rows, columns, light)
+        expected = self._expected(rows, columns, light)
+        seen = seen_change(press.image[rows, columns], expected)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
         pixels = self.pixels(model, x, y)

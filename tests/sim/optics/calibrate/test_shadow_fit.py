@@ -10,8 +10,9 @@ import pytest
 
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.optics.colour.lamps import SHADOWS, Lamp, ShadowCaster, read_shadows
+from sim.optics.colour.lamps import SHADOWS, ShadowCaster, read_shadows
 from sim.optics.render.shadows import darkening
+from sim.sensor.tables import Lamp
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses
 
 

@@ -112,7 +112,7 @@ def test_tracking_finds_the_motion(noise: float) -> None:
         return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
     tracks = track_markers(frame(places), frame(moved), FINE, radius_m=grid.radius_m)
-    assert len(tracks.rest_px) == 6
+    assert len(tracks.places_m) == 6
     assert tracks.lost == 0
     order = np.lexsort((places[:, 0], places[:, 1]))
     seen = np.lexsort((tracks.places_m[:, 0], np.rint(tracks.places_m[:, 1] / 1e-3)))

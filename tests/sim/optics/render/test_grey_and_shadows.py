@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples, fit_photometric
-from sim.optics.colour.grey_depth import GREY_EXPONENTS, nominal_grey
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.nominal import nominal_photometric
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
+from sim.sensor.tables import Lamp
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt
 
@@ -31,7 +32,7 @@ def _dent(depth_m: float = 8e-4) -> np.ndarray:
 
 def test_deeper_is_darker() -> None:
     """The grey image has one level a depth, all channels alike, and is untouched at rest."""
-    model = nominal_grey((0.0, 5e-4, 1e-3), (0.0, -40.0, -60.0))
+    model = GreyDepthModel((0.0, 5e-4, 1e-3), (0.0, -40.0, -60.0))
     background = np.full((96, 128, 3), 150, np.uint8)
     renderer = TactileRenderer(background, FLAT, model, camera())
     np.testing.assert_array_equal(renderer.render(FLAT), background)

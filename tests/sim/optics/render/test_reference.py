@@ -8,12 +8,13 @@ import pytest
 
 from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel, normalised_positions
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
+from sim.sensor.tables import Lamp
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
 from tests.sim.optics.plain_shadows import plain_darkening
 from tests.sim.optics.surface_tilt import surface_tilt

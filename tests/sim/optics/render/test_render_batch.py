@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
-from sim.optics.colour.lamps import Lamp, ShadowCaster
+from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render import renderer
 from sim.optics.render.renderer import TactileRenderer
+from sim.sensor.tables import Lamp
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
 _LAMPS = [
