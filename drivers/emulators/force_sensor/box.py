@@ -90,24 +90,29 @@ class EmulatedBox:
     """The box's loop: commands in, frames out at the moments they are due."""
 
     def __init__(
-        self,
-        port: PseudoPort,
-        service: Service,
-        *,
-        commands: BoxCommands,
-        stream: FrameStream,
-        source: WrenchSource,
-        trace: TextIO,
+        self, settings: BoxSettings, service: Service, port: PseudoPort, trace: TextIO
     ) -> None:
-        self._port = port
         self._service = service
-        self._commands = commands
-        self._stream = stream
-        self._source = source
+        self._port = port
         self._trace = trace
+        self._source: WrenchSource = ConstantSource(
+            settings.load, noise_n=settings.noise_n, seed=settings.seed
+        )
+        latency_s = 0.0
+        if settings.world is not None:
+            plant = settings.plant()
+            channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
+            self._source = PlantSource(plant, channel, SharedWorld.create(settings.world))
+            latency_s = plant.truth.force_latency_s
+        self._commands = BoxCommands(
+            rate_hz=settings.rate, rate_command=settings.rate_command, style=settings.replies
+        )
+        self._stream = FrameStream(
+            seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=latency_s
+        )
         self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
-        self._rate_hz = commands.rate_hz
+        self._rate_hz = settings.rate
 
     def run(self) -> None:
         """Serve until stopped, unplugged, or left behind by the parent process."""
@@ -207,30 +212,10 @@ class BoxSettings(GelSettings):
 
 
 def _serve(settings: BoxSettings, service: Service) -> None:
-    source: WrenchSource = ConstantSource(
-        settings.load, noise_n=settings.noise_n, seed=settings.seed
-    )
-    latency_s = 0.0
-    if settings.world is not None:
-        plant = settings.plant()
-        channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
-        source = PlantSource(plant, channel, SharedWorld.create(settings.world))
-        latency_s = plant.truth.force_latency_s
     link = settings.folder / LINK_NAME
-    port = PseudoPort(link)
     with open_trace(settings.folder / TRACE_FILE) as trace:
-        box = EmulatedBox(
-            port,
-            service,
-            commands=BoxCommands(
-                rate_hz=settings.rate, rate_command=settings.rate_command, style=settings.replies
-            ),
-            stream=FrameStream(
-                seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=latency_s
-            ),
-            source=source,
-            trace=trace,
-        )
+        port = PseudoPort(link)
+        box = EmulatedBox(settings, service, port, trace)
         service.announce(port=port.path, link=str(link))
         keep_time(mostly_sleeps=True)
         box.run()
