@@ -125,12 +125,7 @@ class Ur5:
         robot = self._robot
         report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
         require_ready(report, model=robot.model)
-        self._link = UrLink(
-            robot.host,
-            stale_limit_s=self._stale_limit_s,
-            watchdog_hz=robot.watchdog,
-            timeout_s=robot.connect_timeout,
-        )
+        self._link = UrLink(robot, stale_limit_s=self._stale_limit_s)
         self._motion, self._watchdog_armed = _Motion.NONE, False
         try:
             self._set_tool(self._link)

@@ -21,6 +21,7 @@ from rtde_receive import RTDEReceiveInterface
 from drivers.arm.ur5_guardian import Guardian
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_safety import RuntimeState
+from tacauchy_rig.config.model import RobotSection
 from tacauchy_rig.errors import DeviceError, RigError
 from tacauchy_rig.run import ArmSample, Pose, Vector6
 
@@ -56,10 +57,7 @@ class Commander:
     The interface is not thread-safe and polls up to 300 s for a controller that fell silent. Its
     ordinary calls release the interpreter lock, so the caller can stop waiting. A call that misses
     its deadline cannot be taken back: the commander then refuses all others, and the process that
-    owns it should end.
-
-    Args:
-        device: Name for messages.
+    owns it should end. ``device`` is its name in messages.
     """
 
     def __init__(self, device: str) -> None:
@@ -125,25 +123,23 @@ class UrLink:
     """Both interfaces of one controller; control calls go through one thread.
 
     Args:
-        host: Name or address of the controller.
+        robot: Address; ``connect_timeout`` is how long ur_rtde's constructors may take before this
+            process is ended.
         stale_limit_s: Age at which data count as lost [s].
-        watchdog_hz: Feeding that the controller will ask for, for messages [Hz].
-        timeout_s: How long ur_rtde's constructors may take before this process is ended [s].
 
     Raises:
         DeviceError: ur_rtde refused to connect, or no data came.
     """
 
-    def __init__(
-        self, host: str, *, stale_limit_s: float, watchdog_hz: float, timeout_s: float
-    ) -> None:
+    def __init__(self, robot: RobotSection, *, stale_limit_s: float) -> None:
+        host = robot.host
         self.device = f"robot {host}"
         self._commander = Commander(self.device)
         self._receive: Any = None
         self._control: Any = None
         self._sockets = RtdeSockets()
         try:
-            with Guardian(f"{self.device}: connecting", timeout_s=timeout_s):
+            with Guardian(f"{self.device}: connecting", timeout_s=robot.connect_timeout):
                 self._receive = RTDEReceiveInterface(host, RECORD_RATE_HZ, _FIELDS)
                 # External force input is never used here, and CB3 controllers lack it.
                 flags = (
@@ -158,7 +154,9 @@ class UrLink:
             ) from error
         self._sockets.remember(host)
         self._await_first_state()
-        self.health = ArmHealth(self.device, stale_limit_s=stale_limit_s, watchdog_hz=watchdog_hz)
+        self.health = ArmHealth(
+            self.device, stale_limit_s=stale_limit_s, watchdog_hz=robot.watchdog
+        )
 
     def state(self) -> tuple[ArmSample, bool]:
         """Return (newest state, whether it is newer than the last one).
@@ -279,11 +277,7 @@ class UrLink:
 
 
 class LineMove:
-    """One asynchronous moveL, followed through the controller's numbers for such operations.
-
-    Args:
-        link: The arm's connection.
-    """
+    """One asynchronous moveL, followed through the controller's numbers for such operations."""
 
     def __init__(self, link: UrLink) -> None:
         self._link = link

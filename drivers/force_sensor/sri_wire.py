@@ -45,15 +45,10 @@ _COMMAND = re.compile(r"AT\+([A-Z0-9]+)(?:=(.*))?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Command:
-    """A command as the box reads it; ``value`` is None where no ``=`` follows the name."""
+    """A command as the box reads it; ``value`` is None where no ``=`` follows, and ``?`` asks."""
 
     name: str
     value: str | None = None
-
-    @property
-    def is_query(self) -> bool:
-        """True for ``AT+NAME=?``."""
-        return self.value == "?"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -186,8 +186,7 @@ class Cycle:
             health = sensor.health()
             if samples:
                 self._streams.note_force(samples[-1])
-                self.rates.force_lag(self._streams.force_lag_s)
-                self.rates.force(samples)
+                self.rates.force(samples, lag_s=self._streams.force_lag_s)
                 self.sink.put(Force(tuple(samples)))
         for sample in samples:
             force_n = self.force_guard.check(sample)
@@ -213,12 +212,9 @@ class Cycle:
             raise _recorder_breach(problem)
 
     def _watch_camera(self) -> None:
-        camera = self.rig.camera
         with _as_breach("camera", Reaction.RETRACT):
-            self.rates.frames(camera.poll())
-            health = camera.health()
-        self.rates.frame_losses(health.lost_count)
-        self.rates.exposure(health.clipped_ratio)
+            marks, health = self.rig.camera.poll(), self.rig.camera.health()
+        self.rates.frames(marks, health)
         self._streams.check_image(health)
 
 

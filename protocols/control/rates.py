@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
 from tacauchy_rig.run import ForceSample
 
@@ -26,30 +27,20 @@ class RateMeter:
         self._record_lag_s = 0.0
         self._force_lag_s = 0.0
 
-    def force(self, samples: Sequence[ForceSample]) -> None:
-        """Count force samples."""
+    def force(self, samples: Sequence[ForceSample], *, lag_s: float) -> None:
+        """Count force samples that arrived ``lag_s`` [s] late, against the undelayed stream."""
         self._force += samples
+        self._force_lag_s = max(self._force_lag_s, lag_s)
 
-    def frames(self, marks: Sequence[FrameMark]) -> None:
-        """Count camera frames."""
+    def frames(self, marks: Sequence[FrameMark], health: StreamHealth) -> None:
+        """Count camera frames, and those that the driver dropped; note what was at full scale."""
         self._frames += marks
-
-    def frame_losses(self, lost_count: int) -> None:
-        """Note how many frames the camera's driver has dropped since it was started."""
-        if not self._frames_lost or self._frames_lost[-1] != lost_count:
-            self._frames_lost.append(lost_count)
-
-    def exposure(self, clipped_ratio: float) -> None:
-        """Note how much of an image was at full scale."""
-        self._clipped_ratio = max(self._clipped_ratio, clipped_ratio)
+        self._frames_lost = [*self._frames_lost[:1], health.lost_count]  # the first and the last
+        self._clipped_ratio = max(self._clipped_ratio, health.clipped_ratio)
 
     def arm(self, count: int) -> None:
         """Count arm states."""
         self._arm_count += count
-
-    def force_lag(self, lag_s: float) -> None:
-        """Note how late a force sample arrived, against the undelayed stream [s]."""
-        self._force_lag_s = max(self._force_lag_s, lag_s)
 
     def record_lag(self, lag_s: float) -> None:
         """Note how far the disk is behind [s]."""

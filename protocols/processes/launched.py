@@ -24,10 +24,6 @@ class Launched:
 
     Its descriptors are closed here once it has them, so that its end shows as an end of file.
 
-    Args:
-        name: Module of the child.
-        job: What it is to do.
-
     Attributes:
         heard_s: When it said something last, by ``time.monotonic``.
         killed: Whether this supervisor had to kill it.

@@ -115,12 +115,8 @@ class Recorder:
         now_s = time.monotonic()
         cameras = [p for p in self._producers if p.newest_frame_ns and not p.ended]
         late = any(p.newest_frame_ns < entry.stamp_ns for p in cameras)
-        if not late:
-            self._held_until_s = 0.0
-            return False
-        if self._held_until_s == 0.0:
-            self._held_until_s = now_s + LATE_FRAMES_S
-        if now_s < self._held_until_s:
+        self._held_until_s = self._held_until_s or now_s + LATE_FRAMES_S
+        if late and now_s < self._held_until_s:
             return True
         self._held_until_s = 0.0
         return False

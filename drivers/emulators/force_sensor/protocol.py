@@ -87,7 +87,7 @@ class BoxCommands:
 
     def _execute(self, command: Command) -> Reply | None:
         name, value = command.name, command.value or ""
-        if command.is_query:
+        if value == "?":
             return self._query(name)
         if name == "GOD":
             self.single_count += 1
