@@ -57,10 +57,7 @@ class MotionCaps:
         """
         if not all(map(math.isfinite, target)):
             raise SafetyError(f"{device}: target {target} is not a pose")
-        _require_within(device, "speed", speed * 1e3, self.speed * 1e3, "mm/s")
-        _require_within(
-            device, "acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"
-        )
+        self._require(device, speed, 0.0, acceleration)
 
     def require_velocity(self, device: str, velocity: Vector6, acceleration: float) -> None:
         """Refuse a velocity that is too fast.
@@ -68,21 +65,21 @@ class MotionCaps:
         Raises:
             SafetyError: Beyond a cap, or not a number.
         """
-        turn_speed = math.hypot(*velocity[3:])
-        _require_within(device, "speed", math.hypot(*velocity[:3]) * 1e3, self.speed * 1e3, "mm/s")
-        _require_within(device, "turning speed", turn_speed, self.turn_speed, "rad/s")
-        _require_within(
-            device, "acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"
-        )
+        speed, turn_speed = math.hypot(*velocity[:3]), math.hypot(*velocity[3:])
+        self._require(device, speed, turn_speed, acceleration)
 
-
-def _require_within(device: str, name: str, asked: float, limit: float, unit: str) -> None:
-    # Written so that a NaN is refused too.
-    if not 0.0 <= asked <= limit * _CAP_ROUNDING:
-        raise SafetyError(
-            f"{device}: {name} {asked:g} {unit} is beyond the limit of {limit:g} {unit}",
-            remedy="lower it, or raise the robot's limit in the configuration",
-        )
+    def _require(self, device: str, speed: float, turn_speed: float, acceleration: float) -> None:
+        for name, asked, limit, unit in (
+            ("speed", speed * 1e3, self.speed * 1e3, "mm/s"),
+            ("turning speed", turn_speed, self.turn_speed, "rad/s"),
+            ("acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"),
+        ):
+            # Written so that a NaN is refused too.
+            if not 0.0 <= asked <= limit * _CAP_ROUNDING:
+                raise SafetyError(
+                    f"{device}: {name} {asked:g} {unit} is beyond the limit of {limit:g} {unit}",
+                    remedy="lower it, or raise the robot's limit in the configuration",
+                )
 
 
 class Ur5:

@@ -1,4 +1,4 @@
-"""A stretch of force, its mean, deviation and slope; and frames of the gel while nothing moves."""
+"""A stretch of force, its mean, deviation and slope."""
 
 from __future__ import annotations
 
@@ -54,14 +54,3 @@ def listen(cycle: Cycle, duration_s: float) -> list[Press]:
     while clock.now_ns() < end_ns:
         presses += cycle.turn().presses
     return presses
-
-
-def take_reference(cycle: Cycle) -> tuple[int, int]:
-    """Stand still for ``protocol.reference_duration``; return first and last moment [ns].
-
-    Raises:
-        BreachError: A limit was passed.
-    """
-    start_ns = cycle.rig.clock.now_ns()
-    listen(cycle, cycle.config.protocol.reference_duration)
-    return start_ns, cycle.rig.clock.now_ns()

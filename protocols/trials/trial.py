@@ -9,7 +9,7 @@ from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.control.rates import RateMeter
 from protocols.control.record import Begin, End
-from protocols.control.window import take_reference
+from protocols.control.window import listen
 from protocols.guard.breach import BreachError, reaction_to
 from protocols.guard.force import Contact
 from protocols.steps.make_safe import make_safe
@@ -97,7 +97,9 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
         return
     cycle.force_guard.set_zero(tare)
     journal.enter(Phase.REFERENCE)
-    start_ns, end_ns = take_reference(cycle)
+    start_ns = cycle.rig.clock.now_ns()
+    listen(cycle, config.protocol.reference_duration)
+    end_ns = cycle.rig.clock.now_ns()
     findings.record = replace(findings.record, reference_start_ns=start_ns, reference_end_ns=end_ns)
     findings.reference_frame_count = cycle.rates.frame_count(start_ns, end_ns)
     journal.enter(Phase.APPROACH)
