@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from sim.studies.processes import side_by_side
+from sim.studies.processes import OwnProcess, ProcessFailedError, side_by_side
 from tacauchy_rig.errors import ConfigError
 
 
@@ -44,6 +44,18 @@ def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
     with pytest.raises(ConfigError, match="a is refused") as caught:
         list(side_by_side(_refuse, ["a", "b"], jobs=jobs))
     assert caught.value.remedy == "do not ask"
+
+
+def test_one_process_takes_every_call_until_it_ends() -> None:
+    """What was loaded stays loaded; after a crash another process goes on."""
+    with OwnProcess() as process:
+        first, again = (process.call(os.getpid, limit_s=60.0) for _ in range(2))
+        with pytest.raises(ProcessFailedError, match="ended with status -6 and no result"):
+            process.call(os.abort, limit_s=60.0)
+        other = process.call(os.getpid, limit_s=60.0)
+    assert first == again != os.getpid()
+    assert other not in {first, os.getpid()}
+    assert not psutil.pid_exists(other)
 
 
 _LONG = """
