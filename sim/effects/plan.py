@@ -52,16 +52,6 @@ class PlannedEffect:
     estimated_error: float | None
     asked: bool = False
 
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values for ``--json``."""
-        return {
-            "name": self.effect.value,
-            "on": self.on,
-            "reason": self.reason,
-            "estimated_error": self.estimated_error,
-            "asked": self.asked,
-        }
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectPlan:
@@ -85,7 +75,16 @@ class EffectPlan:
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the rows for ``--json``."""
-        return [row.as_json() for row in self.effects]
+        return [
+            {
+                "name": row.effect.value,
+                "on": row.on,
+                "reason": row.reason,
+                "estimated_error": row.estimated_error,
+                "asked": row.asked,
+            }
+            for row in self.effects
+        ]
 
 
 def plan_effects(scene: Scene) -> EffectPlan:

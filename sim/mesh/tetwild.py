@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import tempfile
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.spatial
@@ -24,21 +25,6 @@ _SNAP_ENVELOPES = 2.0
 _INNER_SHARE = 0.4
 # Of the largest: twice the area of a triangle that is a line.
 _FLAT = 1e-9
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Background:
-    """A sizing field at the points of a tetrahedral grid, on which fTetWild interpolates linearly.
-
-    Attributes:
-        points: Shape [point_count, 3] [m].
-        tets: Shape [tet_count, 4].
-        edge_m: Target edge length at the points [m], shape [point_count].
-    """
-
-    points: FloatArray
-    tets: IntArray
-    edge_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +70,11 @@ def wild_mesh(
         np.linspace(-_GRID_REACH, _GRID_REACH, count) * h
         for h, count in zip(half, _GRID_COUNTS, strict=True)
     ]
-    points, tets = _tetrahedral_grid([axes[0], axes[1], axes[2] + half[2]])
+    pyvista = importlib.import_module("pyvista")
+    grid = pyvista.RectilinearGrid(axes[0], axes[1], axes[2] + half[2])
+    field = grid.to_tetrahedra(6, pass_data=False)
+    field.points = grid.points  # in double precision, which the cut drops
+    field["edge_m"] = edge_length_at(np.asarray(field.points), pad, sizing)
     return filled_pad(
         pad,
         WildSettings(
@@ -95,7 +85,7 @@ def wild_mesh(
         ),
         name=name,
         interface_shares=interface_shares,
-        field=Background(points=points, tets=tets, edge_m=edge_length_at(points, pad, sizing)),
+        field=field,
     )
 
 
@@ -122,7 +112,7 @@ def filled_pad(
     *,
     name: str,
     interface_shares: tuple[float, ...] = (),
-    field: Background | None = None,
+    field: Any = None,
 ) -> TetMesh:
     """Fill a pad with tetrahedra; another run gives another mesh.
 
@@ -131,7 +121,8 @@ def filled_pad(
 
     Args:
         interface_shares: Rising shares of the local height at which layers meet.
-        field: Sizing field; None makes all edges about as long as the largest.
+        field: Sizing field: tetrahedra of pyvista with ``edge_m`` at their points, between which
+            fTetWild interpolates; None makes all edges about as long as the largest.
 
     Raises:
         ConfigError: As ``wild_mesh``.
@@ -149,9 +140,16 @@ def filled_pad(
 
 
 def _run(
-    surface: tuple[FloatArray, IntArray], settings: WildSettings, field: Background | None
+    surface: tuple[FloatArray, IntArray], settings: WildSettings, field: Any
 ) -> tuple[FloatArray, IntArray]:
     pytetwild = importlib.import_module("pytetwild")
+    background = {}
+    if field is not None:
+        background = {
+            "bg_vertices": np.asarray(field.points),
+            "bg_tets": field.cells.reshape(-1, 5)[:, [1, 2, 4, 3]].astype(np.int32),
+            "bg_values": np.asarray(field["edge_m"]),
+        }
     # The mesher drops a file of its own where it runs.
     with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
         found, tets = pytetwild.tetrahedralize(
@@ -161,9 +159,7 @@ def _run(
             stop_energy=settings.stop_energy,
             optimize=True,
             num_threads=1,
-            bg_vertices=None if field is None else field.points,
-            bg_tets=None if field is None else field.tets,
-            bg_values=None if field is None else field.edge_m,
+            **background,
         )
     return np.array(found, dtype=np.float64), np.asarray(tets)
 
@@ -283,15 +279,3 @@ def _upward(plan: FloatArray, triangles: IntArray) -> IntArray:
     kept = np.abs(doubled) > _FLAT * np.abs(doubled).max()
     turned = np.where((doubled < 0.0)[:, None], triangles[:, ::-1], triangles)
     return np.asarray(turned[kept])
-
-
-def _tetrahedral_grid(axes: list[FloatArray]) -> tuple[FloatArray, IntArray]:
-    """Return the points of a rectangular grid, and its cells cut into six tetrahedra each.
-
-    Args:
-        axes: Rising coordinates along x, y and z.
-    """
-    pyvista = importlib.import_module("pyvista")
-    grid = pyvista.RectilinearGrid(*axes).to_tetrahedra(6, pass_data=False)
-    tets = grid.cells_dict[pyvista.CellType.TETRA]
-    return np.array(grid.points, dtype=np.float64), np.asarray(tets, dtype=np.int32)
