@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
@@ -21,16 +20,16 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.replay_files import encode_png
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ReportPaths:
     """Where the parts of a report lie."""
 
-    html: Path
-    summary: Path
-    junit: Path
-    metrics: Path
-    figures: Path
-    images: Path
+    def __init__(self, folder: Path) -> None:
+        self.html = folder / "report.html"
+        self.summary = folder / "summary.json"
+        self.junit = folder / "junit.xml"
+        self.metrics = folder / "metrics.csv"
+        self.figures = folder / "figures"
+        self.images = folder / "images"
 
 
 def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
@@ -39,14 +38,7 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
     Raises:
         RecordError: The folder cannot be written.
     """
-    paths = ReportPaths(
-        html=folder / "report.html",
-        summary=folder / "summary.json",
-        junit=folder / "junit.xml",
-        metrics=folder / "metrics.csv",
-        figures=folder / "figures",
-        images=folder / "images",
-    )
+    paths = ReportPaths(folder)
     try:
         _write(report, paths)
     except OSError as error:

@@ -26,6 +26,8 @@ from reports.scores.metrics import ImageScores, score
 PYRAMID_PX = (6.0, 3.0, 1.5)
 STEP_TOLERANCE_PX = 1e-3
 MAX_STEPS = 30
+MAX_STEP_PX = 4.0
+FAINTEST_AMPLITUDE = 1e-6  # of the real change: what is fainter has no place
 LIGHT_MARGIN_RADII = 0.75
 LIGHT_SMOOTHING_PX = 2.0
 MIN_LIGHT_FRACTION = 0.05
@@ -153,13 +155,10 @@ def _register_step(target: FloatArray, moved: FloatArray, region: Mask) -> tuple
     columns = [moved, -np.gradient(moved, axis=1), -np.gradient(moved, axis=0)]
     matrix = np.stack([column[region].ravel() for column in columns], axis=1)
     amplitude, along_x, along_y = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    if abs(amplitude) < 1e-6:
+    if abs(amplitude) < FAINTEST_AMPLITUDE:
         return math.inf, math.inf
-    limit = 4.0
-    return (
-        float(np.clip(along_x / amplitude, -limit, limit)),
-        float(np.clip(along_y / amplitude, -limit, limit)),
-    )
+    x, y = np.clip(np.array([along_x, along_y]) / amplitude, -MAX_STEP_PX, MAX_STEP_PX).tolist()
+    return x, y
 
 
 def shift_change(change: FloatArray, x_px: float, y_px: float) -> FloatArray:
@@ -185,12 +184,8 @@ def fit_light(real: ColorImage, simulated: ColorImage, footprint: Mask) -> Light
         return None
     # Noise in the fitted variable would pull the gain towards zero.
     x, y = (cv2.GaussianBlur(a.astype(np.float64), (0, 0), LIGHT_SMOOTHING_PX) for a in pair)
-    fits = [_fit_line(x[outside, channel], y[outside, channel]) for channel in range(3)]
-    return LightResidual(
-        gain=(fits[0][0], fits[1][0], fits[2][0]),
-        offset=(fits[0][1], fits[1][1], fits[2][1]),
-        pixel_fraction=fraction,
-    )
+    gains, offsets = zip(*(_fit_line(x[outside, k], y[outside, k]) for k in range(3)), strict=True)
+    return LightResidual(gain=gains, offset=offsets, pixel_fraction=fraction)
 
 
 def _fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:

@@ -93,7 +93,7 @@ def reference_element(order: ElementOrder, *, face_splits: int = 0) -> Reference
         points, weights = _four_point_rule()
         gradients = np.stack([_quadratic_gradients(point) for point in points])
         face_values = np.stack([quadratic_triangle_values(point) for point in face_points])
-        face_gradients = np.stack([_quadratic_triangle_gradients(point) for point in face_points])
+        face_gradients = np.stack([quadratic_triangle_gradients(point) for point in face_points])
     return ReferenceElement(
         order=order,
         gradients=gradients,
@@ -125,6 +125,16 @@ def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
     corners = barycentric * (2.0 * barycentric - 1.0)
     middles = [4.0 * barycentric[a] * barycentric[b] for a, b in FACE_EDGES]
     return np.concatenate([corners, middles])
+
+
+def quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:
+    """Return the gradients of these functions along the last two coordinates, shape [6, 2]."""
+    linear = _TRIANGLE_GRADIENTS
+    corners = (4.0 * barycentric - 1.0)[:, None] * linear
+    middles = [
+        4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in FACE_EDGES
+    ]
+    return np.concatenate([corners, np.array(middles)])
 
 
 def quadratic_nodes(
@@ -181,15 +191,6 @@ def _quadratic_gradients(barycentric: FloatArray) -> FloatArray:
     corners = (4.0 * at - 1.0) * linear
     middles = [4.0 * (at[..., a, :] * linear[b] + at[..., b, :] * linear[a]) for a, b in EDGES]
     return np.concatenate([corners, np.stack(middles, axis=-2)], axis=-2)
-
-
-def _quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:
-    linear = _TRIANGLE_GRADIENTS
-    corners = (4.0 * barycentric - 1.0)[:, None] * linear
-    middles = [
-        4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in FACE_EDGES
-    ]
-    return np.concatenate([corners, np.array(middles)])
 
 
 def _four_point_rule() -> tuple[FloatArray, FloatArray]:

@@ -55,15 +55,6 @@ def acknowledged_messages(events: Iterable[JournalEvent]) -> dict[str, int]:
     return counts
 
 
-def attempts_of(paths: RunPaths) -> list[tuple[int, int]]:
-    """Return (trial, attempt) of every attempt that has a folder."""
-    return [
-        (trial, attempt)
-        for trial in paths.trial_indices()
-        for attempt in paths.attempt_indices(trial)
-    ]
-
-
 def kept_messages(
     paths: RunPaths, attempts: Sequence[tuple[int, int]], acknowledged: dict[str, int]
 ) -> KeptMessages:

@@ -18,7 +18,6 @@ from tacauchy_rig.fault_table.observation import (
     Observation,
     Resumed,
     acknowledged_messages,
-    attempts_of,
     kept_messages,
 )
 from tacauchy_rig.fault_table.watched_run import CommandProcess, WatchedRun
@@ -86,7 +85,7 @@ class _Case:
         hung += self._run.wait_until_gone()
         ended_after_s = (time.monotonic_ns() - fault_ns) * 1e-9
         arm, force_n, rise_n = self._look_at_arm(fault_ns)
-        paths, attempts = self._run.paths, attempts_of(self._run.paths)
+        paths, attempts = self._run.paths, self._run.paths.attempts()
         acknowledged = acknowledged_messages(self._run.journal())
         kept = kept_messages(paths, attempts, acknowledged)
         told, measured = self._told(exit_code), self._measured()

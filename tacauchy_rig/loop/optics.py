@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +88,7 @@ def calibrate_folder(
     shadows = found.shadows
     source = {
         BLUR_PX: found.blur_px,
-        SHADOWS: None if shadows is None else shadows.as_json(),
+        SHADOWS: None if shadows is None else asdict(shadows),
         "source": f"{len(presses)} ball presses in {folder.name}",
         "ball_diameter_m": ball_diameter_m,
         "scale_residual_px": residual_px,

@@ -62,10 +62,11 @@ class RunPaths:
         """Return where ``source`` (a process) writes what its recorder never acknowledged."""
         return self.attempt(trial, attempt) / SPILL_PATTERN.replace("*", source)
 
-    def trial_indices(self) -> list[int]:
-        """Return the trials that have a folder, ascending."""
+    def attempts(self) -> list[tuple[int, int]]:
+        """Return (trial, attempt) of every attempt that has a folder, ascending."""
         names = (path.name for path in self.trials.glob("*") if path.is_dir())
-        return sorted(int(name) for name in names if name.isdigit())
+        trials = sorted(int(name) for name in names if name.isdigit())
+        return [(trial, attempt) for trial in trials for attempt in self.attempt_indices(trial)]
 
     def attempt_indices(self, trial: int) -> list[int]:
         """Return the attempts at a trial that have a folder, ascending."""

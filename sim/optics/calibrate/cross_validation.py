@@ -48,9 +48,9 @@ class CheckScores:
     def as_json(self) -> dict[str, Any]:
         """Return the nudged scores at the top, the others below them, as plain JSON values."""
         return {
-            **self.nudged.as_json(),
-            "as_labelled": self.light_matched.as_json(),
-            "as_labelled_frames_as_they_came": self.raw.as_json(),
+            **asdict(self.nudged),
+            "as_labelled": asdict(self.light_matched),
+            "as_labelled_frames_as_they_came": asdict(self.raw),
             "light_rms_levels": self.light_rms,
             "nudge_rms_px": self.nudge_rms_px,
         }
@@ -192,10 +192,6 @@ class PressScores:
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
-
-    def as_json(self) -> dict[str, float | int]:
-        """Return the scores as plain JSON values."""
-        return asdict(self)
 
 
 def score_presses(

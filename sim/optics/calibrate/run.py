@@ -137,7 +137,7 @@ def _provenance(
         "held_out_mae_levels": scores.nudged.mae,
         "held_out_ssim_crop": scores.nudged.ssim_crop,
         BLUR_PX: found.blur_px,
-        SHADOWS: None if found.shadows is None else found.shadows.as_json(),
+        SHADOWS: None if found.shadows is None else asdict(found.shadows),
     }
 
 

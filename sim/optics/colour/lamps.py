@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from sim.sensor.tables import Lamp
@@ -22,10 +22,6 @@ class ShadowCaster:
 
     lamps: Sequence[Lamp]
     softness_m: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values, units in the keys, for a calibration's provenance."""
-        return {"lamps": [asdict(lamp) for lamp in self.lamps], "softness_m": self.softness_m}
 
 
 def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -120,7 +120,7 @@ class PhotometricModel:
             coefficients=self.coefficients,
             tilt_limit=np.array(self.tilt_limit),
             indentation_limit_m=np.array(self.indentation_limit_m),
-            terms=np.array(json.dumps(None if self.terms is None else self.terms.as_json())),
+            terms=np.array(json.dumps(None if self.terms is None else asdict(self.terms))),
             term_coefficients=self.term_coefficients,
             knee=np.array(self.response.knee),
             reference=np.array(math.nan if self.reference is None else self.reference),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -110,13 +110,9 @@ class ShadingTerms:
             np.multiply(value, position, out=row[1:])
         return terms.reshape(self.count, -1)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values, units in the keys."""
-        return asdict(self)
-
 
 def read_terms(plain: Mapping[str, Any]) -> ShadingTerms:
-    """Read what ``as_json`` and JSON made of terms.
+    """Read what ``asdict`` and JSON made of terms.
 
     Raises:
         KeyError, TypeError, ValueError: They are none.

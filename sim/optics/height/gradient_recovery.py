@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from sim.arrays import FloatArray, IntArray
+from sim.mesh.elements import quadratic_triangle_gradients
 
+# The nodes of a quadratic face, barycentric.
+FACE_NODES = np.concatenate([np.eye(3), 0.5 * (np.eye(3) + np.roll(np.eye(3), 1, axis=1))])
 _QUADRATIC_TERMS = 5
 _FLAT_M2 = 1e-18
 
@@ -106,12 +109,7 @@ def average_face_gradients(
 
 def shape_derivatives() -> FloatArray:
     """Return d(shape functions)/d(s, t) at the six nodes, shape [6 nodes, 2, 6 functions]."""
-    places = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
-    s, t = places.T
-    rest, zero = 1.0 - s - t, np.zeros(6)
-    by_s = [1 - 4 * rest, 4 * s - 1, zero, 4 * (rest - s), 4 * t, -4 * t]
-    by_t = [1 - 4 * rest, zero, 4 * t - 1, -4 * s, 4 * s, 4 * (rest - t)]
-    return np.stack([np.stack(by_s, axis=1), np.stack(by_t, axis=1)], axis=1)
+    return np.stack([quadratic_triangle_gradients(place).T for place in FACE_NODES])
 
 
 def nodes_of(triangles: IntArray, node_count: int) -> NDArray[np.bool_]:

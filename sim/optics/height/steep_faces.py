@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets, quadratic_triangle_values
-from sim.optics.height.gradient_recovery import shape_derivatives
+from sim.optics.height.gradient_recovery import FACE_NODES, shape_derivatives
 
 _STEEP_SLOPE = 0.5
 _TIMES = 2
 # Corners of the four parts of a face among its nodes.
 _PARTS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
-# The nodes of a face, barycentric.
-_PLACES = np.concatenate([np.eye(3), 0.5 * (np.eye(3) + np.roll(np.eye(3), 1, axis=1))])
 
 
 def with_steep_faces_split(surface: SurfaceState) -> SurfaceState:
@@ -66,7 +64,7 @@ def _in_four(nodes: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """
     corners = faces[:, _PARTS]
     ends = np.stack([corners, np.roll(corners, -1, axis=2)], axis=-1).reshape(-1, 2)
-    middles = 0.5 * (_PLACES[_PARTS] + np.roll(_PLACES[_PARTS], -1, axis=1))
+    middles = 0.5 * (FACE_NODES[_PARTS] + np.roll(FACE_NODES[_PARTS], -1, axis=1))
     shapes = np.apply_along_axis(quadratic_triangle_values, -1, middles)
     values = np.einsum("pmk,fkd->fpmd", shapes, nodes[faces]).reshape(-1, nodes.shape[1])
     edges, first, edge_of, uses = np.unique(

@@ -21,7 +21,7 @@ _NOTHING_M = wp.constant(wp.float32(-1.0))
 
 @wp.struct
 class Rays:
-    """How a lamp's rays go over images, see ``shadows.Sweep``."""
+    """How a lamp's rays go over images, see ``shadows.rays_towards``."""
 
     along_columns: wp.int32
     forward: wp.int32

@@ -11,7 +11,6 @@ behind it dark.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,37 +24,7 @@ from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, tur
 from sim.sensor.tables import Lamp
 
 _CPU = "cpu"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sweep:
-    """How rays towards a lamp go over an image.
-
-    Attributes:
-        along_columns: A step goes one column on; else one row.
-        forward: It goes towards higher columns or rows.
-        shift: By how much a ray moves across in a step [px], at most 1 either way.
-        step_count: Steps over the whole image.
-        across: Pixels across.
-        rise_m: By how much a ray rises in a step [m].
-    """
-
-    along_columns: bool
-    forward: bool
-    shift: float
-    step_count: int
-    across: int
-    rise_m: float
-
-    @property
-    def margin(self) -> int:
-        """By how much rays move across in all [px]."""
-        return math.ceil((self.step_count - 1) * abs(self.shift))
-
-    @property
-    def ray_count(self) -> int:
-        """Rays that are followed."""
-        return self.across + self.margin + 1
+_RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are read from
 
 
 class HiddenLamp:
@@ -85,67 +54,64 @@ class HiddenLamp:
         lanes: int,
         highest: BlockMemory | None = None,
     ) -> None:
-        self._sweep = sweep = sweep_towards(lamp, geometry)
-        self._geometry, self._lanes, self._device = geometry, lanes, str(dent.device)
-        self.rays = self._rays(softness_m)
-        count, blocks = dent.shape[0], -(-sweep.across // lanes)
-        steps = count * sweep.step_count
-        self.hidden = BlockMemory(1, steps * self.rays.pitch, lanes, self._device, reach=lanes + 1)
-        needed = steps * self.rays.ray_pitch
+        self.rays = rays = rays_towards(lamp, geometry, softness_m, lanes, str(dent.device))
+        self._lanes = lanes
+        step_count = len(rays.whole)
+        blocks, ray_blocks = -(-rays.across // lanes), rays.ray_pitch - _RAY_ROOM
+        steps = dent.shape[0] * step_count
+        self.hidden = BlockMemory(1, steps * rays.pitch, lanes, str(dent.device), reach=lanes + 1)
+        needed = steps * rays.ray_pitch
         if highest is None or highest.blocks.size < needed:
-            highest = BlockMemory(1, needed, lanes, self._device, reach=lanes + 1)
+            highest = BlockMemory(1, needed, lanes, str(dent.device), reach=lanes + 1)
         self.highest = highest
         dents, passed = self.hidden.blocks[0], highest.shifted[1:, 0]
-        ray_blocks = -(-sweep.ray_count // lanes)
         self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
-            (turn_dents, sweep.step_count, (blocks,), [dent, dents]),
+            (turn_dents, step_count, (blocks,), [dent, dents]),
             (follow_rays, ray_blocks, (), [self.hidden.shifted[1:, 0], highest.blocks[0]]),
-            (hide_samples, sweep.step_count, (blocks,), [passed, dents]),
+            (hide_samples, step_count, (blocks,), [passed, dents]),
         ]
 
     def share(self) -> Float32Array:
         """Return how much of the lamp is hidden in the first image, shape [height, width]."""
-        room, sweep = self.rays.room * self._lanes, self._sweep
-        turned = self.hidden.single.numpy().reshape(-1, self.rays.pitch * self._lanes)
-        turned = turned[: sweep.step_count, room : room + sweep.across]
-        shown = turned if sweep.forward else turned[::-1]
-        return np.asarray(shown.T if sweep.along_columns else shown)
-
-    def _rays(self, softness_m: float) -> Any:
-        sweep, lanes, device = self._sweep, self._lanes, self._device
-        steps = np.arange(sweep.step_count)
-        first = sweep.margin + 1 if sweep.shift > 0.0 else 1  # ray through the first pixel
-        places = steps * sweep.shift - first
-        whole = np.floor(places)
-        rays: Any = Rays()
-        rays.along_columns, rays.forward = int(sweep.along_columns), int(sweep.forward)
-        rays.across = sweep.across
-        rays.room = -(-(sweep.margin + 2) // lanes)
-        rays.pitch = -(-sweep.across // lanes) + 2 * rays.room + 1
-        rays.ray_pitch = -(-sweep.ray_count // lanes) + 2
-        rays.whole = wp.array(whole.astype(np.int32), dtype=wp.int32, device=device)
-        rays.part = wp.array((places - whole).astype(np.float32), dtype=wp.float32, device=device)
-        sunk = (steps * sweep.rise_m).astype(np.float32)
-        rays.sunk = wp.array(sunk, dtype=wp.float32, device=device)
-        rays.per_softness = 1.0 / softness_m
-        return rays
+        rays, lanes = self.rays, self._lanes
+        room = rays.room * lanes
+        turned = self.hidden.single.numpy().reshape(-1, rays.pitch * lanes)
+        turned = turned[: len(rays.whole), room : room + rays.across]
+        shown = turned if rays.forward else turned[::-1]
+        return np.asarray(shown.T if rays.along_columns else shown)
 
 
-def sweep_towards(lamp: Lamp, geometry: CameraGeometry) -> Sweep:
-    """Return the sweep over an image towards a lamp."""
+def rays_towards(
+    lamp: Lamp, geometry: CameraGeometry, softness_m: float, lanes: int, device: str
+) -> Any:
+    """Return for kernels how rays towards a lamp go over an image.
+
+    A step goes one column or row on, towards higher ones if ``forward``; a ray moves across by at
+    most a pixel in a step, and rises.
+    """
     right, down = math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)
     along_columns = abs(right) >= abs(down)
     ahead, aside = (right, down) if along_columns else (down, right)
-    shift = aside / abs(ahead)
-    step_m = math.hypot(1.0, shift) * geometry.mean_scale_m
-    return Sweep(
-        along_columns=along_columns,
-        forward=ahead > 0.0,
-        shift=shift,
-        step_count=geometry.width if along_columns else geometry.height,
-        across=geometry.height if along_columns else geometry.width,
-        rise_m=math.tan(lamp.elevation_rad) * step_m,
-    )
+    shift = aside / abs(ahead)  # across in a step [px]
+    rise_m = math.tan(lamp.elevation_rad) * (math.hypot(1.0, shift) * geometry.mean_scale_m)
+    sides = (geometry.width, geometry.height)
+    step_count, across = sides if along_columns else sides[::-1]
+    margin = math.ceil((step_count - 1) * abs(shift))  # by which rays move across in all [px]
+    steps = np.arange(step_count)
+    first = margin + 1 if shift > 0.0 else 1  # ray through the first pixel
+    places = steps * shift - first
+    whole = np.floor(places)
+    rays: Any = Rays()
+    rays.along_columns, rays.forward = int(along_columns), int(ahead > 0.0)
+    rays.across = across
+    rays.room = -(-(margin + 2) // lanes)
+    rays.pitch = -(-across // lanes) + 2 * rays.room + 1
+    rays.ray_pitch = -(-(across + margin + 1) // lanes) + _RAY_ROOM
+    rays.whole = wp.array(whole.astype(np.int32), dtype=wp.int32, device=device)
+    rays.part = wp.array((places - whole).astype(np.float32), dtype=wp.float32, device=device)
+    rays.sunk = wp.array((steps * rise_m).astype(np.float32), dtype=wp.float32, device=device)
+    rays.per_softness = 1.0 / softness_m
+    return rays
 
 
 def darkening(

@@ -61,8 +61,7 @@ def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
     store = RunStore.open(root)
     attempts = [
         (trial, attempt)
-        for trial in store.paths.trial_indices()
-        for attempt in store.attempts(trial)
+        for trial, attempt in store.paths.attempts()
         if store.paths.recording(trial, attempt).exists()
     ]
     if not attempts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.fault_table.observation import acknowledged_messages, attempts_of, kept_messages
+from tacauchy_rig.fault_table.observation import acknowledged_messages, kept_messages
 from tacauchy_rig.run import ForceSample, ImageFrame, JournalEvent, Wrench
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.recording.writing import RecordingWriter
@@ -47,14 +47,14 @@ def paths(tmp_path):
 
 def test_a_message_in_recording_and_spill_counts_once(paths):
     """Sample 3 was written, but its acknowledgement never arrived, so it was spilled too."""
-    kept = kept_messages(paths, attempts_of(paths), {"control": 4, "camera": 2})
+    kept = kept_messages(paths, paths.attempts(), {"control": 4, "camera": 2})
     assert kept.readable == {"control": 5, "camera": 2}
     assert (kept.lost_count, kept.force_gap_count, kept.frame_gap_count) == (0, 0, 0)
 
 
 def test_an_acknowledged_message_that_cannot_be_read_is_lost(paths):
     """More messages of one producer do not make up for those of the other."""
-    kept = kept_messages(paths, attempts_of(paths), {"control": 1, "camera": 5})
+    kept = kept_messages(paths, paths.attempts(), {"control": 1, "camera": 5})
     assert kept.lost_count == 3
 
 

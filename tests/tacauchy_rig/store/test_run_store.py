@@ -244,7 +244,7 @@ def test_paths_know_their_run(store: RunStore, tmp_path: Path) -> None:
     assert run_root_of(tmp_path / "x" / "recording.mcap") == tmp_path / "x"
     paths.attempt(12, 3).mkdir(parents=True)
     (paths.trials / "notes").mkdir()
-    assert RunPaths(paths.root).trial_indices() == [12]
+    assert RunPaths(paths.root).attempts() == [(12, 3)]
     paths.spill(12, 3, "control").touch()
     assert [path.name for path in paths.spills(12, 3)] == ["unacknowledged-control.mcap"]
 

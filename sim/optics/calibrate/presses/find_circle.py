@@ -18,6 +18,8 @@ _SMOOTHING_PX = 2.0
 _RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball
 _STRIDE = 4
 _FAINTEST_LEVELS = 4.0
+_STRONG_QUANTILE = 0.97  # of the changes, where a search for the contact starts
+_LEAST_EXPLAINED = 0.3  # of the changes' variance
 
 
 def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_m: float) -> Circle:
@@ -40,7 +42,7 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     sparse = strength[::_STRIDE, ::_STRIDE]
     x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
     seen = sparse.ravel()
-    strong = seen >= np.quantile(seen, 0.97)
+    strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
     start = float(np.median(x[strong])), float(np.median(y[strong]))
     scale = scene.geometry.mean_scale_m
     level_gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
@@ -65,7 +67,7 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     explained = 1.0 - float(found.fun) / max(float(np.var(seen)), 1e-12)
     height, width = strength.shape
     inside = 0.0 <= px < width and 0.0 <= py < height and 1.0 < radius < ball_radius_m / scale
-    if not inside or seen.max() < _FAINTEST_LEVELS or explained < 0.3:
+    if not inside or seen.max() < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
         raise ConfigError(
             f"{name} shows no contact of a ball that can be found",
             remedy="remove the image, or give its circle in a table: --circles circles.csv",

@@ -10,6 +10,11 @@ from sim.arrays import FloatArray
 
 _SMOOTHING_PX = 1.0
 _SMALLEST_AREA_PX = 6.0
+_SMALLEST_AREA = 0.3  # of the median blob's
+_FULL_QUANTILE = 0.995  # of the contrast: that of a dot's middle
+_BLOB_SHARE = 0.4  # of that contrast, at which a dot ends
+_FLOOR_SHARE = 0.1  # of a dot's highest contrast that does not weigh
+_NEIGHBOUR = 1.3  # times the nearest distance, below the 1.41 of diagonals
 _LATTICE_TOLERANCE = 0.25
 
 
@@ -41,13 +46,15 @@ def _background(image: NDArray[np.uint8]) -> FloatArray:
 def _blobs(contrast: FloatArray) -> FloatArray:
     """Return the intensity-weighted centres of what stands out, shape [n, 2]."""
     smooth = np.asarray(cv2.GaussianBlur(contrast, (0, 0), _SMOOTHING_PX), dtype=np.float64)
-    level = np.quantile(smooth, 0.995)
+    level = np.quantile(smooth, _FULL_QUANTILE)
     if level <= 0.0:
         return np.empty((0, 2))
-    mask = (smooth > 0.4 * level).astype(np.uint8)
+    mask = (smooth > _BLOB_SHARE * level).astype(np.uint8)
     stats = cv2.connectedComponentsWithStats(mask)[2]
     areas = stats[1:, cv2.CC_STAT_AREA]
-    kept = 1 + np.flatnonzero(areas >= max(_SMALLEST_AREA_PX, 0.3 * float(np.median(areas))))
+    kept = 1 + np.flatnonzero(
+        areas >= max(_SMALLEST_AREA_PX, _SMALLEST_AREA * float(np.median(areas)))
+    )
     return np.array(
         [_centre(smooth, [int(value) for value in stats[k, :4]]) for k in kept]
     ).reshape(-1, 2)
@@ -60,7 +67,7 @@ def _centre(contrast: FloatArray, box: list[int]) -> FloatArray:
     rows = slice(max(0, top - margin), top + height + margin)
     columns = slice(max(0, left - margin), left + width + margin)
     part = contrast[rows, columns]
-    weight = np.maximum(part - 0.1 * part.max(), 0.0)
+    weight = np.maximum(part - _FLOOR_SHARE * part.max(), 0.0)
     j, i = np.mgrid[: part.shape[0], : part.shape[1]]
     total = weight.sum()
     return np.array(
@@ -97,7 +104,7 @@ def _steps(centres: FloatArray) -> FloatArray | None:
     distance = np.hypot(offsets[..., 0], offsets[..., 1])
     np.fill_diagonal(distance, np.inf)
     nearest = float(np.median(distance.min(axis=1)))
-    near = offsets[distance < 1.3 * nearest]
+    near = offsets[distance < _NEIGHBOUR * nearest]
     along = near[(near[:, 0] > 0.0) & (np.abs(near[:, 1]) <= near[:, 0])]
     down = near[(near[:, 1] > 0.0) & (np.abs(near[:, 0]) < near[:, 1])]
     if len(along) == 0 or len(down) == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -65,6 +65,6 @@ def test_lamps_are_found_from_their_shadows() -> None:
 def test_lamps_survive_a_calibration_file() -> None:
     """What the provenance holds is what was fitted; without it nothing casts a shadow."""
     caster = _caster((10.0, 20.0), 12.0, 50.0)
-    assert read_shadows({SHADOWS: caster.as_json()}) == caster
+    assert read_shadows({SHADOWS: asdict(caster)}) == caster
     assert read_shadows({SHADOWS: None}) is None
     assert read_shadows({}) is None
