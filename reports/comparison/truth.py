@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from reports.comparison.results import TrialResult
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TruthComparison
 from tacauchy_rig.run import FZ, TrialRecord
+
+_PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3}
+"""Of each unit in a newton, metre, pascal or newton per second."""
 
 
 def recover_truth(
@@ -30,35 +32,35 @@ def recover_truth(
     )
 
 
+def _compared(
+    name: str, unit: str, true: float, recovered: float, trial: int = 0
+) -> TruthComparison:
+    """Set two SI values side by side in a unit for readers."""
+    factor = _PER_SI[unit]
+    return TruthComparison(
+        name=name, true=true * factor, recovered=recovered * factor, unit=unit, trial=trial
+    )
+
+
 def _dwell_means(world: EmulatedWorld, trials: Sequence[TrialResult]) -> Iterator[TruthComparison]:
     """Yield the forces of all trials, then their depths."""
     dwells = [(trial, world.dwells[trial.index]) for trial in trials if trial.index in world.dwells]
-    for name, unit, factor, pairs in (
-        ("force", "N", 1.0, [(t, true.force_n, t.force_measured_n) for t, true in dwells]),
-        ("depth", "mm", 1e3, [(t, true.depth_m, t.depth_measured_m) for t, true in dwells]),
-    ):
-        for trial, true, measured in pairs:
-            if measured is not None:
-                yield TruthComparison(
-                    name=f"mean {name} in the dwell",
-                    true=true * factor,
-                    recovered=measured * factor,
-                    unit=unit,
-                    trial=trial.index,
-                )
+    for t, true in dwells:
+        if t.force_measured_n is not None:
+            force_n = t.force_measured_n
+            yield _compared("mean force in the dwell", "N", true.force_n, force_n, t.index)
+    for t, true in dwells:
+        if t.depth_measured_m is not None:
+            depth_m = t.depth_measured_m
+            yield _compared("mean depth in the dwell", "mm", true.depth_m, depth_m, t.index)
 
 
 def _surface(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
-    error = world.values.get("surface_error_m")
+    name, error_m = "height of the gel above the expected", world.values.get("surface_error_m")
     for record in _records(evidence):
-        if isinstance(error, float) and record.contact_z_m is not None:
-            yield TruthComparison(
-                name="height of the gel above the expected",
-                true=error * 1e3,
-                recovered=(record.contact_z_m - world.surface_expected_m) * 1e3,
-                unit="mm",
-                trial=record.index,
-            )
+        if isinstance(error_m, float) and record.contact_z_m is not None:
+            found_m = record.contact_z_m - world.surface_expected_m
+            yield _compared(name, "mm", error_m, found_m, record.index)
 
 
 def _contact_place(
@@ -67,23 +69,18 @@ def _contact_place(
     """Add what the camera's calibration knows of the place to what the images are still off."""
     calibrated = (0.0, 0.0) if evidence.model is None else evidence.model.image_centre_m
     poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
+    parts = [world.values.get(name) for name in ("pose_error_m", "image_shift_m")]
+    known = [part for part in parts if isinstance(part, list | tuple)]
     for axis, name in enumerate("xy"):
         found = [p.x_mm if name == "x" else p.y_mm for p in poses]
-        known = [value for value in found if value is not None]
-        true = _sum_of(world.values, ("pose_error_m", "image_shift_m"), axis)
-        if known and true is not None:
+        off_mm = [value for value in found if value is not None]
+        if off_mm and len(known) == len(parts):
             yield TruthComparison(
                 name=f"contact seen off its place along {name}",
-                true=true * 1e3,
-                recovered=calibrated[axis] * 1e3 + float(np.mean(known)),
+                true=sum(float(part[axis]) for part in known) * 1e3,
+                recovered=calibrated[axis] * 1e3 + float(np.mean(off_mm)),
                 unit="mm",
             )
-
-
-def _sum_of(values: Mapping[str, Any], names: tuple[str, ...], axis: int) -> float | None:
-    parts = [values.get(name) for name in names]
-    known = [float(part[axis]) for part in parts if isinstance(part, list | tuple)]
-    return sum(known) if len(known) == len(names) else None
 
 
 def _modulus(
@@ -98,12 +95,8 @@ def _modulus(
     ]
     if model is not None and isinstance(true, float) and ratios:
         stated_pa = model.young_pa / (model.modulus_factor or 1.0)
-        yield TruthComparison(
-            name="modulus, from force at the measured depth",
-            true=true * 1e-3,
-            recovered=stated_pa * float(np.mean(ratios)) * 1e-3,
-            unit="kPa",
-        )
+        found_pa = stated_pa * float(np.mean(ratios))
+        yield _compared("modulus, from force at the measured depth", "kPa", true, found_pa)
 
 
 def _force_channel(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
@@ -116,24 +109,15 @@ def _force_channel(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[Trut
     if not tared or not isinstance(noise, float) or not isinstance(drift, float):
         return
     variances = [tare.deviation[FZ] ** 2 for pair in tared for tare in pair]
-    yield TruthComparison(
-        name="noise of a force sample",
-        true=noise * 1e3,
-        recovered=math.sqrt(float(np.mean(variances))) * 1e3,
-        unit="mN",
-    )
+    found_n = math.sqrt(float(np.mean(variances)))
+    yield _compared("noise of a force sample", "mN", noise, found_n)
     slopes = [
         (after.mean[FZ] - before.mean[FZ]) / ((after.start_ns - before.start_ns) * 1e-9)
         for before, after in tared
         if after.start_ns > before.start_ns
     ]
     if slopes:
-        yield TruthComparison(
-            name="drift of the force sensor",
-            true=drift * 1e3,
-            recovered=float(np.mean(slopes)) * 1e3,
-            unit="mN/s",
-        )
+        yield _compared("drift of the force sensor", "mN/s", drift, float(np.mean(slopes)))
 
 
 def _records(evidence: RunEvidence) -> list[TrialRecord]:

@@ -24,6 +24,7 @@ from tacauchy_rig.figure_style import (
 )
 
 MAX_POINTS = 1500
+FEW_POINTS = 60  # of a curve, which are marked each
 MARGIN_S = 1.5
 
 
@@ -101,27 +102,27 @@ def draw_force_depth(report: ValidationReport) -> Figure:
 
 
 def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
-    """Draw the simulator's curve with the stated modulus and, where it was fitted, with that."""
-    curves = [t.force_depth_simulated for t in report.evidence.trials]
+    """Draw the simulator's curve with the stated modulus and, where it was fitted, with that.
+
+    All trials have one curve: they were replayed with one model.
+    """
+    curves = (t.force_depth_simulated for t in report.evidence.trials)
+    curve = next((curve for curve in curves if curve is not None), None)
     model = report.evidence.model
     factor = None if model is None else model.modulus_factor
-    name = "Simulated" if factor is None else "Simulated, stated modulus"
-    drawn: list[FloatArray] = []
-    for curve in curves:
-        if curve is None or any(np.array_equal(curve, other) for other in drawn):
-            continue
-        axes.plot(
-            curve[:, 0] * 1e3,
-            curve[:, 1],
-            color=ORANGE,
-            marker="." if len(curve) < 60 else None,
-            markersize=3,
-            label=None if drawn else name,
-        )
-        if factor is not None and not drawn:
-            label = f"{factor:.3f} times that"
-            axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=ORANGE, label=label)
-        drawn.append(curve)
+    if curve is None:
+        return
+    axes.plot(
+        curve[:, 0] * 1e3,
+        curve[:, 1],
+        color=ORANGE,
+        marker="." if len(curve) < FEW_POINTS else None,
+        markersize=3,
+        label="Simulated" if factor is None else "Simulated, stated modulus",
+    )
+    if factor is not None:
+        label = f"{factor:.3f} times that"
+        axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=ORANGE, label=label)
 
 
 def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:

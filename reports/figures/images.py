@@ -63,33 +63,25 @@ def difference_limit(evidence: RunEvidence) -> float:
 
 
 def _draw_column(column: np.ndarray, trial: TrialEvidence, limit: float) -> AxesImage | None:
+    """Draw the images of a trial; return what is drawn of the difference."""
     real = None if trial.images is None else trial.images.real
-    for axes, image in zip(column, (real, trial.simulated_image), strict=False):
-        _bare(axes)
+    scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
+    mapped: AxesImage | None = None
+    for axes, image in zip(
+        column, (real, trial.simulated_image, luminance_difference(trial)), strict=True
+    ):
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set_visible(True)
+        axes.spines[:].set_linewidth(0.3)
+        mapped = None
         if image is None:
-            _say_missing(axes)
+            where = {"ha": "center", "va": "center", "transform": axes.transAxes}
+            axes.text(0.5, 0.5, "none", color=GREY, **where)
         else:
-            axes.imshow(image, interpolation="nearest")
-    difference = luminance_difference(trial)
-    _bare(column[2])
-    if difference is None:
-        _say_missing(column[2])
-        return None
-    mapped: AxesImage = column[2].imshow(
-        difference, cmap=DIFFERENCE_COLORS, vmin=-limit, vmax=limit, interpolation="nearest"
-    )
+            mapped = axes.imshow(
+                image, interpolation="nearest", **(scale if image.ndim == 2 else {})
+            )
     return mapped
-
-
-def _bare(axes: Axes) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_visible(True)
-    axes.spines[:].set_linewidth(0.3)
-
-
-def _say_missing(axes: Axes) -> None:
-    axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
 def _draw_scale_bar(axes: Axes, geometry: ImageGeometry) -> None:

@@ -112,13 +112,9 @@ class RunStore:
         }
         write_atomically(self.paths.run_json, dumps(self.description))
 
-    def attempts(self, trial: int) -> list[int]:
-        """Return the attempts at a trial, ascending."""
-        return self.paths.attempt_indices(trial)
-
     def next_attempt(self, trial: int) -> int:
         """Return the number that the next attempt at a trial has to take."""
-        return max(self.attempts(trial), default=0) + 1
+        return max(self.paths.attempt_indices(trial), default=0) + 1
 
     def save_result(self, record: TrialRecord) -> None:
         """Write ``result.json``.
@@ -155,7 +151,10 @@ class RunStore:
 
     def _results(self, trial: int) -> Iterator[TrialRecord]:
         """Yield the results of a trial's attempts, the latest first."""
-        results = (self.load_result(trial, number) for number in reversed(self.attempts(trial)))
+        results = (
+            self.load_result(trial, number)
+            for number in reversed(self.paths.attempt_indices(trial))
+        )
         return (result for result in results if result is not None)
 
     def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:

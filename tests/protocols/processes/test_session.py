@@ -171,7 +171,7 @@ def test_an_abort_while_connecting_moves_nothing(make_store):
     result = run_session(store, store.config, on_event=Watcher(), abort=abort)
     assert result.outcome is Outcome.ABORTED
     assert "before anything moved" in result.reason
-    assert store.attempts(1) == []
+    assert store.paths.attempt_indices(1) == []
 
 
 @pytest.mark.slow
@@ -213,7 +213,7 @@ def test_devices_that_do_not_connect_are_all_named(make_store):
         run_session(store, config, on_event=Watcher(), abort=Abort())
     for word in ("127.0.0.99", "/dev/no-such-port", "camera"):
         assert word in caught.value.message
-    assert store.attempts(1) == []
+    assert store.paths.attempt_indices(1) == []
 
 
 def test_a_run_can_be_worked_on_by_one_program_only(make_store):

@@ -109,7 +109,7 @@ def test_attempts_are_counted_and_never_overwritten(store: RunStore) -> None:
         assert store.next_attempt(1) == number
         store.save_result(_record(number, outcome))
     store.paths.attempt(1, 10).mkdir()
-    assert store.attempts(1) == [1, 2, 3, 10]
+    assert store.paths.attempt_indices(1) == [1, 2, 3, 10]
     assert store.next_attempt(1) == 11
     assert store.load_result(1, 10) is None
     assert store.accepted(1) == _record(2, Outcome.PASSED)

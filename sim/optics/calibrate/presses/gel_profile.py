@@ -29,6 +29,7 @@ _GROWTH = 1.5
 _SECTORS = 16
 _CONTACT_DISTANCE_M = 1e-6
 _TOUCHING_M = 1.2e-6
+_DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +150,6 @@ def ball_profiles(
     sensor: Sensor,
     *,
     ball_diameter_m: float,
-    depths_m: Sequence[float] = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3),
     preset: Preset = Preset.FAST,
 ) -> PressedProfiles:
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.
@@ -157,18 +157,17 @@ def ball_profiles(
     Args:
         sensor: Pad and material; only the ratio of layers' moduli matters for the shape.
         ball_diameter_m: Diameter of the ball [m].
-        depths_m: Rising depths [m].
         preset: Element, and mesh away from the ball.
 
     Raises:
         ConvergenceError: A depth finds no equilibrium.
     """
-    ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=depths_m[-1])
+    ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=_DEPTHS_M[-1])
     scene = sensor.scene(ball, target, preset=preset, barrier_m=_CONTACT_DISTANCE_M)
     path = LoadingPath(build_model(scene, mesh=_mesh(scene)), scene.indenter, scene.centre_m)
     geometry = CameraGeometry.centred(_PIXELS, _PIXELS, scale_x_m=_PIXEL_M, scale_y_m=_PIXEL_M)
     found = []
-    for depth in depths_m:
+    for depth in _DEPTHS_M:
         # The profile is a mean over all directions: circles drawn round would shift it, held-out
         # presses are then predicted 10 % worse.
         surface = replace(surface_state(path, path.advance(depth)), mesh_axis_m=None)
