@@ -129,11 +129,7 @@ def check_after(
             )
     for item in held_out:
         label, found = item.press.circle, item.circle
-        move = max(
-            abs(found.x_px - label.x_px),
-            abs(found.y_px - label.y_px),
-            abs(found.radius_px - label.radius_px),
-        )
+        move = max(map(abs, found.moved_from(label)))
         if move > _FAR_NUDGE * label.radius_px:
             warnings.append(
                 f"{item.press.name}: the image wants its circle {move:.0f} px off the label "
@@ -178,7 +174,7 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
     inside = []
     touched = np.zeros(len(rows), dtype=np.bool_)
     for circle in circles:
-        near = np.hypot(columns - circle.x_px, rows - circle.y_px) <= circle.radius_px
+        near = circle.distance(columns, rows) <= circle.radius_px
         inside.append(scene.surface(circle, columns[near], rows[near])[0])
         touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)

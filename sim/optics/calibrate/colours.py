@@ -207,7 +207,7 @@ def averaged_no_contact(
         change = pixels.predict(circle).reshape(total.shape)
         level = press.image - scene.light_image(light) - change
         reach = BEYOND_RIM * circle.radius_px
-        outside = np.hypot(columns - circle.x_px, rows - circle.y_px)[..., None] > reach
+        outside = circle.distance(columns, rows)[..., None] > reach
         told = outside & exposed(press.image)
         if scene.masked is not None:
             told &= ~scene.masked[..., None]

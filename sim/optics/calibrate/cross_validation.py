@@ -137,14 +137,7 @@ def cross_validate(
 def _scores(
     labelled: list[RenderedPress], nudged: list[RenderedPress], scene: PressScene
 ) -> CheckScores:
-    moves = [
-        (
-            a.circle.x_px - b.circle.x_px,
-            a.circle.y_px - b.circle.y_px,
-            a.circle.radius_px - b.circle.radius_px,
-        )
-        for a, b in zip(nudged, labelled, strict=True)
-    ]
+    moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
     return CheckScores(
         raw=score_presses(labelled, scene, light_matched=False),
         light_matched=score_presses(labelled, scene, light_matched=True),
@@ -237,7 +230,7 @@ def as_seen(levels: FloatArray, light: FloatArray, scene: PressScene) -> FloatAr
 def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:
     """Return True inside the circle, shape [height, width]."""
     rows, columns = np.ogrid[:height, :width]
-    return np.asarray(np.hypot(columns - circle.x_px, rows - circle.y_px) < circle.radius_px)
+    return circle.distance(columns, rows) < circle.radius_px
 
 
 def crop_window(circle: Circle, height: int, width: int) -> tuple[slice, slice]:

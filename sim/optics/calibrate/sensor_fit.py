@@ -106,7 +106,7 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
     for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
         window = _around(circle, *press.image.shape[:2])
         rows, columns = np.mgrid[window]
-        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _REACH * circle.radius_px
+        near = circle.distance(columns, rows) < _REACH * circle.radius_px
         if scene.masked is not None:
             near &= ~scene.masked[window]
         image = press.image[window]

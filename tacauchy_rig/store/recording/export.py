@@ -14,7 +14,12 @@ import numpy as np
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.durable import write_error
-from tacauchy_rig.store.recording.messages import POSE_FIELDS, VELOCITY_FIELDS, WRENCH_FIELDS
+from tacauchy_rig.store.recording.messages import (
+    ARM_STATES,
+    POSE_FIELDS,
+    VELOCITY_FIELDS,
+    WRENCH_FIELDS,
+)
 from tacauchy_rig.store.recording.reading import FloatArray, IntArray, Recording
 from tacauchy_rig.store.run_store import RunStore
 
@@ -116,43 +121,36 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
 
 def _write_arm(recording: Recording, path: Path) -> Path:
     arm = recording.arm()
-    states = ("runtime_state", "safety_bits", "robot_mode")
-    names = ("stamp_ns", "time_s", "controller_time_s", *POSE_FIELDS, *VELOCITY_FIELDS, *states)
+    names = ("stamp_ns", "time_s", "controller_time_s", *POSE_FIELDS, *VELOCITY_FIELDS, *ARM_STATES)
     rows = zip(
         arm.stamp_ns.tolist(),
         _times(recording, arm.stamp_ns).tolist(),
         arm.controller_time_s.tolist(),
         *arm.pose.T.tolist(),
         *arm.velocity.T.tolist(),
-        *(getattr(arm, name).tolist() for name in states),
+        *(getattr(arm, name).tolist() for name in ARM_STATES),
         strict=True,
     )
     return _write_table(path, names, rows)
 
 
 def _write_frames(recording: Recording, folder: Path) -> Path:
-    names = ("file", "stamp_ns", "time_s", "counter", "device_stamp_s", "width", "height")
-    _write_table(folder / "frames.csv", names, _frame_rows(recording, folder))
+    kept = ("counter", "device_stamp_s", "width", "height")
+    names = ("file", "stamp_ns", "time_s", *kept)
+    _write_table(folder / "frames.csv", names, _frame_rows(recording, folder, kept))
     return folder
 
 
-def _frame_rows(recording: Recording, folder: Path) -> Iterator[list[Any]]:
+def _frame_rows(recording: Recording, folder: Path, kept: tuple[str, ...]) -> Iterator[list[Any]]:
+    """Write each frame beside the table, and yield its row."""
     for number, frame in enumerate(recording.frames(), start=1):
         path = folder / f"frame-{number:06d}.jpg"
         try:
             path.write_bytes(frame.jpeg)
         except OSError as error:
             raise write_error(path, error) from error
-        time_s = (frame.stamp_ns - recording.start_ns) * 1e-9
-        yield [
-            path.name,
-            frame.stamp_ns,
-            f"{time_s:.9f}",
-            frame.counter,
-            frame.device_stamp_s,
-            frame.width,
-            frame.height,
-        ]
+        time_s = f"{(frame.stamp_ns - recording.start_ns) * 1e-9:.9f}"
+        yield [path.name, frame.stamp_ns, time_s, *(getattr(frame, name) for name in kept)]
 
 
 def _times(recording: Recording, stamps: IntArray) -> FloatArray:

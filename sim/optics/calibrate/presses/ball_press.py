@@ -7,10 +7,13 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
 from sim.optics.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 
@@ -25,6 +28,14 @@ class Circle:
     x_px: float
     y_px: float
     radius_px: float
+
+    def distance(self, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
+        """Return how far pixels lie from its centre [px], in the shape of both together."""
+        return np.asarray(np.hypot(columns - self.x_px, rows - self.y_px), dtype=np.float64)
+
+    def moved_from(self, other: Circle) -> tuple[float, float, float]:
+        """Return by how much column, row and radius are more than another's [px]."""
+        return self.x_px - other.x_px, self.y_px - other.y_px, self.radius_px - other.radius_px
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -142,7 +142,7 @@ class PressScene:
     def pixels_around(self, circle: Circle) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows and columns of the fitting lattice in contact and skirt."""
         rows, columns = self._lattice(self.stride)
-        near = np.hypot(columns - circle.x_px, rows - circle.y_px) < _SKIRT_RADII * circle.radius_px
+        near = circle.distance(columns, rows) < _SKIRT_RADII * circle.radius_px
         near &= self._bare(rows, columns)
         return rows[near], columns[near]
 
@@ -232,7 +232,7 @@ class PressScene:
             Coefficients of ``light_at`` [grey levels], shape [3, 3].
         """
         rows, columns = self._lattice(self.stride)
-        distance = np.hypot(columns - circle.x_px, rows - circle.y_px)
+        distance = circle.distance(columns, rows)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
         outside &= self._bare(rows, columns)
