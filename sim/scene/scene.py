@@ -146,7 +146,7 @@ class Scene:
     centre_m: tuple[float, float] = (0.0, 0.0)
     layers: tuple[Layer, ...] = ()
     contact: ContactMode = ContactMode.FRICTIONLESS
-    friction: float = 0.0
+    friction: float = 0.5
     motion: Motion = Motion()
     duration_s: float = 1.0
     outputs: frozenset[Output] = frozenset()
