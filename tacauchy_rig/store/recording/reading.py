@@ -112,7 +112,7 @@ class Recording:
 
         Raises:
             RecordError: Missing, no permission, empty, or no recording at all. An unfinished or
-                damaged one opens: see ``finished``, ``damage`` and ``require_intact``.
+                damaged one opens: see ``is_intact`` and ``describe``.
         """
         with _open(path) as descriptor:
             scan = scan_file(descriptor)
@@ -168,19 +168,6 @@ class Recording:
         """Return how many messages can be read and what time they span."""
         parts = ", ".join(f"{topic[1:]} {len(self._entries[topic])}" for topic in Topic)
         return f"{self.message_count} messages over {self.duration_s:.2f} s are readable ({parts})"
-
-    def require_intact(self) -> None:
-        """Return if the recording is finished and undamaged.
-
-        Raises:
-            RecordError: It is not; names the file, what is wrong, what is readable, the remedy.
-        """
-        if not self.is_intact:
-            raise RecordError(
-                f"{self.path}: {self.describe()}",
-                remedy=f"`tacauchy-rig recover {run_root_of(self.path)}` repairs it "
-                "and keeps the original beside it",
-            )
 
     def force(self) -> ForceArrays:
         """Return the force stream."""
