@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from drivers.arm.checks import robot_checks
@@ -21,20 +22,16 @@ def device_checks(
         measure_s: How long each stream is measured [s].
         sys_folder: Where the kernel tells about adapters and cameras.
     """
-    robot, force_sensor, camera = config.robot, config.force_sensor, config.camera
-    results = robot_checks(config) if robot.is_real else [_not_real("robot", robot)]
-    if force_sensor.is_real:
-        results += force_sensor_checks(config, measure_s=measure_s, sys_folder=sys_folder)
-    else:
-        results.append(_not_real("force_sensor", force_sensor))
-    if camera.is_real:
-        results += camera_checks(config, measure_s=measure_s)
-    else:
-        results.append(_not_real("camera", camera))
+    looks: dict[str, Callable[[], list[CheckResult]]] = {
+        "robot": lambda: robot_checks(config),
+        "force_sensor": lambda: force_sensor_checks(
+            config, measure_s=measure_s, sys_folder=sys_folder
+        ),
+        "camera": lambda: camera_checks(config, measure_s=measure_s),
+    }
+    results: list[CheckResult] = []
+    for name, look in looks.items():
+        device: DeviceSection = getattr(config, name)
+        found = f'driver = "{device.driver}": it starts with the run, there is nothing to check'
+        results += look() if device.is_real else [skipped(name, found)]
     return results
-
-
-def _not_real(name: str, device: DeviceSection) -> CheckResult:
-    return skipped(
-        name, f'driver = "{device.driver}": it starts with the run, there is nothing to check'
-    )

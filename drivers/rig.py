@@ -7,8 +7,7 @@ from typing import Protocol
 
 from drivers.arm.interface import Arm
 from drivers.camera.interface import Camera
-from drivers.device.clock import Clock
-from drivers.device.interface import StreamHealth
+from drivers.device.interface import Clock, StreamHealth
 from drivers.force_sensor.interface import ForceTorqueSensor
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.registry import Kind, load

@@ -14,7 +14,7 @@ from sim.effects.presets import build_model
 from sim.error.measured_errors import setting_of
 from sim.error.tolerance import alternatives, expected_error
 from sim.fields.stress import surface_stress
-from sim.material.per_element import densities_of
+from sim.material.elastic_body import densities_of
 from sim.scene.scene import Drive, Effect, Preset, Scene
 from sim.scene.tilted_indenter import tilted
 from sim.solve.dynamics.implicit import moving_press

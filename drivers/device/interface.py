@@ -7,8 +7,35 @@ whether that is too old is judged by age, never by waiting.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
+
+
+class Clock(Protocol):
+    """What stamps everything that arrives."""
+
+    def now_ns(self) -> int:
+        """Return nanoseconds since an arbitrary start."""
+        ...
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait for ``duration_s`` [s]."""
+        ...
+
+
+class HostClock:
+    """``time.monotonic_ns``; the same clock in every process of this host."""
+
+    def now_ns(self) -> int:
+        """Return nanoseconds of the host's monotonic clock."""
+        return time.monotonic_ns()
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait for ``duration_s`` [s]; nothing at or below zero."""
+        if duration_s > 0.0:
+            time.sleep(duration_s)
+
 
 SampleT = TypeVar("SampleT")
 

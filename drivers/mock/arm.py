@@ -6,8 +6,7 @@ import math
 from collections import deque
 from typing import Self
 
-from drivers.device.clock import HostClock
-from drivers.device.interface import DeviceIdentity
+from drivers.device.interface import DeviceIdentity, HostClock
 from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import MOCK, RigConfig
 from tacauchy_rig.errors import DeviceError

@@ -9,8 +9,7 @@ from typing import ClassVar, Generic, Self, TypeVar
 import cv2
 import numpy as np
 
-from drivers.device.clock import HostClock
-from drivers.device.interface import DeviceIdentity, StreamHealth
+from drivers.device.interface import DeviceIdentity, HostClock, StreamHealth
 from drivers.mock.world import MockWorld, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError

@@ -10,8 +10,8 @@ import math
 import random
 from collections.abc import Callable, Iterable
 
-from drivers.device.clock import Clock
 from drivers.device.faults import Device, Fault, FaultKind, parse_fault
+from drivers.device.interface import Clock
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Pose, Vector6

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from drivers.device.clock import Clock
+from drivers.device.interface import Clock
 from protocols.control.record import Sink
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import JournalEvent, Phase

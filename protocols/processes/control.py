@@ -11,8 +11,7 @@ import threading
 import time
 
 from drivers.arm.interface import Arm
-from drivers.device.clock import HostClock
-from drivers.device.interface import DeviceIdentity
+from drivers.device.interface import DeviceIdentity, HostClock
 from drivers.force_sensor.interface import ForceTorqueSensor
 from drivers.rig import Rig, build_arm_and_force_sensor
 from protocols.control.cycle import Cycle

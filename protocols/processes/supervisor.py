@@ -17,9 +17,9 @@ from typing import Any, Self
 
 from drivers.device.interface import DeviceIdentity
 from protocols.guard.abort import Abort
-from protocols.processes.cut_off import complete_results, last_results
 from protocols.processes.launched import Launched, launch_children
 from protocols.processes.messages import AbortRequest, Failed, Kept, Order, Ready
+from protocols.processes.record_keeper import complete_results, last_results
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig

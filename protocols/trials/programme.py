@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.guard.breach import reaction_to
-from protocols.steps.air_press import press_air
 from protocols.steps.make_safe import make_safe
-from protocols.steps.preflight import run_preflight
+from protocols.steps.preflight import press_air, run_preflight
 from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RigError

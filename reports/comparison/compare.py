@@ -34,8 +34,7 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.force_agreement import compare_force
-from reports.scores.metrics import ImageScores, Metric, score, to_grey
-from reports.scores.statistics import psnr_of_mean_mse, t_interval
+from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval, to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
 

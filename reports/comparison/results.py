@@ -9,8 +9,7 @@ from reports.scores.contact import ContactScores
 from reports.scores.correction import Corrections
 from reports.scores.floors import Ceiling, Floors, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
-from reports.scores.metrics import ImageScores
-from reports.scores.statistics import MeanInterval
+from reports.scores.metrics import ImageScores, MeanInterval
 from tacauchy_rig.run import Criterion
 
 

@@ -14,8 +14,7 @@ from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_limit, luminance_difference
 from reports.page.html import render_html
-from reports.page.summary import build_summary
-from reports.page.tables import junit_xml, metrics_csv
+from reports.page.summary import build_summary, junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.replay_files import encode_png
 

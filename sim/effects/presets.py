@@ -11,8 +11,8 @@ from sim.contact.state import ContactOptions
 from sim.effects.footprint_presets import diagonal, footprint_mesh
 from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice
 from sim.effects.plan import EffectPlan, plan_effects
+from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
-from sim.material.per_element import element_constants, prony_of
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading, Triangulation
 from sim.mesh.revolved import revolved_mesh, revolved_section

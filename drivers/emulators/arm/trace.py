@@ -80,9 +80,3 @@ def read_trace(folder: Path) -> list[TraceRow]:
         TraceRow(stamp_ns=s, position=(x, y, z), velocity=(u, v, w), runtime_state=state)
         for s, x, y, z, u, v, w, state in _ROW.iter_unpack(whole)
     ]
-
-
-def read_events(folder: Path) -> list[dict[str, object]]:
-    """Return the events written so far, oldest first."""
-    lines = (folder / EVENTS_FILE).read_text(encoding="utf-8").splitlines()
-    return [json.loads(line) for line in lines if line.endswith("}")]

@@ -13,9 +13,8 @@ from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.contact import close_contact, corner_slopes, indenter_height
 from sim.optics.height.gradient_recovery import node_gradients
-from sim.optics.height.rasterise import rasterise
+from sim.optics.height.rasterise import CloughTocherPatches, rasterise
 from sim.optics.height.rings import with_round_rings
-from sim.optics.height.smooth_interpolation import CloughTocherPatches
 from sim.optics.height.steep_faces import with_steep_faces_split
 from sim.scene.indenter import grown
 from sim.scene.pad import Pad

@@ -10,8 +10,7 @@ from typing import Annotated
 import typer
 
 from sim.scene.scene import Effect
-from sim.studies.effects_check.cases import EFFECT_CASES, EffectCase
-from sim.studies.effects_check.check import EffectCheck, check_effects
+from sim.studies.effects_check.check import EFFECT_CASES, EffectCase, EffectCheck, check_effects
 from sim.studies.processes import side_by_side
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text

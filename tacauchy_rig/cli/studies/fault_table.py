@@ -19,7 +19,7 @@ from tacauchy_rig.fault_table.observation import Observation
 from tacauchy_rig.fault_table.observe import observe_case
 from tacauchy_rig.fault_table.report import fault_page, summary_line
 from tacauchy_rig.store.codec import dumps, from_json, loads
-from tacauchy_rig.store.run_lock import run_lock
+from tacauchy_rig.store.run_store import run_lock
 
 OBSERVATION = "observation.json"
 LOCK = "lock"

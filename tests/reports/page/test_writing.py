@@ -15,8 +15,7 @@ import pytest
 
 from reports.comparison.results import ValidationReport
 from reports.page.html import number, plain, signed, words
-from reports.page.summary import build_summary
-from reports.page.tables import junit_xml, metrics_csv
+from reports.page.summary import build_summary, junit_xml, metrics_csv
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.errors import RecordError
 

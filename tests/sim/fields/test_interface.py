@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim.fields.interface import InterfaceTraction, interface_traction
+from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
-from sim.material.per_element import element_constants
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh

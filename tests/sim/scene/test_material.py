@@ -11,8 +11,8 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from sim.effects.presets import build_model
+from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
-from sim.material.per_element import element_constants
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh

@@ -17,13 +17,14 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.emulators.arm.controller import ControllerSettings
-from drivers.emulators.arm.trace import read_events, read_trace
+from drivers.emulators.arm.trace import read_trace
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import arguments_of, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.fault_table.arm import arm_after
 from tacauchy_rig.run import Vector6
+from tests.drivers.arm_events import read_events
 
 _MODELS = list(RobotModel)
 

@@ -15,10 +15,11 @@ from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import ControllerBody
 from drivers.emulators.arm.connection import Connection
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
-from drivers.emulators.arm.trace import TRACE_FILE, ArmTrace, read_events, read_trace
+from drivers.emulators.arm.trace import TRACE_FILE, ArmTrace, read_trace
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import Pose, Vector3
+from tests.drivers.arm_events import read_events
 
 _HOME = Pose(position=(0.3, -0.3, 0.2), rotation_vector=(math.pi, 0.0, 0.0))
 

@@ -11,8 +11,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
-from sim.studies.effects_check.cases import EFFECT_CASES, EffectCase
-from sim.studies.effects_check.check import check_effects, everything_on
+from sim.studies.effects_check.check import EFFECT_CASES, EffectCase, check_effects, everything_on
 
 SMALL = Scene(
     pad=DiscPad(radius_m=6e-3, height_m=3e-3),

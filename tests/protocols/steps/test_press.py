@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.mock.world import Gel
-from protocols.steps.servo import ForceServo
+from protocols.steps.press import ForceServo
 
 PERIOD_S = 0.01
 CAP_M_S = 0.0003
