@@ -25,7 +25,7 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.newton import NewtonOptions
 from sim.solve.preconditioned_lbfgs import LbfgsOptions
-from tacauchy_rig.run import Alternative
+from tacauchy_rig.replayed import Alternative
 
 _LIGHT = NewtonOptions(residual_relative=1e-6)
 

@@ -16,7 +16,7 @@ from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.run import Replay, ReplayLayer, ReplayModel, ReplayTrial
+from tacauchy_rig.replayed import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.versions import installed
 
 Progress = Callable[[int, str], None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tacauchy_rig.run import Alternative, ReplayModel
+from tacauchy_rig.replayed import Alternative, ReplayModel
 
 
 def made_model(**changes: Any) -> ReplayModel:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
-from tacauchy_rig.run import ReplayModel, ReplayTrial, TrialRecord
+from tacauchy_rig.replayed import ReplayModel, ReplayTrial
+from tacauchy_rig.run import TrialRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

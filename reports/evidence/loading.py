@@ -20,7 +20,8 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
-from tacauchy_rig.run import JournalEvent, Replay, TrialRecord
+from tacauchy_rig.replayed import Replay
+from tacauchy_rig.run import JournalEvent, TrialRecord
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
 

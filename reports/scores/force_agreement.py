@@ -15,7 +15,7 @@ import numpy as np
 
 from reports.evidence.evidence import TrialEvidence
 from reports.evidence.force_depth import depth_at_force, force_at_depth
-from tacauchy_rig.run import ReplayModel
+from tacauchy_rig.replayed import ReplayModel
 
 
 class TermGroup(StrEnum):

@@ -20,7 +20,7 @@ from sim.error.section_error import section_depth, section_force
 from sim.scene.scene import Effect, Preset, Scene
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
-from tacauchy_rig.run import Alternative
+from tacauchy_rig.replayed import Alternative
 
 # Preset paper's error was measured with its linear element.
 _MEASURED_WITH = {Effect.LOCKING_FREE_ELEMENT}

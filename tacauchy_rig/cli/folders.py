@@ -18,7 +18,7 @@ from tacauchy_rig.cli.press import cost_lines
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
-from tacauchy_rig.run import MarkerMotion, Replay
+from tacauchy_rig.replayed import MarkerMotion, Replay
 from tacauchy_rig.store.recording.export import ExportKind, export_run
 from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
 from tacauchy_rig.store.run_store import RunStore

@@ -27,7 +27,7 @@ from sim.scene.scene import Scene
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.scene_options import DeviceOption, OutputOption, states_a_scene
-from tacauchy_rig.run import Alternative
+from tacauchy_rig.replayed import Alternative
 
 EstimateErrorOption = Annotated[
     bool | None,

@@ -18,7 +18,7 @@ from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
-from tacauchy_rig.run import MarkerMotion
+from tacauchy_rig.replayed import MarkerMotion
 from tacauchy_rig.store.replay_files import ReplayFields
 
 _SAMPLES = 2  # of a pixel, along rows and along columns

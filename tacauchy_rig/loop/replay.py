@@ -25,7 +25,8 @@ from tacauchy_rig.loop.settings import (
     sensor_of,
     tolerance_of,
 )
-from tacauchy_rig.run import Replay, ReplayModel, TrialRecord
+from tacauchy_rig.replayed import Replay, ReplayModel
+from tacauchy_rig.run import TrialRecord
 
 REPLAY_NAME = "force-matched"
 

@@ -14,7 +14,8 @@ from typing import Any, Self
 from tacauchy_rig.config.load import LoadedConfig, restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import Replay, TrialRecord
+from tacauchy_rig.replayed import Replay
+from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
 from tacauchy_rig.store.durable import read_bytes, write_atomically, write_error
 from tacauchy_rig.store.layout import RunPaths

@@ -28,6 +28,7 @@ from reports.evidence.evidence import (
 )
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.replayed import Replay, ReplayTrial
 from tacauchy_rig.run import (
     ArmSample,
     ForceSample,
@@ -35,8 +36,6 @@ from tacauchy_rig.run import (
     JournalEvent,
     Outcome,
     Pose,
-    Replay,
-    ReplayTrial,
     Tare,
     TrialRecord,
     Wrench,

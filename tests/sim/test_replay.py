@@ -17,7 +17,7 @@ from sim.scene.indenter import Cylinder, Plane
 from sim.scene.material import Material
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.run import Replay
+from tacauchy_rig.replayed import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
 FORCES = (0.9, 0.4)

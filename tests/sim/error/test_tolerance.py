@@ -24,7 +24,6 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.run import Alternative
 
 GEL = load_sensor("gelsight-mini")
 SCENE = Scene(
@@ -155,15 +154,6 @@ def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
     assert found["better"].setting != Preset.BALANCED
     assert found["better"].error_relative is None
     assert "force error unknown" in str(found["better"])
-
-
-def test_long_times_are_whole_numbers() -> None:
-    """Two digits below a hundred, none after the point from there on, never 1e+02."""
-    slow = Alternative(
-        role="better", setting="accurate", error_relative=0.012, time_ratio=3.14159, wall_s=123.4
-    )
-    text = "preset accurate: about 3.1 times the time (123 s), force error 1.2%"
-    assert str(slow) == text
 
 
 @pytest.mark.parametrize(

@@ -12,15 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import (
-    Criterion,
-    MarkerMotion,
-    Outcome,
-    Replay,
-    ReplayTrial,
-    Tare,
-    TrialRecord,
-)
+from tacauchy_rig.replayed import MarkerMotion, Replay, ReplayTrial
+from tacauchy_rig.run import Criterion, Outcome, Tare, TrialRecord
 from tacauchy_rig.store.codec import dumps, from_json, loads, to_json, to_plain
 from tests.made_model import made_model
 

@@ -14,7 +14,8 @@ import pytest
 
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import Outcome, Replay, ReplayTrial, TrialRecord
+from tacauchy_rig.replayed import Replay, ReplayTrial
+from tacauchy_rig.run import Outcome, TrialRecord
 from tacauchy_rig.store.layout import RunPaths, run_root_of
 from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore

@@ -1,0 +1,176 @@
+"""What was replayed of a run, with which model, and what that is worth. All values are SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayTrial:
+    """One trial as the simulator replayed it; fields and image lie beside it on disk.
+
+    Attributes:
+        force_simulated_n: Simulated pressing force at the accepted depth [N].
+        force_history: (depth [m], force [N]) of every evaluation of the displacement search.
+        force_error_estimate: Believed relative error of the simulated force, None where nothing
+            is known; ``force_error_basis`` says how it is known.
+    """
+
+    index: int
+    force_measured_n: float
+    force_simulated_n: float
+    depth_simulated_m: float
+    force_error_estimate: float | None
+    force_error_basis: str
+    newton_iterations: int
+    search_iterations: int
+    wall_s: dict[str, float]
+    balance_relative: float
+    gap_min_m: float
+    min_jacobian: float
+    force_history: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternative:
+    """Settings beside those that were used.
+
+    Attributes:
+        role: ``cheaper`` or ``better``.
+        setting: A preset, or a mesh between two.
+        error_relative: Believed relative error of F_z; None where nothing is known.
+        time_ratio: Its time over that of the settings used.
+        wall_s: The time it would have taken here [s]; None where nothing was pressed.
+    """
+
+    role: str
+    setting: str
+    error_relative: float | None
+    time_ratio: float
+    wall_s: float | None
+
+    def __str__(self) -> str:
+        error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
+        seconds = "" if self.wall_s is None else f" ({_short(self.wall_s)} s)"
+        time = f"about {_short(self.time_ratio)} times the time{seconds}"
+        return f"preset {self.setting}: {time}, force error {error}"
+
+
+def _short(value: float) -> str:
+    """Return two significant digits, or whole numbers from 100 on."""
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayLayer:
+    """One of the gel's layers; ``share`` is its part of the height."""
+
+    share: float
+    young_pa: float
+    poisson: float
+
+
+_LeftOut = Field(exclude_if=lambda value: value is None)
+"""A key that is not written where there is nothing to say."""
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerMotion:
+    """How the markers of a trial moved in the recording and in the simulator.
+
+    Attributes:
+        drawn: Markers in the rendered image.
+        tracked: Markers found in both recorded frames; this and what follows is None where no
+            frame of the dwell could be read.
+        lost: Markers of the no-contact frame that were not found again.
+        apart_rms_m: Of the recorded minus the simulated motion [m].
+    """
+
+    trial: int
+    drawn: int
+    tracked: Annotated[int | None, _LeftOut] = None
+    lost: Annotated[int | None, _LeftOut] = None
+    recorded_rms_m: Annotated[float | None, _LeftOut] = None
+    recorded_largest_m: Annotated[float | None, _LeftOut] = None
+    simulated_rms_m: Annotated[float | None, _LeftOut] = None
+    simulated_largest_m: Annotated[float | None, _LeftOut] = None
+    apart_rms_m: Annotated[float | None, _LeftOut] = None
+    apart_largest_m: Annotated[float | None, _LeftOut] = None
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayModel:
+    """What a run was replayed with, what that is worth, and what it cost.
+
+    Attributes:
+        centre_x_m: Where the indenter's tip came down, in the pad's frame [m].
+        layers: From the clamped base upwards; empty for a gel of one material.
+        preset: Mesh and element: a preset, or a mesh between two.
+        barrier_m: Distance at which contact begins to push [m].
+        setup_s: Time of meshing and assembling [s].
+        tolerance: What chose the preset, in words; None where nothing did.
+        force_error_largest_relative: Of the trials' believed errors; None where one is not known.
+        wall_s: Time of the whole replay [s].
+        effects: What was simulated and what was left out, with reasons.
+        young_uncertainty_relative: Of the stated modulus; ``young_source`` says who states it.
+        optics: Where the optics are from.
+        scale_x_m_px: Gel surface per pixel of the rendered image [m/px].
+        image_centre_m: Place that the image's middle sees, in the pad's frame [m].
+        modulus_factor: What the stated modulus was multiplied by, as the run's depths say; this
+            and its company is None where it was taken as stated.
+        modulus_factor_deviation: Standard deviation of the trials' own factors.
+        stated_force_history: (depth [m], force [N]) of the gel with the stated modulus.
+        markers: Of each trial of a sensor with markers.
+    """
+
+    sensor: str
+    indenter: str
+    centre_x_m: float
+    centre_y_m: float
+    contact: str
+    drive: str
+    law: str
+    young_pa: float
+    poisson: float
+    layers: tuple[ReplayLayer, ...]
+    preset: str
+    element: str
+    element_is_linear: bool
+    tet_count: int
+    node_count: int
+    mesh: str
+    mesh_hash: str
+    barrier_m: float
+    linear_solver: str
+    device: str
+    setup_s: float
+    tolerance: str | None
+    force_error_largest_relative: float | None
+    wall_s: float
+    alternatives: tuple[Alternative, ...]
+    effects: tuple[dict[str, Any], ...]
+    young_uncertainty_relative: float | None = None
+    young_source: str = ""
+    optics: dict[str, Any] = field(default_factory=dict)
+    scale_x_m_px: float | None = None
+    image_centre_m: tuple[float, float] = (0.0, 0.0)
+    scale_y_m_px: float | None = None
+    modulus_factor: Annotated[float | None, _LeftOut] = None
+    modulus_factor_deviation: Annotated[float | None, _LeftOut] = None
+    modulus_trials: Annotated[int | None, _LeftOut] = None
+    stated_force_history: Annotated[tuple[tuple[float, float], ...] | None, _LeftOut] = None
+    markers: tuple[MarkerMotion, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replay:
+    """All trials of a run, replayed with one model."""
+
+    name: str
+    trials: tuple[ReplayTrial, ...]
+    model: ReplayModel
+    versions: dict[str, str]
