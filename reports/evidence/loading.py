@@ -30,12 +30,18 @@ Z = 2
 MIN_TRACE_SAMPLES = 10
 
 
-def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
+def load_evidence(
+    run: RunReading,
+    replay: Replay | None,
+    *,
+    simulated_images: Mapping[int, ColorImage] | None = None,
+) -> RunEvidence:
     """Read all that a report needs.
 
     Args:
         run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
+        simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
 
     Raises:
         RecordError: A recording or a replayed image is missing or damaged.
@@ -49,7 +55,9 @@ def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
             force_target_n=target,
             record=run.records[index],
             replay=replayed.get(index),
-            simulated_image=_simulated_image(store, replay, index),
+            simulated_image=_simulated_image(store, replay, index)
+            if simulated_images is None
+            else simulated_images.get(index),
             force_depth_simulated=curve,
             **_recorded(run.attempt(index)),
         )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
@@ -11,7 +11,9 @@ from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces, replay_scene
+from sim.scene.indenter import Indenter
 from sim.scene.material import Material
+from sim.scene.scene import Drive, Motion, Preset, Scene
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import ModulusSource, RigConfig
 from tacauchy_rig.errors import RecordError
@@ -27,8 +29,61 @@ from tacauchy_rig.loop.settings import (
 )
 from tacauchy_rig.replayed import Replay, ReplayModel
 from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.store.replay_files import ReplayFields
 
 REPLAY_NAME = "force-matched"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayInputs:
+    """What a run's measured forces are pressed with.
+
+    Attributes:
+        tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
+        motion: What the indenter does besides going straight down.
+        force_tolerance_n: Largest |F_z simulated - measured| [N].
+    """
+
+    sensor: Sensor
+    indenter: Indenter
+    preset: Preset
+    drive: Drive
+    force_tolerance_n: float
+    tolerance: Tolerance | None = None
+    motion: Motion = field(default_factory=Motion)
+
+    def scene(self, forces_n: Sequence[float]) -> Scene:
+        """Return the press to the largest of some forces [N].
+
+        Raises:
+            ConfigError: No preset keeps the tolerance.
+        """
+        scene = replay_scene(
+            self.sensor,
+            self.indenter,
+            forces_n,
+            preset=self.preset,
+            tolerance=self.tolerance,
+            drive=self.drive,
+            tolerance_n=self.force_tolerance_n,
+        )
+        return replace(scene, motion=self.motion)
+
+
+def inputs_of(config: RigConfig) -> ReplayInputs:
+    """Return what a configuration says of its replay.
+
+    Raises:
+        ConfigError: It names something that does not exist.
+    """
+    return ReplayInputs(
+        sensor=sensor_of(config),
+        indenter=indenter_of(config),
+        preset=preset_of(config),
+        drive=drive_of(config),
+        force_tolerance_n=config.replay.force_tolerance,
+        tolerance=tolerance_of(config),
+    )
 
 
 def replay_run(
@@ -53,61 +108,89 @@ def replay_run(
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    sensor = sensor_of(config)
-    check_optics(config, sensor)
-    attempts = _measured_attempts(run)
-    records = [attempt.record for attempt in attempts]
+    inputs = inputs_of(config)
+    inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
+    check_optics(config, inputs.sensor)
+    replay, fields = press_again(run, inputs, on_progress=on_progress)
+    optics = optics_of(
+        config.sensor.optics_calibration,
+        inputs.sensor,
+        calibrate=calibrate,
+        on_progress=on_progress,
+    )
+    replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+    store.save_replay(replay, kept)
+    return replay
+
+
+def press_again(
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+) -> tuple[Replay, dict[int, TrialFields]]:
+    """Press every measured force of a run, with the modulus that its depths tell if it asks so.
+
+    Returns:
+        The replay, of which nothing is rendered yet, and the fields by trial.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+        ConvergenceError: A force cannot be reached.
+    """
+    records = [attempt.record for attempt in _measured_attempts(run)]
     on_progress(f"replaying {len(records)} trials")
-    replay, fields = _replayed(config, sensor, records, tolerance, on_progress)
-    stated, fit = replay, _modulus_of(config, records, replay, on_progress)
+    replay, fields = _replayed(inputs, records, on_progress)
+    stated, fit = replay, _modulus_of(run.store.config, records, replay, on_progress)
     if fit is not None:
-        sensor = _stiffened(sensor, fit.factor)
         on_progress(
             f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
             f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
         )
-        replay, fields = _replayed(config, sensor, records, tolerance, on_progress)
+        stiffened = replace(inputs, sensor=stiffer(inputs.sensor, fit.factor))
+        replay, fields = _replayed(stiffened, records, on_progress)
     trials = tuple(
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    optics = optics_of(
-        config.sensor.optics_calibration, sensor, calibrate=calibrate, on_progress=on_progress
-    )
+    model = _with_modulus(replay.model, fit, stated)
+    by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
+    return replace(replay, trials=trials, model=model), by_trial
+
+
+def render_again(
+    run: RunReading,
+    sensor: Sensor,
+    replay: Replay,
+    fields: Mapping[int, TrialFields],
+    optics: OpticalCalibration,
+) -> tuple[Replay, dict[int, ReplayFields]]:
+    """Render what was pressed, each trial over its own no-contact frame.
+
+    Returns:
+        The replay with what the camera sees of it, and arrays and images by trial.
+
+    Raises:
+        RecordError: A recording has no readable no-contact frame.
+        ConfigError: The frame's markers are not where the sensor's file says.
+    """
     rendered = {
-        attempt.record.index: render_trial(attempt, sensor, trial_fields, optics)
-        for attempt, trial_fields in zip(attempts, fields, strict=True)
+        attempt.record.index: render_trial(attempt, sensor, fields[attempt.record.index], optics)
+        for attempt in _measured_attempts(run)
     }
-    markers = [trial.markers for trial in rendered.values() if trial.markers is not None]
-    model = _seen_by_the_camera(_with_modulus(replay.model, fit, stated), sensor, optics)
-    replay = replace(replay, trials=trials, model=replace(model, markers=tuple(markers)))
-    store.save_replay(replay, {index: trial.kept for index, trial in rendered.items()})
-    return replay
+    markers = tuple(trial.markers for trial in rendered.values() if trial.markers is not None)
+    model = replace(_seen_by_the_camera(replay.model, sensor, optics), markers=markers)
+    return replace(replay, model=model), {i: trial.kept for i, trial in rendered.items()}
 
 
 def _replayed(
-    config: RigConfig,
-    sensor: Sensor,
-    records: Sequence[TrialRecord],
-    tolerance: Tolerance | None,
-    on_progress: Say,
+    inputs: ReplayInputs, records: Sequence[TrialRecord], on_progress: Say
 ) -> tuple[Replay, list[TrialFields]]:
     forces_n = [record.force_measured_n or 0.0 for record in records]
-    asked = tolerance or tolerance_of(config)
-    scene = replay_scene(
-        sensor,
-        indenter_of(config),
-        forces_n,
-        preset=preset_of(config),
-        tolerance=asked,
-        drive=drive_of(config),
-        tolerance_n=config.replay.force_tolerance,
-    )
-    on_progress(f"  meshing {sensor.title}, preset {setting_of(scene)}")
+    scene = inputs.scene(forces_n)
+    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}")
     return replay_forces(
         scene,
         forces_n,
-        tolerance=asked,
+        tolerance=inputs.tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
     )
@@ -127,7 +210,7 @@ def _modulus_of(
     return fit
 
 
-def _stiffened(sensor: Sensor, factor: float) -> Sensor:
+def stiffer(sensor: Sensor, factor: float) -> Sensor:
     """Return a sensor whose gel, all of its layers, is so many times as stiff."""
 
     def times(material: Material) -> Material:
