@@ -74,6 +74,11 @@ class ArmSample:
         runtime_state: RTDE runtime_state (2 playing).
         safety_bits: RTDE safety_status_bits.
         robot_mode: RTDE robot_mode (7 running).
+        tcp_force: What the arm itself takes for force [N] and moment [N m] on its tool, axes of the
+            base frame, not tared; None where it has no such estimate. Of UR's controllers this is
+            RTDE's actual_TCP_force: a pressed tool is pushed up, +Fz. UR's guide does not state the
+            sign; the check of the cell shows it. An e-Series arm may refer the moments to its
+            flange.
     """
 
     stamp_ns: int
@@ -83,6 +88,7 @@ class ArmSample:
     runtime_state: int
     safety_bits: int
     robot_mode: int
+    tcp_force: Vector6 | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

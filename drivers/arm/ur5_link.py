@@ -35,6 +35,7 @@ _FIELDS = [
     "timestamp",
     "actual_TCP_pose",
     "actual_TCP_speed",
+    "actual_TCP_force",
     "runtime_state",
     "safety_status_bits",
     "robot_mode",
@@ -185,6 +186,7 @@ class UrLink:
             time_s = receive.getTimestamp()
             x, y, z, rx, ry, rz = receive.getActualTCPPose()
             vx, vy, vz, wx, wy, wz = receive.getActualTCPSpeed()
+            fx, fy, fz, mx, my, mz = receive.getActualTCPForce()
             runtime_state = receive.getRuntimeState()
             safety_bits = receive.getSafetyStatusBits()
             robot_mode = receive.getRobotMode()
@@ -198,6 +200,7 @@ class UrLink:
             runtime_state=runtime_state,
             safety_bits=safety_bits,
             robot_mode=robot_mode,
+            tcp_force=(fx, fy, fz, mx, my, mz),
         )
 
     def command(

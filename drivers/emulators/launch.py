@@ -177,9 +177,7 @@ class Emulation:
 
     def _start_all(self) -> EmulatedAddresses:
         write_truth(self.folder, draw_truth(self.config.emulation.seed, unit=self.unit))
-        if self.devices - {Device.ROBOT}:
-            # Its table is made here once: that may take longer than a device's coming up.
-            self.gel()
+        self.gel()  # its table is made here once: that may take longer than a device's coming up
         SharedWorld.create(self.world_path).close()
         robot_host = port = url = None
         if Device.ROBOT in self.devices:
@@ -211,11 +209,10 @@ class Emulation:
     def _start_robot(self, host: str, *, tip: Vector3 | None = None) -> None:
         robot = self.config.robot
         settings = ControllerSettings(
-            folder=self.folder,
-            seed=self.config.emulation.seed,
             host=host,
             model=robot.model,
             home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
+            **self._gel_settings(),
         )
         self._start("robot", "arm.controller", settings)
 

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from typing import Self
 
+from drivers.device.force_estimate import ForceEstimate
 from drivers.device.interface import DeviceIdentity, HostClock
 from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import MOCK, RigConfig
@@ -42,8 +43,10 @@ class MockArm:
         self._kicked_ns = world.now_ns
         self._locked = False
         self._states: list[ArmSample] = []
+        model = world.config.robot.model
+        self._period_ns = round(1e9 / model.rate_hz)
+        self._estimate = ForceEstimate(model, seed=world.config.emulation.seed)
         self._newest = self._sample(world.now_ns)
-        self._period_ns = round(1e9 / world.config.robot.model.rate_hz)
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
         world.on_step(self._report)
@@ -189,6 +192,11 @@ class MockArm:
             runtime_state=PLAYING,
             safety_bits=PROTECTIVE_STOPPED if self._locked else 1,
             robot_mode=RUNNING,
+            tcp_force=self._estimate.advance(
+                (0.0, 0.0, self.world.force_n, 0.0, 0.0, 0.0),
+                self.world.velocity,
+                duration_s=self._period_ns * 1e-9,
+            ),
         )
 
     def _report(self, now_ns: int) -> None:

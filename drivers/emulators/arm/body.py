@@ -139,13 +139,16 @@ class ControllerBody:
         from_shoulder = math.hypot(x, y, z - _SHOULDER_Z_M)
         return from_shoulder <= _REACH_M and math.hypot(x, y) >= _COLUMN_M
 
-    def publish(self, *, time_s: float, pose: Vector6, velocity: Vector6) -> None:
+    def publish(
+        self, *, time_s: float, pose: Vector6, velocity: Vector6, tcp_force: Vector6
+    ) -> None:
         """Bring the RTDE output fields up to date.
 
         Args:
             time_s: The controller's time stamp [s].
             pose: Tip pose as the encoders report it [m, rad].
             velocity: Tip velocity [m/s, rad/s].
+            tcp_force: What the arm takes for force [N] and moment [N m] on its tip.
         """
         outputs, safety = self.outputs, self.safety
         outputs["timestamp"] = (time_s,)
@@ -153,6 +156,8 @@ class ControllerBody:
         outputs["target_TCP_pose"] = self.motion.pose
         outputs["actual_TCP_speed"] = velocity
         outputs["target_TCP_speed"] = velocity
+        outputs["actual_TCP_force"] = tcp_force
+        outputs["tcp_force_scalar"] = (math.hypot(*tcp_force[:3]),)
         running = self.runtime_state == RuntimeState.PLAYING
         powered = safety.robot_mode >= RobotMode.POWER_ON
         self._put("runtime_state", self.runtime_state)

@@ -15,12 +15,14 @@ from dataclasses import dataclass
 
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.device.faults import Device, Fault, FaultKind
+from drivers.device.force_estimate import ForceEstimate
 from drivers.emulators.arm.body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
 from drivers.emulators.arm.program import ControlProgram
 from drivers.emulators.arm.rtde_port import RtdePort
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import ArmTrace
-from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
@@ -32,8 +34,10 @@ _CATCH_UP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ControllerSettings(DeviceSettings):
+class ControllerSettings(GelSettings):
     """How one emulated UR controller is set up; real ur_rtde clients connect to it.
+
+    The world lies in the folder if none is given, and the arm then feels no gel.
 
     Attributes:
         host: Loopback address to listen on; one controller for each address.
@@ -58,7 +62,10 @@ class UrController:
         self.body = ControllerBody.at_home(
             settings.model, home, remote_control=settings.remote_control
         )
-        self._world = SharedWorld.create(settings.folder / WORLD_FILE)
+        world = settings.world or settings.folder / WORLD_FILE
+        self._world = SharedWorld.create(world)
+        self._gel = settings.plant() if settings.world is not None else None
+        self._estimate = ForceEstimate(settings.model, seed=settings.seed)
         self._trace = ArmTrace(settings.folder)
         self._active: dict[FaultKind, Fault] = {}
         self._rtde = RtdePort(settings.host, self.body)
@@ -86,7 +93,7 @@ class UrController:
             version=".".join(str(part) for part in VERSIONS[settings.model]),
             rate_hz=settings.model.rate_hz,
             folder=str(settings.folder),
-            world=str(settings.folder / WORLD_FILE),
+            world=str(self._world.path),
         )
         while not self._service.is_over:
             now_s = time.monotonic()
@@ -127,16 +134,24 @@ class UrController:
         self._run_program(now_s)
         motion = self.body.motion
         motion.step(passed_s)
-        x, y, z, rx, ry, rz = motion.pose
+        pose = Pose(position=motion.pose[:3], rotation_vector=motion.pose[3:])
         self.body.publish(
-            time_s=round(due * self._period_s, 6), pose=motion.pose, velocity=motion.velocity
+            time_s=round(due * self._period_s, 6),
+            pose=motion.pose,
+            velocity=motion.velocity,
+            tcp_force=self._feel(pose, stamp_ns, passed_s),
         )
-        self._world.publish(
-            Pose(position=(x, y, z), rotation_vector=(rx, ry, rz)), motion.velocity, stamp_ns
-        )
-        self._trace.add(stamp_ns, (x, y, z), motion.velocity, self.body.runtime_state)
+        self._world.publish(pose, motion.velocity, stamp_ns)
+        self._trace.add(stamp_ns, pose.position, motion.velocity, self.body.runtime_state)
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)
+
+    def _feel(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
+        wrench: Vector6 = (0.0,) * 6
+        if self._gel is not None:
+            force, moment = self._gel.wrench(pose, stamp_ns)
+            wrench = (*force, *moment)
+        return self._estimate.advance(wrench, self.body.motion.velocity, duration_s=passed_s)
 
     def _run_program(self, now_s: float) -> None:
         program = self._program

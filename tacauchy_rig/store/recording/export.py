@@ -17,6 +17,7 @@ from tacauchy_rig.store.durable import write_error
 from tacauchy_rig.store.recording.messages import (
     ARM_STATES,
     POSE_FIELDS,
+    TCP_FORCE_FIELDS,
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
 )
@@ -121,13 +122,15 @@ def _write_force(recording: Recording, result: TrialRecord | None, sign: int, pa
 
 def _write_arm(recording: Recording, path: Path) -> Path:
     arm = recording.arm()
-    names = ("stamp_ns", "time_s", "controller_time_s", *POSE_FIELDS, *VELOCITY_FIELDS, *ARM_STATES)
+    numbers = (*POSE_FIELDS, *VELOCITY_FIELDS, *TCP_FORCE_FIELDS)
+    names = ("stamp_ns", "time_s", "controller_time_s", *numbers, *ARM_STATES)
     rows = zip(
         arm.stamp_ns.tolist(),
         _times(recording, arm.stamp_ns).tolist(),
         arm.controller_time_s.tolist(),
         *arm.pose.T.tolist(),
         *arm.velocity.T.tolist(),
+        *arm.tcp_force.T.tolist(),
         *(getattr(arm, name).tolist() for name in ARM_STATES),
         strict=True,
     )

@@ -23,6 +23,7 @@ PACKAGE = "tacauchy_rig"
 WRENCH_FIELDS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
 POSE_FIELDS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 VELOCITY_FIELDS = ("vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s")
+TCP_FORCE_FIELDS = tuple(f"tcp_{name}" for name in WRENCH_FIELDS)
 ARM_STATES = ("runtime_state", "safety_bits", "robot_mode")
 _LATEST_STAMP_S = 1e9  # of a camera's clock, which counts from the start; later ones are no stamps
 
@@ -36,16 +37,20 @@ class Topic(StrEnum):
     IMAGE = "/image"
 
 
-def _message(name: str, /, **kinds: int) -> Any:
+def _message(name: str, /, optional: tuple[str, ...] = (), **kinds: int) -> Any:
+    """Return the class of a message; a field of ``optional`` may be absent, and knows it."""
     file = FileDescriptorProto(name=f"{PACKAGE}/{name}.proto", package=PACKAGE, syntax="proto3")
     message = file.message_type.add(name=name)
     for number, (field, kind) in enumerate(kinds.items(), start=1):
-        message.field.add(
+        added = message.field.add(
             name=field,
             number=number,
             type=kind,
             label=FieldDescriptorProto.LABEL_OPTIONAL,
         )
+        if field in optional:
+            added.proto3_optional, added.oneof_index = True, len(message.oneof_decl)
+            message.oneof_decl.add(name=f"_{field}")
     pool = DescriptorPool()
     pool.Add(file)
     return GetMessageClass(pool.FindMessageTypeByName(f"{PACKAGE}.{name}"))
@@ -61,10 +66,11 @@ ForceMessage = _message(
 )
 ArmMessage = _message(
     "Arm",
+    TCP_FORCE_FIELDS,
     stamp_ns=_INT64,
     controller_time_s=_DOUBLE,
     **dict.fromkeys(ARM_STATES, _INT64),
-    **dict.fromkeys(POSE_FIELDS + VELOCITY_FIELDS, _DOUBLE),
+    **dict.fromkeys(POSE_FIELDS + VELOCITY_FIELDS + TCP_FORCE_FIELDS, _DOUBLE),
 )
 EventMessage = _message(
     "Event", stamp_ns=_INT64, name=_STRING, trial=_INT64, attempt=_INT64, detail_json=_STRING
@@ -118,6 +124,7 @@ def encode(item: Recorded) -> RawMessage:
                 **{name: getattr(item, name) for name in kept},
                 **dict(zip(POSE_FIELDS, item.pose.as_vector(), strict=True)),
                 **dict(zip(VELOCITY_FIELDS, item.velocity, strict=True)),
+                **dict(zip(TCP_FORCE_FIELDS, item.tcp_force or (), strict=False)),
             )
         case JournalEvent(name=name, trial=trial, attempt=attempt):
             detail = json.dumps(to_json(item.detail))

@@ -21,6 +21,7 @@ from tacauchy_rig.store.recording.messages import (
     ARM_STATES,
     MESSAGES,
     POSE_FIELDS,
+    TCP_FORCE_FIELDS,
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
     RawMessage,
@@ -61,6 +62,8 @@ class ArmArrays:
         controller_time_s: The controller's own stamp [s], shape [n].
         pose: x, y, z [m], rotation vector [rad] of the tip in the base frame, shape [n, 6].
         velocity: Tool velocity [m/s, rad/s], shape [n, 6].
+        tcp_force: The arm's own estimate of force [N] and moment [N m] on its tool, base frame,
+            not tared, shape [n, 6]; NaN where it gave none.
         safety_bits: RTDE safety_status_bits, shape [n].
         runtime_state: RTDE runtime_state, shape [n].
         robot_mode: RTDE robot_mode, shape [n].
@@ -70,6 +73,7 @@ class ArmArrays:
     controller_time_s: FloatArray
     pose: FloatArray
     velocity: FloatArray
+    tcp_force: FloatArray
     safety_bits: IntArray
     runtime_state: IntArray
     robot_mode: IntArray
@@ -187,6 +191,7 @@ class Recording:
             controller_time_s=_table(messages, ("controller_time_s",))[:, 0],
             pose=_table(messages, POSE_FIELDS),
             velocity=_table(messages, VELOCITY_FIELDS),
+            tcp_force=_optional_table(messages, TCP_FORCE_FIELDS),
             **states,
         )
 
@@ -272,3 +277,10 @@ def _column(messages: list[Any], name: str) -> IntArray:
 def _table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
     rows = [[getattr(message, name) for name in names] for message in messages]
     return np.array(rows, dtype=np.float64).reshape(len(messages), len(names))
+
+
+def _optional_table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
+    table = _table(messages, names)
+    absent = [[not message.HasField(name) for name in names] for message in messages]
+    table[np.array(absent, dtype=bool).reshape(table.shape)] = np.nan
+    return table

@@ -61,6 +61,27 @@ def test_states_come_at_the_controller_s_rate(bench):
     assert bench.arm.drain() == []
 
 
+def test_it_feels_the_gel_coarsely(bench):
+    """A millimetre into the gel shows in its own estimate as a rise by about that force."""
+    bench.arm.start_move(
+        bench.world.pose.shifted(z=bench.world.surface_z_m - bench.world.pose.position[2] + 1e-3),
+        speed=0.05,
+        acceleration=0.5,
+    )
+    pass_time(bench, 3.0)
+    before = _mean_fz(bench)
+    bench.arm.start_move(bench.world.pose.shifted(z=-2e-3), speed=0.001, acceleration=0.5)
+    pass_time(bench, 3.0)
+    assert _mean_fz(bench) - before == pytest.approx(bench.world.force_n, rel=0.15)
+
+
+def _mean_fz(bench):
+    bench.arm.drain()
+    pass_time(bench, 1.0)
+    states = bench.arm.drain()
+    return sum(state.tcp_force[2] for state in states) / len(states)
+
+
 def test_a_frozen_controller_is_an_error(bench):
     """States that stop coming raise after 50 ms."""
     bench.world.faults.add("arm-frozen")

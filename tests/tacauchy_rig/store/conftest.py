@@ -27,7 +27,7 @@ class Samples:
         return ForceSample(stamp_ns=START_NS + counter * PERIOD_NS, counter=counter, wrench=wrench)
 
     def arm(self, counter: int) -> ArmSample:
-        """Return a state of the arm at 100 Hz."""
+        """Return a state of the arm at 100 Hz; the odd ones have no force of its own."""
         return ArmSample(
             stamp_ns=START_NS + counter * PERIOD_NS,
             controller_time_s=counter / 500,
@@ -36,6 +36,7 @@ class Samples:
             runtime_state=2,
             safety_bits=1,
             robot_mode=7,
+            tcp_force=None if counter % 2 else (0.0, -0.0, counter / 11, 1e-3, 0.0, 0.0),
         )
 
     def frame(self, counter: int, *, size: int = 5_000) -> ImageFrame:

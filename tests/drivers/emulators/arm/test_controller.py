@@ -23,7 +23,7 @@ from drivers.emulators.process import arguments_of, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.fault_table.arm import arm_after
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.run import Pose, Vector6
 from tests.drivers.arm_events import read_events
 
 _MODELS = list(RobotModel)
@@ -92,6 +92,25 @@ def client_conflict(host: str, model: str) -> dict[str, object]:
     return {"runtime_state": receiver.getRuntimeState()}
 
 
+def client_force(host: str, model: str) -> dict[str, object]:
+    """Read the arm's own estimate of force where it stands, and 5 mm higher."""
+    control = _control(host, model)
+    receiver = _receive(host, -1.0, ["actual_TCP_pose", "actual_TCP_force"])
+    pressed = _mean_fz(receiver)
+    pose = receiver.getActualTCPPose()
+    pose[2] += 0.005
+    control.moveL(pose, 0.05, 0.5)
+    return {"pressed": pressed, "free": _mean_fz(receiver)}
+
+
+def _mean_fz(receiver: Any) -> float:
+    end_s, values = time.monotonic() + 0.5, []
+    while time.monotonic() < end_s:
+        values.append(receiver.getActualTCPForce()[2])
+        time.sleep(0.002)
+    return sum(values) / len(values)
+
+
 def client_leave_moving(host: str, model: str) -> dict[str, object]:
     """Set a velocity without a watchdog and vanish."""
     control = _control(host, model)
@@ -143,6 +162,19 @@ def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: RobotMod
     assert found["joints"] == 6
     fast, slow = found["rates"]
     assert fast > 2 * slow
+
+
+def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
+    """With a gel in its world, its own estimate of F_z is higher by the gel's force than above."""
+    options = ["--world", str(tmp_path / WORLD_FILE), "--surface-m=0.3,-0.3,0.2", "--seed", "3"]
+    robot = emulate_ur(RobotModel.E_SERIES, *options, "--home=0.3,-0.3,0.199,3.14159265,0,0")
+    settings = settings_from(ControllerSettings, ["--folder", str(tmp_path), *options])
+    gel = settings.plant()
+    home = Pose(position=(0.3, -0.3, 0.199), rotation_vector=(3.14159265, 0.0, 0.0))
+    found = _run("client_force", robot)
+    expected = gel.relaxed_force(gel.depth(home))
+    assert expected > 2.0
+    assert found["pressed"] - found["free"] == pytest.approx(expected, rel=0.1)
 
 
 def test_two_threads_on_one_arm_end_the_program(emulate_ur: Callable[..., Any]) -> None:

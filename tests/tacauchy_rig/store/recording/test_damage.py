@@ -121,12 +121,14 @@ def test_a_hole_costs_only_what_it_covers(
 def test_a_hole_in_the_middle_is_described(folder: Path, original: Original) -> None:
     """It is said which bytes are damaged, what is lost and what is readable."""
     content = bytearray(original.finished)
-    content[3000:3010] = bytes(10)
+    force = next(each for each in original.messages if each.topic is Topic.FORCE)
+    hole = content.index(force.data)
+    content[hole : hole + 10] = bytes(10)
     recording = _opened(folder, bytes(content))
     assert recording.finished
     assert not recording.is_intact
     message = recording.describe()
-    assert "damaged: bytes 2" in message
+    assert f"damaged: bytes {hole // 1000}" in message
     assert f"1 of {len(original.messages)} messages are lost" in message
     assert f"{len(original.messages) - 1} messages over 0." in message
     assert "(force 11, arm 0, event 0, image 6)" in message

@@ -66,6 +66,8 @@ def test_csv_holds_raw_and_tared_force(store: RunStore, tmp_path: Path, samples:
     arm = _table(tmp_path / "out" / "trial-01-attempt-2" / "arm.csv")
     assert float(arm[3]["z_m"]) == samples.arm(3).pose.position[2]
     assert arm[3]["robot_mode"] == "7"
+    assert float(arm[4]["tcp_fz_n"]) == samples.arm(4).tcp_force[2]
+    assert arm[3]["tcp_fz_n"] == "", "this state came without one"
 
 
 def test_what_is_not_known_stays_empty(store: RunStore, tmp_path: Path) -> None:

@@ -37,6 +37,8 @@ def test_what_is_written_is_read(finished: Path, samples: Any) -> None:
         assert arm.controller_time_s[index] == state.controller_time_s
         assert tuple(arm.pose[index]) == state.pose.as_vector()
         assert tuple(arm.velocity[index]) == state.velocity
+        expected = state.tcp_force or (np.nan,) * 6
+        np.testing.assert_array_equal(arm.tcp_force[index], expected)
         states = (arm.runtime_state[index], arm.safety_bits[index], arm.robot_mode[index])
         assert states == (2, 1, 7)
     assert list(recording.frames()) == [samples.frame(index) for index in range(10)]
