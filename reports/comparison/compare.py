@@ -53,7 +53,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     return ValidationReport(
         passed=passed,
         verdict=verdict_of(trials, evidence, passed=passed),
-        reading=read_scores(trials, statistics, matrices),
+        reading=read_scores(trials, statistics, matrices, camera=evidence.camera),
         limits=limits_of(trials, statistics, evidence),
         trials=trials,
         statistics=statistics,

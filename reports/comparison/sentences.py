@@ -17,13 +17,6 @@ from tacauchy_rig.page import sentences
 
 CLAIM_REPEATS = 5
 MINUS = "\u2212"
-NAMES = {
-    Metric.SSIM: "SSIM",
-    Metric.NCC: "NCC",
-    Metric.HISTOGRAM_CORRELATION: "histogram correlation",
-    Metric.PSNR_DB: "PSNR",
-    Metric.MSE: "MSE",
-}
 
 
 def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: bool) -> str:
@@ -47,18 +40,21 @@ def read_scores(
     trials: Sequence[TrialResult],
     statistics: RunStatistics,
     matrices: Sequence[WrongForceMatrix],
+    *,
+    camera: str,
 ) -> tuple[str, ...]:
-    """Say what the scores of this run can and cannot tell."""
+    """Say what the scores of this run can and cannot tell; ``camera`` as in the evidence."""
     won = {m.metric: (sum(m.diagonal_wins), len(m.trials)) for m in matrices}
     judged = {m: won[m.value] for m in Metric if m in won}
     return _written(
         "reading",
         trials=trials,
+        camera=camera,
         statistics=statistics,
-        losing=[NAMES[m] for m in Metric if _loses(statistics, m)],
-        always_right=[NAMES[m] for m, (right, count) in judged.items() if right == count],
+        losing=[m.label for m in Metric if _loses(statistics, m)],
+        always_right=[m.label for m, (right, count) in judged.items() if right == count],
         sometimes_wrong=[
-            f"{NAMES[m]} (right in {right} of {count} trials)"
+            f"{m.label} (right in {right} of {count} trials)"
             for m, (right, count) in judged.items()
             if right < count
         ],
@@ -81,7 +77,7 @@ def _loses(statistics: RunStatistics, metric: Metric) -> bool:
 def _with_status(trials: Sequence[TrialResult], status: SkillStatus) -> list[str]:
     """Name the scores whose skill has a status in any trial."""
     skills = [t.skill for t in trials if t.skill]
-    return [NAMES[m] for m in Metric if any(skill[m.value].status is status for skill in skills)]
+    return [m.label for m in Metric if any(skill[m.value].status is status for skill in skills)]
 
 
 def limits_of(

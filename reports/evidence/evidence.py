@@ -6,6 +6,7 @@ missing is None: a run that broke off still gets a report that says so.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -180,6 +181,17 @@ class JournalSummary:
     faults: tuple[str, ...] = ()
 
 
+def camera_of(provenance: Mapping[str, Any], *, simulated: bool) -> str:
+    """Say whose images a run has: of a ``real`` camera or of an ``emulated`` one.
+
+    Args:
+        provenance: Of the run; its ``devices`` say what the camera was.
+        simulated: What counts where they do not say.
+    """
+    camera = provenance.get("devices", {}).get("camera", {})
+    return "emulated" if camera.get("simulated", simulated) else "real"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunEvidence:
     """A whole run and its replay.
@@ -207,3 +219,8 @@ class RunEvidence:
     sync_mode: str = "host_clock"
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
+
+    @property
+    def camera(self) -> str:
+        """``real`` or ``emulated``: whose images the trials have."""
+        return camera_of(self.provenance, simulated=self.simulated)

@@ -36,7 +36,7 @@ def draw_contact(report: ValidationReport) -> Figure:
     floors = np.array([t.contact_no_contact_residual for t in report.trials], dtype=np.float64)
     right.plot(floors, color=INK, marker="_", ls="none", label="No contact")
     left.set_ylabel("ZNCC in the contact")
-    right.set_ylabel("Residual / real change")
+    right.set_ylabel(f"Residual / {report.evidence.camera} change")
     right.set_ylim(bottom=0.0)
     for axes, name in ((left, "(a)"), (right, "(b)")):
         axes.grid(axis="y")

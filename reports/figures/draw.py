@@ -29,7 +29,9 @@ def draw_figures(report: ValidationReport, folder: Path) -> list[dict[str, str]]
     with mpl.rc_context(STYLE):
         for name, draw in _figures(report):
             save_figure(draw(report), folder, name)
-            caption = prose("reports", "templates/captions.txt.jinja", name.replace("-", "_"))
+            block = name.replace("-", "_")
+            camera = report.evidence.camera
+            caption = prose("reports", "templates/captions.txt.jinja", block, camera=camera)
             drawn.append({"name": name, "caption": caption})
     return drawn
 

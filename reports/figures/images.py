@@ -34,13 +34,13 @@ def draw_images(report: ValidationReport) -> Figure:
     for column, trial in enumerate(trials):
         mapped = _draw_column(grid[:, column], trial, limit) or mapped
         grid[0, column].set_title(f"$F_z$ = {trial.force_target_n:.2f} N", fontsize=7.5, pad=3)
-    rows = ("Emulated" if evidence.simulated else "Real", "Simulated", "Difference")
+    rows = (evidence.camera.capitalize(), "Simulated", "Difference")
     for row, name in enumerate(rows):
         grid[row, 0].set_ylabel(name)
     _draw_scale_bar(grid[0, 0], geometry)
     if mapped is not None:
         bar = figure.colorbar(mapped, cax=grid[2, -1].inset_axes((1.06, 0.0, 0.06, 1.0)))
-        bar.set_label("Sim. − real\n(grey levels)", fontsize=6.5, linespacing=1.0)
+        bar.set_label(f"Sim. − {evidence.camera}\n(grey levels)", fontsize=6.5, linespacing=1.0)
         bar.ax.tick_params(labelsize=6)
         bar.outline.set_linewidth(0.4)
     return figure

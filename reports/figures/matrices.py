@@ -12,19 +12,14 @@ from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import Metric
 from tacauchy_rig.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure
 
-TITLES = {
-    Metric.SSIM.value: "SSIM",
-    Metric.NCC.value: "NCC",
-    Metric.HISTOGRAM_CORRELATION.value: "Histogram correlation",
-    Metric.PSNR_DB.value: "PSNR (dB)",
-    Metric.MSE.value: "MSE (grey level$^2$)",
-    CONTACT_RESIDUAL: "Contact residual",
+TITLES = {metric.value: metric.axis_label for metric in Metric} | {
+    CONTACT_RESIDUAL: "Contact residual"
 }
 MAX_NUMBERED = 8
 
 
 def draw_matrices(report: ValidationReport) -> Figure:
-    """Draw every score of real press (row) against simulated press (column)."""
+    """Draw every score of a press's own image (row) against simulated ones (column)."""
     figure = new_figure(PAGE_IN, 4.6, simulated=report.evidence.simulated)
     panels = figure.subplots(2, 3).ravel()
     for axes, matrix in zip(panels, report.matrices, strict=False):
@@ -32,7 +27,7 @@ def draw_matrices(report: ValidationReport) -> Figure:
     for axes in panels[len(report.matrices) :]:
         axes.set_axis_off()
     figure.supxlabel("Simulated with the force of this press (N)", fontsize=8)
-    figure.supylabel("Real press (N)", fontsize=8)
+    figure.supylabel(f"{report.evidence.camera.capitalize()} press (N)", fontsize=8)
     return figure
 
 

@@ -17,11 +17,7 @@ from reports.figures.trials import force_label, label_forces, legend_above, show
 from reports.scores.metrics import ImageScores, Metric
 from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
 
-SIMILARITIES = {
-    Metric.SSIM: ("SSIM", BLUE),
-    Metric.NCC: ("NCC", GREEN),
-    Metric.HISTOGRAM_CORRELATION: ("Hist. corr.", ORANGE),
-}
+SIMILARITIES = {Metric.SSIM: BLUE, Metric.NCC: GREEN, Metric.HISTOGRAM_CORRELATION: ORANGE}
 FLOOR_STYLE: dict[str, Any] = {"color": INK, "marker": "_", "markersize": 6, "linestyle": "none"}
 
 
@@ -40,11 +36,11 @@ def _draw_radar(axes: PolarAxes, trials: Sequence[TrialResult]) -> None:
     angles = np.linspace(0.0, 2.0 * np.pi, len(trials), endpoint=False)
     closed = np.append(angles, angles[:1])
     lowest = 1.0
-    for metric, (name, color) in SIMILARITIES.items():
+    for metric, color in SIMILARITIES.items():
         values = [_value(t, metric) for t in trials]
         floors = [_floor(t, metric) for t in trials]
         lowest = min([lowest, *(v for v in (*values, *floors) if math.isfinite(v))])
-        axes.plot(closed, [*values, *values[:1]], color=color, marker="o", markersize=2, label=name)
+        axes.plot(closed, [*values, *values[:1]], color=color, marker="o", markersize=2)
         axes.plot(closed, [*floors, *floors[:1]], color=color, linestyle=":", linewidth=0.8)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -62,9 +58,10 @@ def _draw_radar(axes: PolarAxes, trials: Sequence[TrialResult]) -> None:
 
 def _draw_bars(axes: Axes, trials: Sequence[TrialResult]) -> None:
     width = 0.26
-    for k, (metric, (name, color)) in enumerate(SIMILARITIES.items()):
+    for k, (metric, color) in enumerate(SIMILARITIES.items()):
         place = np.arange(len(trials)) + (k - 1) * width
         values = np.array([_value(t, metric) for t in trials])
+        name = metric.short
         if np.isfinite(values).any():
             mean = float(np.nanmean(values))
             axes.axhline(mean, color=color, linestyle="--", linewidth=0.7, zorder=0.5)
@@ -89,8 +86,8 @@ def draw_errors(report: ValidationReport) -> Figure:
     figure = new_figure(PAGE_IN, 2.0, simulated=report.evidence.simulated)
     left, right = figure.subplots(1, 2)
     statistics = report.statistics
-    _draw_error_bars(left, report.trials, Metric.MSE, BLUE, "MSE (grey level$^2$)")
-    _draw_error_bars(right, report.trials, Metric.PSNR_DB, GREEN, "PSNR (dB)")
+    _draw_error_bars(left, report.trials, Metric.MSE, BLUE)
+    _draw_error_bars(right, report.trials, Metric.PSNR_DB, GREEN)
     letter(left, "(a)")
     letter(right, "(b)")
     through = statistics.psnr_of_mean_mse_db
@@ -101,9 +98,7 @@ def draw_errors(report: ValidationReport) -> Figure:
     return figure
 
 
-def _draw_error_bars(
-    axes: Axes, trials: Sequence[TrialResult], metric: Metric, color: str, label: str
-) -> None:
+def _draw_error_bars(axes: Axes, trials: Sequence[TrialResult], metric: Metric, color: str) -> None:
     values = np.array([_value(t, metric) for t in trials])
     place = np.arange(len(trials))
     axes.bar(place, np.nan_to_num(values), 0.62, color=color, alpha=0.85)
@@ -112,7 +107,7 @@ def _draw_error_bars(
         axes.axhline(mean, color=ORANGE, linestyle="--", label=f"Mean {mean:.2f}")
     floors = [_floor(t, metric) for t in trials]
     axes.plot(place, floors, **(FLOOR_STYLE | {"markersize": 14}), label="No contact")
-    axes.set_ylabel(label)
+    axes.set_ylabel(metric.axis_label)
     axes.grid(axis="y")
     label_forces(axes, trials)
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from reports.comparison.sentences import MINUS, NAMES
+from reports.comparison.sentences import MINUS
+from reports.evidence.evidence import camera_of
 from reports.scores.metrics import Metric
 
 ABSENT = "\u2013"
@@ -22,13 +23,6 @@ KEY_UNITS = {
     "mm": "mm",
     "pa": "Pa",
     "px": "px",
-}
-DECIMALS = {
-    Metric.SSIM.value: 4,
-    Metric.NCC.value: 4,
-    Metric.HISTOGRAM_CORRELATION.value: 4,
-    Metric.PSNR_DB.value: 2,
-    Metric.MSE.value: 1,
 }
 
 
@@ -51,8 +45,8 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
         "image_data": lambda name: png_data(images / name),
-        "metric_names": {metric.value: name for metric, name in NAMES.items()},
-        "decimals": DECIMALS,
+        "metrics": {metric.value: metric for metric in Metric},
+        "camera": camera_of(summary["provenance"], simulated=summary["simulated"]),
     }
     return environment.get_template("report.html.jinja").render(summary=summary)
 

@@ -44,6 +44,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
                 "reports",
                 "templates/definitions.txt.jinja",
                 name,
+                camera=evidence.camera,
                 noise_multiple=f"{NOISE_MULTIPLE:g}",
                 confidence=f"{CONFIDENCE:.0%}",
             )

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 import cv2
 import numpy as np
@@ -24,13 +25,41 @@ PEAK = 255.0
 
 
 class Metric(StrEnum):
-    """The five scores, by the names they have in ``summary.json``."""
+    """The five scores, by the names they have in ``summary.json``.
 
-    SSIM = "ssim"
-    NCC = "ncc"
-    HISTOGRAM_CORRELATION = "histogram_correlation"
-    PSNR_DB = "psnr_db"
-    MSE = "mse"
+    Attributes:
+        label: What a sentence calls it; ``short`` is for narrow places.
+        decimals: How many a table shows.
+        unit: As figures write it; empty for a plain number.
+    """
+
+    label: str
+    short: str
+    decimals: int
+    unit: str
+
+    def __new__(cls, key: str, label: str, short: str, decimals: int, unit: str = "") -> Self:
+        """Take a score's name in JSON as its value, the rest as attributes."""
+        metric = str.__new__(cls, key)
+        metric._value_ = key
+        metric.label, metric.short, metric.decimals, metric.unit = label, short, decimals, unit
+        return metric
+
+    SSIM = "ssim", "SSIM", "SSIM", 4
+    NCC = "ncc", "NCC", "NCC", 4
+    HISTOGRAM_CORRELATION = "histogram_correlation", "histogram correlation", "Hist. corr.", 4
+    PSNR_DB = "psnr_db", "PSNR", "PSNR", 2, "dB"
+    MSE = "mse", "MSE", "MSE", 1, "grey level$^2$"
+
+    @property
+    def heading(self) -> str:
+        """Its name over a row or a picture."""
+        return self.label[0].upper() + self.label[1:]
+
+    @property
+    def axis_label(self) -> str:
+        """Its name and unit along an axis."""
+        return f"{self.heading} ({self.unit})" if self.unit else self.heading
 
     @property
     def larger_is_better(self) -> bool:

@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from reports.comparison.results import ValidationReport
+from reports.evidence.evidence import camera_of
 from reports.page.html import number, plain, signed, words
 from reports.page.summary import build_summary, junit_xml, metrics_csv
 from reports.page.writing import ReportPaths, write_report
@@ -126,11 +127,23 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
 def test_what_was_emulated_is_not_called_real(
     written: ReportPaths, incomplete: ValidationReport, tmp_path: Path
 ) -> None:
-    """The row of recorded images says whose they are."""
-    assert "<th>Emulated</th>" in written.html.read_text("utf-8")
+    """Pages and captions say whose the images are; only a caveat may name real sensors."""
+    emulated = written.html.read_text("utf-8")
+    caveat = "not that the simulator matches any real sensor"
+    assert "<th>Emulated</th>" in emulated
+    assert caveat in emulated
+    assert not re.search(r"\breal\b", emulated.replace(caveat, ""), flags=re.IGNORECASE)
     page = write_report(incomplete, tmp_path / "report").html.read_text("utf-8")
     assert "<th>Real</th>" in page
     assert "Emulated" not in page
+    assert "against real images" in page
+
+
+def test_images_are_the_cameras_whatever_the_arm_is() -> None:
+    """A real camera beside an emulated arm gives real images."""
+    devices = {"camera": {"simulated": False}, "robot": {"simulated": True}}
+    assert camera_of({"devices": devices}, simulated=True) == "real"
+    assert camera_of({"devices": {}}, simulated=True) == "emulated"
 
 
 def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths) -> None:
