@@ -34,7 +34,8 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.force_agreement import compare_force
-from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval, to_grey
+from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
+from tacauchy_rig.rgb import to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
 

@@ -20,6 +20,7 @@ from reports.evidence.evidence import (
     TrialImages,
 )
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.rgb import decode_rgb
 from tacauchy_rig.run import FZ, ImageFrame, TrialRecord
 from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.store.run_store import RunStore
@@ -199,12 +200,10 @@ class RunReading:
 
 def decode_frame(frame: ImageFrame) -> ColorImage | None:
     """Decode a JPEG frame to RGB, shape [height, width, 3]; None when it is no whole image."""
-    data = np.frombuffer(frame.jpeg, dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    image = decode_rgb(frame.jpeg)
     if image is None:
-        logger.warning("frame %d (%d bytes) is no image; left out", frame.counter, data.size)
-        return None
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        logger.warning("frame %d (%d bytes) is no image; left out", frame.counter, len(frame.jpeg))
+    return image
 
 
 def crop_and_resize(image: ColorImage, geometry: ImageGeometry) -> ColorImage:

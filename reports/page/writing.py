@@ -16,7 +16,7 @@ from reports.figures.images import DIFFERENCE_COLORS, difference_limit, luminanc
 from reports.page.html import render_html
 from reports.page.summary import build_summary, junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.replay_files import encode_png
+from tacauchy_rig.rgb import encode_png
 
 
 class ReportPaths:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from skimage.metrics import structural_similarity
 
-from reports.arrays import ColorImage, FloatArray, GreyImage, check_image_pair
+from reports.arrays import FloatArray, check_image_pair
 
 HISTOGRAM_BINS = 256
 SSIM_SIGMA_PX = 1.5
@@ -86,11 +86,6 @@ class ImageScores:
     def value(self, metric: Metric) -> float:
         """Return the score that ``metric`` names."""
         return float(getattr(self, metric.value))
-
-
-def to_grey(image: ColorImage) -> GreyImage:
-    """Return the luminance (ITU-R BT.601 weights), shape [height, width]."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def structural_similarity_index(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:

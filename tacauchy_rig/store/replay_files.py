@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.rgb import decode_rgb, encode_png
 from tacauchy_rig.store.durable import read_bytes, write_atomically
 
 
@@ -64,27 +64,21 @@ def read_fields(folder: Path) -> ReplayFields:
     return ReplayFields(
         fields=_unpack(folder / "fields.npz"),
         height=_unpack(folder / "height.npz"),
-        image=decode_png(image) if image.exists() else None,
+        image=_read_png(image) if image.exists() else None,
         surface_vtu=read_bytes(surface, what="the surface") if surface.exists() else None,
     )
 
 
-def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """Return an RGB image, shape [height, width, 3], as PNG."""
-    return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
-
-
-def decode_png(path: Path) -> NDArray[np.uint8]:
+def _read_png(path: Path) -> NDArray[np.uint8]:
     """Return a PNG as RGB, shape [height, width, 3].
 
     Raises:
         RecordError: Missing or damaged.
     """
-    data = np.frombuffer(read_bytes(path, what="the image"), dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    image = decode_rgb(read_bytes(path, what="the image"))
     if image is None:
         raise RecordError(f"{path}: not a readable PNG", remedy="replay the run again")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+    return image
 
 
 def _pack(arrays: dict[str, NDArray[Any]]) -> bytes:

@@ -19,6 +19,7 @@ from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.markers.tracking import dark_markers
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.rgb import to_grey
 
 _REACH = 1.6  # radii around a marker that its blurred edge reaches
 _FOUND_SHARE = 0.6  # of the markers that the sensor's file puts into the image
@@ -92,8 +93,7 @@ def printed_markers(
     border = _REACH * radius_px + 1.0
     size = np.array([geometry.width, geometry.height]) - 1.0
     whole = expected[np.all((expected > border) & (expected < size - border), axis=1)]
-    grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    found = dark_markers(grey, radius_px=radius_px)
+    found = dark_markers(to_grey(frame), radius_px=radius_px)
     if len(whole) == 0 or len(found) < _FOUND_SHARE * len(whole):
         return None
     pitch_px = min(grid.pitch_m) / geometry.mean_scale_m

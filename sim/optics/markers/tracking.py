@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from sim.arrays import FloatArray
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.rgb import to_grey
 
 _FAINTEST = 0.25  # of what the gel around a marker reflects
 _WINDOW_RADII = 1.6
@@ -49,8 +50,8 @@ def track_markers(
         ConfigError: The frame at rest shows no marker.
     """
     radius_px = radius_m / geometry.mean_scale_m
-    first = dark_markers(_grey(rest), radius_px=radius_px)
-    second = dark_markers(_grey(loaded), radius_px=radius_px)
+    first = dark_markers(to_grey(rest), radius_px=radius_px)
+    second = dark_markers(to_grey(loaded), radius_px=radius_px)
     if len(first) == 0:
         raise ConfigError(
             "the frame at rest shows no marker",
@@ -66,12 +67,6 @@ def track_markers(
         displacement_m=geometry.to_pad(second[there[paired]]) - places,
         lost=int(np.sum(~paired)),
     )
-
-
-def _grey(image: ImageArray) -> NDArray[np.uint8]:
-    if image.ndim == 2:
-        return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def dark_markers(image: NDArray[np.uint8], *, radius_px: float) -> FloatArray:

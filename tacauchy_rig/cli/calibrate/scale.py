@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from reports.evidence.attempt import crop_and_resize
-from sim.optics.calibrate.presses.ball_press import grey_levels, read_ball_presses, read_rgb
+from sim.optics.calibrate.presses.ball_press import read_ball_presses, read_rgb
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.scale.target import find_target, parse_target
 from sim.sensor.sensor import Sensor, load_sensor
@@ -18,6 +18,7 @@ from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.opening import scored_geometry
+from tacauchy_rig.rgb import to_grey
 
 
 def scale(
@@ -73,7 +74,7 @@ def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFi
     seen = read_rgb(image)
     if sensor is not None:
         seen = crop_and_resize(seen, scored_geometry(sensor))
-    grey = grey_levels(seen)
+    grey = to_grey(seen)
     found = find_target(parse_target(text), grey, name=str(image))
     fit = fit_scale(found.positions_m, found.pixels, width=grey.shape[1], height=grey.shape[0])
     return fit, f"{len(found.pixels)} of {found.wanted} points of the target"

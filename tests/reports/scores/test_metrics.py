@@ -19,7 +19,6 @@ from reports.scores.metrics import (
     score,
     structural_similarity_index,
     t_interval,
-    to_grey,
     zero_mean_correlation,
 )
 from tacauchy_rig.errors import RecordError
@@ -106,12 +105,6 @@ def test_squares_do_not_wrap() -> None:
     black, white = np.zeros((4, 4), np.uint8), np.full((4, 4), 255, np.uint8)
     assert mean_squared_error(black, white) == 65025.0
     assert psnr_of(65025.0) == 0.0
-
-
-def test_grey_is_bt601() -> None:
-    """Luminance weights are 0.299, 0.587, 0.114."""
-    pixel = np.array([[[200, 100, 50]]], np.uint8)
-    assert to_grey(pixel)[0, 0] == round(0.299 * 200 + 0.587 * 100 + 0.114 * 50)
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.optics.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.rgb import decode_rgb
 
 _COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -60,20 +60,14 @@ def read_rgb(path: Path) -> ImageArray:
         ConfigError: The file is missing or no image.
     """
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        image = decode_rgb(path.read_bytes())
     except OSError as error:
         raise ConfigError(
             f"image {path} cannot be read: {error.strerror}", remedy="check the path"
         ) from error
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if image is None:
         raise ConfigError(f"{path} is not an image", remedy="give PNG or JPEG files")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-def grey_levels(image: ImageArray) -> ImageArray:
-    """Return an RGB image as grey levels, uint8, shape [height, width]."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return image
 
 
 def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
