@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import deque
 from typing import ClassVar, Generic, Self, TypeVar
 
@@ -20,7 +21,7 @@ SampleT = TypeVar("SampleT")
 WIDTH, HEIGHT = 64, 48
 
 
-class _MockStream(Generic[SampleT]):
+class _MockStream(ABC, Generic[SampleT]):
     """A ``StreamingDevice`` without a wire, at a rate [Hz] in the world's time."""
 
     place: ClassVar[str]
@@ -95,8 +96,9 @@ class _MockStream(Generic[SampleT]):
             self._stamps.append(now_ns)
             self._waiting.append(sample)
 
+    @abstractmethod
     def _sample(self, now_ns: int) -> SampleT | None:
-        raise NotImplementedError
+        """Return the sample that is due, or None where it is lost."""
 
     def _corrupt_count(self) -> int:
         return 0
