@@ -20,7 +20,7 @@ def _energy(F: wp.mat33d, p: wp.vec4d) -> wp.float64:
         return wp.float64(wp.inf)
     one = wp.float64(1.0)
     half = wp.float64(0.5)
-    power = wp.exp(wp.log(J) * wp.float64(-2.0 / 3.0))
+    power = wp.exp(wp.log(J) * wp.float64(-2.0) / wp.float64(3.0))
     shear = half * p[0] * (power * wp.ddot(F, F) - wp.float64(3.0))
     return shear + half * p[1] * (J - one) * (J - one)
 
@@ -28,7 +28,7 @@ def _energy(F: wp.mat33d, p: wp.vec4d) -> wp.float64:
 @wp.func
 def _stress(F: wp.mat33d, p: wp.vec4d) -> wp.mat33d:
     J = wp.determinant(F)
-    power = wp.exp(wp.log(J) * wp.float64(-2.0 / 3.0))
+    power = wp.exp(wp.log(J) * wp.float64(-2.0) / wp.float64(3.0))
     volume = p[1] * (J - wp.float64(1.0))
     shear = p[0] * power * wp.ddot(F, F) / (wp.float64(3.0) * J)
     return F * (p[0] * power) + cofactor(F) * (volume - shear)
@@ -38,14 +38,14 @@ def _stress(F: wp.mat33d, p: wp.vec4d) -> wp.mat33d:
 def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     J = wp.determinant(F)
     trace = wp.ddot(F, F)
-    power = wp.exp(wp.log(J) * wp.float64(-2.0 / 3.0))
-    third = wp.float64(1.0 / 3.0)
+    power = wp.exp(wp.log(J) * wp.float64(-2.0) / wp.float64(3.0))
+    third = wp.float64(1.0) / wp.float64(3.0)  # Warp divides bare literals in float32
     t = Tangent()
     t.deformation = F
     t.cofactor = cofactor(F)
     t.a = p[0] * power
     t.c = wp.float64(-2.0) * third * p[0] * power / J
-    t.d = p[1] + wp.float64(5.0 / 9.0) * p[0] * power * trace / (J * J)
+    t.d = p[1] + wp.float64(5.0) / wp.float64(9.0) * p[0] * power * trace / (J * J)
     t.e = p[1] * (J - wp.float64(1.0)) - third * p[0] * power * trace / J
     return t
 
