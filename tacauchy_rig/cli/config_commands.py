@@ -8,11 +8,15 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from tacauchy_rig import tables
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import console, say, write_json
+from tacauchy_rig.config.ceilings import ceilings
 from tacauchy_rig.config.load import example_text, load_config
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.gel_limits import DEPTH_SHARE, PRESSURE_MODULI, check_gel
 from tacauchy_rig.loop.settings import check_replay
+from tacauchy_rig.page import page
 
 app = typer.Typer(no_args_is_help=True, help="Show, check and write rig.toml.")
 
@@ -29,6 +33,7 @@ def show(
     for field, value in loaded.written.items():
         table.add_row(field, str(value), loaded.sources[field])
     console.print(table)
+    check_gel(loaded.config)
     check_replay(loaded.config)
     say(f"configuration hash {loaded.config_hash[:16]}")
     fields = [
@@ -51,6 +56,23 @@ def example(
     else:
         _write_example(out)
     write_json(json_file, {"file": out, "text": example_text()})
+
+
+@app.command("ceilings")
+def show_ceilings(json_file: JsonFile = None) -> None:
+    """Write docs/ceilings.md: how far each value may go on any rig, and why."""
+    table = tables.table_of(
+        ceilings(),
+        {
+            "field": lambda entry: f"`{entry[0]}`",
+            "at least": lambda entry: entry[1].least,
+            "at most": lambda entry: entry[1].most,
+            "because": lambda entry: entry[1].because,
+        },
+    )
+    facts = {"ceilings": table, "depth_share": DEPTH_SHARE, "moduli": PRESSURE_MODULI}
+    typer.echo(page("tacauchy_rig.cli", "ceilings.md.jinja", facts), nl=False)
+    write_json(json_file, {"ceilings": dict(ceilings())})
 
 
 def _write_example(out: Path) -> None:

@@ -12,6 +12,7 @@ from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.doctor.host import host_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
+from tacauchy_rig.loop.gel_limits import gel_check
 from tacauchy_rig.loop.settings import replay_check
 
 _MARKS = {
@@ -32,7 +33,7 @@ def doctor(
 ) -> None:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves."""
     config = load_config(path, overrides=overrides or ()).config
-    checks = [*host_checks(config), replay_check(config)]
+    checks = [*host_checks(config), gel_check(config), replay_check(config)]
     for check in checks:
         _show(check)
     if not host_only:

@@ -23,9 +23,10 @@ from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
+from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, record_run
-from tacauchy_rig.loop.settings import check_replay
+from tacauchy_rig.loop.settings import check_names, check_replay
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.recording.recover import recover_run
 from tacauchy_rig.store.run_store import RunStore
@@ -66,20 +67,25 @@ def resume(
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     store = RunStore.open(folder)
-    if not press_only:
-        check_replay(store.config)
+    _check_before(store.config, press_only=press_only)
     for mended in recover_run(folder):
         say_recovered(mended)
     _press_and_report(store, press_only=press_only, json_file=json_file)
 
 
 def _new_run(loaded: LoadedConfig, text: str, *, press_only: bool, json_file: Path | None) -> None:
-    config = loaded.config
-    if not press_only:  # a wrong name here must not wait until six presses are done
-        check_replay(config)
+    _check_before(loaded.config, press_only=press_only)
     store = create_run(loaded, text)
     say(f"run folder {store.paths.root}")
     _press_and_report(store, press_only=press_only, json_file=json_file)
+
+
+def _check_before(config: RigConfig, *, press_only: bool) -> None:
+    """Refuse what must not wait until six presses are done, or until the gel is torn."""
+    check_names(config)
+    check_gel(config)
+    if not press_only:
+        check_replay(config)
 
 
 def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | None) -> None:

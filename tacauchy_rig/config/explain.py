@@ -13,6 +13,10 @@ from pydantic import BaseModel, ValidationError
 from tacauchy_rig.config.model import RigConfig, RobotModel
 from tacauchy_rig.quantities import UNITS, Dimension, example, split_quantity
 
+_LINE_MOST = 400
+"""Characters of a line, on which a value may be as long as its file."""
+_LINES_MOST = 40
+"""Of a message: what an operator may mend before looking again."""
 _LIMITS = {
     "greater_than": ("gt", "is not above the limit", "write more than"),
     "greater_than_equal": ("ge", "is below the limit", "write at least"),
@@ -39,18 +43,23 @@ _ARMS = {
 
 
 def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
-    """Yield one line for each wrong field.
+    """Yield one line for each wrong field, shortened where it is long beyond reading.
 
     Args:
         error: What pydantic found.
         tables: The values as they were written.
     """
-    seen = set()
-    for problem in error.errors():
-        line = _line(problem, tables)
-        if line not in seen:
-            seen.add(line)
-            yield line
+    lines = list(dict.fromkeys(_line(problem, tables) for problem in error.errors()))
+    yield from map(_shortened, lines[:_LINES_MOST])
+    if len(lines) > _LINES_MOST:
+        yield f"... and {len(lines) - _LINES_MOST} more"
+
+
+def _shortened(line: str) -> str:
+    if len(line) <= _LINE_MOST:
+        return line
+    half = _LINE_MOST // 2
+    return f"{line[:half]} [{len(line) - 2 * half} characters] {line[-half:]}"
 
 
 def _line(problem: Any, tables: Mapping[str, Any]) -> str:
@@ -59,7 +68,10 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     written = _written(tables, location, problem["input"])
     value = json.dumps(written, ensure_ascii=False, default=str)
     if kind in _LIMITS:
-        return f"{name}: {value} {_limit(problem, written)}"
+        key = _LIMITS[kind][0]
+        return f"{name}: {value} {_limit(key, problem['ctx'][key], location, written)}"
+    if kind == "ceiling":
+        return _above_ceiling(problem["ctx"], location, written)
     if kind == "extra_forbidden":
         return f"{name}: unknown key; {_suggestion(location)}"
     if kind == "missing":
@@ -91,10 +103,19 @@ def _name(location: tuple[int | str, ...]) -> str:
     return "".join(parts).removeprefix(".") or "rig.toml"
 
 
-def _limit(problem: Any, written: Any) -> str:
-    key, relation, advice = _LIMITS[problem["type"]]
-    limit = problem["ctx"][key]
-    dimension = _dimension(problem["loc"])
+def _above_ceiling(context: Any, location: tuple[int | str, ...], written: Any) -> str:
+    name = _name(location)
+    if isinstance(written, list):
+        name, written = f"{name}[{context['index']}]", written[context["index"]]
+    key = "le" if "le" in context else "ge"
+    limit = _limit(key, context[key], location, written)
+    value = json.dumps(written, ensure_ascii=False, default=str)
+    return f"{name}: {value} {limit} ({context['because']})"
+
+
+def _limit(key: str, limit: float, location: tuple[int | str, ...], written: Any) -> str:
+    relation, advice = next((r, a) for k, r, a in _LIMITS.values() if k == key)
+    dimension = _dimension(location)
     parts = split_quantity(written) if isinstance(written, str) else None
     if dimension is None or parts is None:
         return f"{relation} {limit:g}; {advice} {limit:g}"

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
+from tacauchy_rig.config.ceilings import NO_CEILINGS, Ceiling
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, example, parse_quantity
 
 
 class Section(BaseModel):
-    """A table of ``rig.toml``: frozen, unknown keys refused."""
+    """A table of ``rig.toml``: frozen, unknown keys refused.
+
+    Attributes:
+        ceilings: Ranges of its fields. A run that was recorded is read whatever it allowed.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False
     )
+    ceilings: ClassVar[Mapping[str, Ceiling]] = NO_CEILINGS
+
+    @field_validator("*")
+    @classmethod
+    def _below_its_ceiling(cls, value: Any, info: ValidationInfo) -> Any:
+        ceiling = cls.ceilings.get(info.field_name or "")
+        if ceiling is None or (info.context or {}).get("recorded"):
+            return value
+        for index, item in enumerate(value if isinstance(value, tuple) else (value,)):
+            if (crossed := ceiling.crossed(item)) is not None:
+                name, limit = crossed
+                raise PydanticCustomError(
+                    "ceiling", "ceiling", {name: limit, "index": index, "because": ceiling.because}
+                )
+        return value
 
 
 def _reader(dimension: Dimension) -> BeforeValidator:

@@ -86,10 +86,11 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
 def restore_config(written: Mapping[str, Any]) -> RigConfig:
     """Build the configuration of a recorded run from ``LoadedConfig.written``.
 
-    Fields that this version has and that one had not take their built-in default.
+    Fields that this version has and that one had not take their built-in default. What was
+    pressed was pressed: neither ceilings nor rules are asked again.
 
     Raises:
-        ConfigError: A field is no longer known, or its value no longer allowed.
+        ConfigError: A field is no longer known, or its value of another kind.
     """
     defaults = dict(_leaves(tomllib.loads(default_text())))
     return check_config(_nest({**defaults, **written}))
@@ -100,8 +101,8 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
 
     Args:
         tables: The merged values as they were written.
-        defaulted: Dotted fields that only the built-in defaults give; None where that is not
-            known, as of a recorded run, whose drivers need not be installed.
+        defaulted: Dotted fields that only the built-in defaults give; None for a recorded run,
+            which is read: its drivers need not be installed, and no rule is asked.
 
     Raises:
         ConfigError: One line for each field that is wrong.
@@ -111,7 +112,9 @@ def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None
         config = RigConfig.model_validate(tables, context=context)
     except ValidationError as error:
         raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
-    missing = [] if defaulted is None else list(required_but_missing(config, defaulted))
+    if defaulted is None:
+        return config
+    missing = list(required_but_missing(config, defaulted))
     # Rules that tie places together say nothing where some of the places are the dry run's.
     broken = broken_rules(config, placed=not any(name in ARM_REQUIRES for name, *_ in missing))
     problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
@@ -135,7 +138,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # a whole number of 5000 digits, lists in lists
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
@@ -148,7 +151,7 @@ def _parse_override(text: str) -> dict[str, Any]:
         )
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         parsed = value
     return _nest({field.strip(): parsed})
 

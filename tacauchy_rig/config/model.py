@@ -7,6 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
+from tacauchy_rig.config.ceilings import CEILINGS
 from tacauchy_rig.config.fields import (
     Acceleration,
     Angle,
@@ -112,18 +113,20 @@ class RobotSection(DeviceSection):
     stops the arm when this program is not heard from at the rate ``watchdog``.
     """
 
+    ceilings = CEILINGS["robot"]
+
     driver: Annotated[str, _driver(Kind.ARM)]
     model: RobotModel
     host: str
     home: tuple[Length, Length, Length]
     tool_rotation: tuple[Angle, Angle, Angle]
     tcp_offset: tuple[Length, Length, Length]
-    payload: Mass = Field(ge=0, le=5)
-    approach_speed: Speed = Field(gt=0, le=0.010)
-    search_speed: Speed = Field(gt=0, le=0.001)
-    press_speed: Speed = Field(gt=0, le=0.0005)
-    retract_speed: Speed = Field(gt=0, le=0.020)
-    acceleration: Acceleration = Field(gt=0, le=1.0)
+    payload: Mass = Field(ge=0)
+    approach_speed: Speed = Field(gt=0)
+    search_speed: Speed = Field(gt=0)
+    press_speed: Speed = Field(gt=0)
+    retract_speed: Speed = Field(gt=0)
+    acceleration: Acceleration = Field(gt=0)
     watchdog: Frequency = Field(ge=2, le=50)
     connect_timeout: Time = Field(gt=0, le=60)
 
@@ -133,6 +136,8 @@ class ForceSensorSection(DeviceSection):
 
     ``compression_sign`` times the raw Fz is positive while the indenter is pressed.
     """
+
+    ceilings = CEILINGS["force_sensor"]
 
     driver: Annotated[str, _driver(Kind.FORCE_SENSOR)]
     port: str
@@ -199,14 +204,18 @@ class SensorSection(Section):
     expected: contact is found by force.
     """
 
+    ceilings = CEILINGS["sensor"]
+
     name: str
     optics_calibration: str
     surface: tuple[Length, Length, Length]
-    surface_uncertainty: Length = Field(gt=0, le=0.01)
+    surface_uncertainty: Length = Field(gt=0)
 
 
 class WorkspaceSection(Section):
     """Box in the base frame that the tip never leaves, and how far the tool may tilt."""
+
+    ceilings = CEILINGS["workspace"]
 
     x_min: Length
     x_max: Length
@@ -223,6 +232,8 @@ class LimitsSection(Section):
 
     An arm that covers less than a quarter of its commanded travel for ``no_motion`` is stopped.
     """
+
+    ceilings = CEILINGS["limits"]
 
     soft_force: Force = Field(gt=0)
     hard_force: Force = Field(gt=0)
@@ -242,6 +253,8 @@ class LimitsSection(Section):
 class ProtocolSection(Section):
     """The six presses: targets, tolerances, windows and gates."""
 
+    ceilings = CEILINGS["protocol"]
+
     force_targets: tuple[Force, ...] = Field(min_length=1, max_length=100)
     force_tolerance: Force = Field(gt=0)
     contact_force: Force = Field(gt=0)
@@ -257,7 +270,7 @@ class ProtocolSection(Section):
     dwell_force_rate: ForceRate = Field(gt=0)
     drift: Force = Field(gt=0)
     press_timeout: Time = Field(gt=0)
-    attempts: int = Field(ge=1, le=10)
+    attempts: int = Field(ge=1)
     min_force_rate: Frequency = Field(gt=0)
     min_image_rate: Frequency = Field(gt=0)
 
@@ -278,6 +291,8 @@ class ReplaySection(Section):
     as it is.
     """
 
+    ceilings = CEILINGS["replay"]
+
     force_tolerance: Force = Field(gt=0)
     preset: str
     tolerance: str | None = None
@@ -290,8 +305,10 @@ class ReplaySection(Section):
 class ReportSection(Section):
     """What the scores must reach for the verdict; a floor is always shown beside them."""
 
+    ceilings = CEILINGS["report"]
+
     max_force_mismatch: Force = Field(gt=0)
-    ssim: Ratio = Field(ge=-1, le=1)
+    ssim: Ratio = Field(le=1)
     require_discrimination: bool
 
 

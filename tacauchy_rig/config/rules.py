@@ -8,6 +8,10 @@ from tacauchy_rig.config.model import RigConfig
 
 OVERRUN_DELAY_S = 0.05
 """Reaction of the loop plus the arm's stop: about 50 ms, so 1 mm/s overruns by about 55 um."""
+TOLERANCE_SHARE = 0.2
+"""Of the lowest target; with more the presses of a series of six would overlap."""
+BOX_SIDE_M = 0.5
+"""Over one gel an arm needs a tenth of it; a wider box protects nothing."""
 
 
 def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[tuple[str, str, str]]:
@@ -48,6 +52,24 @@ def _force_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
             f"{limits.hard_force:g} N exceeds the force sensor's capacity {sensor.capacity:g} N",
             "lower hard_force, or correct force_sensor.capacity from the calibration sheet",
         )
+    if limits.lateral_force > limits.soft_force:
+        yield (
+            "limits.lateral_force",
+            (
+                f"{limits.lateral_force:g} N is above soft_force {limits.soft_force:g} N: friction "
+                "pulls sideways with less than what presses"
+            ),
+            "lower lateral_force",
+        )
+    if protocol.force_tolerance > TOLERANCE_SHARE * lowest:
+        yield (
+            "protocol.force_tolerance",
+            (
+                f"{protocol.force_tolerance:g} N is more than {TOLERANCE_SHARE:.0%} of the lowest "
+                f"target {lowest:g} N"
+            ),
+            "lower force_tolerance or raise the target",
+        )
     if lowest <= protocol.contact_force:
         yield (
             "protocol.force_targets",
@@ -83,6 +105,15 @@ def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
                 f"workspace.{axis}_min",
                 f"{low * 1e3:g} mm is not below {axis}_max {high * 1e3:g} mm",
                 "swap or correct the two",
+            )
+        if high - low > BOX_SIDE_M:
+            yield (
+                f"workspace.{axis}_max",
+                (
+                    f"the box is {(high - low) * 1e3:g} mm wide along {axis}; over one gel at most "
+                    f"{BOX_SIDE_M * 1e3:g} mm are of use"
+                ),
+                "draw it close around gel and home",
             )
     points = (("robot.home", home), ("sensor.surface", surface))
     for name, point in points:

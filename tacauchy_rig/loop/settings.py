@@ -21,6 +21,18 @@ from tacauchy_rig.loop.optics import calibrated_optics
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
 
+def check_names(config: RigConfig) -> None:
+    """Refuse a sensor, a preset, a tolerance or a drive that nothing is known by.
+
+    Raises:
+        ConfigError: The field, and what there is.
+    """
+    sensor_of(config)
+    preset_of(config)
+    tolerance_of(config)
+    drive_of(config)
+
+
 def check_replay(config: RigConfig) -> str:
     """Refuse what no replay could be made with, before six presses are done for it.
 

@@ -66,3 +66,9 @@ def test_example_overwrites_nothing(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be written"):
         runner.invoke(app, ["config", "example", str(path)], catch_exceptions=False)
     assert path.read_text() == "precious"
+
+
+def test_the_page_of_ceilings_is_what_the_command_prints() -> None:
+    """docs/ceilings.md is made, not written."""
+    page = Path(__file__).parents[3] / "docs" / "ceilings.md"
+    assert runner.invoke(app, ["config", "ceilings"]).stdout == page.read_text("utf-8")

@@ -34,6 +34,27 @@ BROKEN = [
         ),
     ),
     (
+        ['limits.lateral_force="7 N"'],
+        (
+            "limits.lateral_force: 7 N is above soft_force 6 N: friction pulls sideways with less "
+            "than what presses; lower lateral_force"
+        ),
+    ),
+    (
+        ['protocol.force_tolerance="0.3 N"'],
+        (
+            "protocol.force_tolerance: 0.3 N is more than 20% of the lowest target 1.2556 N; lower "
+            "force_tolerance or raise the target"
+        ),
+    ),
+    (
+        ['workspace.x_max="500 mm"'],
+        (
+            "workspace.x_max: the box is 550 mm wide along x; over one gel at most 500 mm are of "
+            "use; draw it close around gel and home"
+        ),
+    ),
+    (
         ['limits.early_contact="0.05 N"'],
         "limits.early_contact: 0.05 N is not above contact_force 0.05 N; raise early_contact",
     ),
