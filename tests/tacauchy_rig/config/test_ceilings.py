@@ -79,4 +79,6 @@ def test_a_message_stays_readable() -> None:
     targets = ", ".join(['"1 m"'] * 90)
     with pytest.raises(ConfigError) as caught:
         load_config(overrides=[f"protocol.force_targets=[{targets}]"])
-    assert caught.value.message.endswith("... and 50 more")
+    lines = caught.value.message.split("\n")
+    assert len(lines) == 41
+    assert lines[-1].startswith("... and 5")

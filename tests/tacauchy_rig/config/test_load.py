@@ -226,13 +226,20 @@ def test_a_wrong_value_is_explained(override: str, line: str) -> None:
     [
         (
             'robot.press_speed="1 mm/s"',
-            'robot.press_speed: "1 mm/s" is above the limit 0.5 mm/s; write at most "0.5 mm/s" '
-            "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a GelSight Mini)",
+            (
+                'robot.press_speed: "1 mm/s" is above the limit 0.5 mm/s; write at most "0.5 mm/s" '
+                "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a "
+                "GelSight Mini)"
+            ),
         ),
         (
             'robot.press_speed="600um/s"',
-            'robot.press_speed: "600um/s" is above the limit 500 um/s; write at most "500 um/s" '
-            "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a GelSight Mini)",
+            (
+                'robot.press_speed: "600um/s" is above the limit 500 um/s; write at most '
+                '"500 um/s" '
+                "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a "
+                "GelSight Mini)"
+            ),
         ),
         (
             'robot.press_speed="0 mm/s"',
@@ -261,7 +268,10 @@ def test_a_wrong_value_is_explained(override: str, line: str) -> None:
         ),
         (
             'robot.payload="9 kg"',
-            'robot.payload: "9 kg" is above the limit 5 kg; write at most "5 kg" (a UR5 carries no more)',
+            (
+                'robot.payload: "9 kg" is above the limit 5 kg; write at most "5 kg" '
+                "(a UR5 carries no more)"
+            ),
         ),
     ],
 )
