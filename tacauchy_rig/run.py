@@ -213,6 +213,7 @@ class TrialRecord:
         reference_start_ns: Window of no-contact frames taken before the press.
         rates: Achieved rates, losses and latencies (keys carry their unit, such as
             ``force_rate_hz``, ``force_lost_count``, ``image_rate_hz``, ``image_gap_max_ms``).
+        recording_sha256: Of ``recording.mcap`` as it was closed; None where it never was.
     """
 
     index: int
@@ -234,6 +235,7 @@ class TrialRecord:
     reference_end_ns: int | None = None
     criteria: tuple[Criterion, ...] = ()
     rates: dict[str, float] = field(default_factory=dict)
+    recording_sha256: str | None = None
 
     @property
     def passed(self) -> bool:
@@ -247,7 +249,8 @@ class JournalEvent:
 
     Attributes:
         name: ``phase``, ``attempt-start``, ``attempt-end``, ``fault``, ``abort``, ``process-died``,
-            ``resume``, ``run-start``, ``run-end``.
+            ``resume``, ``run-start``, ``run-end``; and of the run folder itself ``described``,
+            ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
         detail: Plain JSON values, units in the keys.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from protocols.control.record import Arm, Begin, End, Entry, Force
 from tacauchy_rig.errors import RecordError
@@ -47,8 +48,7 @@ class RecordKeeper:
             case Begin(trial=trial, attempt=attempt):
                 self._open(trial, attempt)
             case End(record=record):
-                self._store.save_result(record)
-                self.close()
+                self._end(record)
             case JournalEvent():
                 if not (self._spill_source and _is_journalled(self._store, entry)):
                     append_event(self._store.paths.journal, entry)
@@ -77,15 +77,27 @@ class RecordKeeper:
         }
         self._writer = RecordingWriter(path, metadata=metadata)
 
-    def close(self) -> None:
-        """Finish the recording that is open.
+    def _end(self, record: TrialRecord) -> None:
+        """Finish the recording and keep the result with its hash; the result in any case."""
+        recording_sha256 = None
+        try:
+            recording_sha256 = self.close()
+        finally:
+            if self._spill_source:  # which is a part of the recording only
+                recording_sha256 = None
+            self._store.save_result(replace(record, recording_sha256=recording_sha256))
+
+    def close(self) -> str | None:
+        """Finish the recording that is open and return its SHA-256; None where it is cut short.
 
         Raises:
             RecordError: The disk is full or gone.
         """
-        if self._writer is not None:
-            writer, self._writer = self._writer, None
-            writer.close()
+        if self._writer is None:
+            return None
+        writer, self._writer = self._writer, None
+        writer.close()
+        return writer.sha256
 
 
 def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
@@ -97,7 +109,7 @@ def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
 
 
 def complete_results(store: RunStore, begun: Sequence[JournalEvent], *, reason: str) -> None:
-    """Mark each attempt that has no result as a fault, for ``reason``.
+    """Mark each attempt that has no result as a fault, for ``reason``, and seal the others.
 
     Args:
         store: The run's folder.
@@ -105,9 +117,7 @@ def complete_results(store: RunStore, begun: Sequence[JournalEvent], *, reason: 
         reason: What cut the attempt off.
     """
     for event in begun:
-        if store.load_result(event.trial, event.attempt) is not None:
-            continue
-        record = TrialRecord(
+        record = store.load_result(event.trial, event.attempt) or TrialRecord(
             index=event.trial,
             attempt=event.attempt,
             outcome=Outcome.FAULT,

@@ -273,7 +273,10 @@ class Supervisor:
         if finished is None:
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
-        unkept = [r.index for r in finished.records if r.passed and r not in result.records]
+        kept = {(r.index, r.attempt) for r in result.records if r.passed}
+        unkept = [
+            r.index for r in finished.records if r.passed and (r.index, r.attempt) not in kept
+        ]
         if unkept:
             text = f"the results of trials {unkept} could not be kept. {self._safe()}"
             return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_SEE_DISK)

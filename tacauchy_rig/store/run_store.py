@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
@@ -18,8 +20,10 @@ from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
 from tacauchy_rig.store.durable import read_bytes, write_atomically, write_error
+from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.replay_files import ReplayFields, read_fields, write_fields
+from tacauchy_rig.store.seals import Seal, file_sha256, seal
 
 
 @contextmanager
@@ -92,6 +96,7 @@ class RunStore:
         root = _new_folder(parent, f"{created:%Y%m%d-%H%M%S}-{loaded.config.run.name}")
         description = {
             "format": FORMAT,
+            "run": root.name,
             "name": loaded.config.run.name,
             "created": created.isoformat(timespec="seconds"),
             "simulated": simulated,
@@ -100,6 +105,7 @@ class RunStore:
             "config": loaded.config.model_dump(mode="json"),
             "written": loaded.written,
             "sources": loaded.sources,
+            "rig_toml_sha256": _sha256(config_text.encode()),
             "versions": versions,
             "devices": {},
             "clock": {"monotonic_ns": time.monotonic_ns(), "epoch_ns": time.time_ns()},
@@ -144,27 +150,52 @@ class RunStore:
             "devices": answered,
             "simulated": self.simulated,
         }
-        write_atomically(self.paths.run_json, dumps(self.description))
+        content = dumps(self.description)
+        # The line first: a crash between the two leaves the file that an earlier line told of.
+        seal(self.paths.journal, Seal.DESCRIBED, run_sha256=_sha256(content))
+        write_atomically(self.paths.run_json, content)
 
     def next_attempt(self, trial: int) -> int:
         """Return the number that the next attempt at a trial has to take."""
         return max(self.paths.attempt_indices(trial), default=0) + 1
 
     def save_result(self, record: TrialRecord) -> None:
-        """Write ``result.json``.
+        """Write ``result.json`` and seal it; one that is there already is only sealed.
 
         Raises:
             RecordError: The attempt has another result already, or the disk is full.
         """
         previous = self.load_result(record.index, record.attempt)
         path = self.paths.result(record.index, record.attempt)
-        if previous is not None and dumps(previous) != dumps(record):
+        if previous is None:
+            write_atomically(path, dumps(record))
+        elif _without_hash(previous) != _without_hash(record):
             raise RecordError(
                 f"{path}: attempt {record.attempt} at trial {record.index} has ended already: "
                 f"{previous.outcome}",
                 remedy="results are never overwritten: start a new attempt",
             )
-        write_atomically(path, dumps(record))
+        self.seal_result(record.index, record.attempt)
+
+    def seal_result(self, trial: int, attempt: int) -> None:
+        """Write the hashes of a result and its recording into the journal, once.
+
+        Raises:
+            RecordError: There is no result, or the disk is full or gone.
+        """
+        journal, path = self.paths.journal, self.paths.result(trial, attempt)
+        known = read_journal(journal) if journal.exists() else []
+        if any((e.name, e.trial, e.attempt) == (Seal.SEALED, trial, attempt) for e in known):
+            return
+        record: TrialRecord = _read(TrialRecord, path, what="the result")
+        seal(
+            journal,
+            Seal.SEALED,
+            trial=trial,
+            attempt=attempt,
+            result_sha256=file_sha256(path, what="the result"),
+            recording_sha256=record.recording_sha256,
+        )
 
     def load_result(self, trial: int, attempt: int) -> TrialRecord | None:
         """Return an attempt's result, or None if it has none (it was cut off).
@@ -245,6 +276,15 @@ class RunStore:
             RecordError: (on entering) Another program is working on this run.
         """
         return run_lock(self.paths.lock)
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _without_hash(record: TrialRecord) -> bytes:
+    """Return what two processes that tell of the same attempt agree on."""
+    return dumps(replace(record, recording_sha256=None))
 
 
 def _new_folder(parent: Path, name: str) -> Path:

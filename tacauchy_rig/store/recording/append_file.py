@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import logging
 import os
 import threading
@@ -28,6 +29,7 @@ class AppendFile:
         self._parts: list[bytes] = []
         self._pending = 0
         self._committed = 0
+        self._hash = hashlib.sha256()
         self._failure: RecordError | None = None
         self._was_reported = False
         self._ended = threading.Event()
@@ -53,6 +55,11 @@ class AppendFile:
     def has_failed(self) -> bool:
         """True once bytes could not be written; nothing is written after that."""
         return self._failure is not None
+
+    @property
+    def sha256(self) -> str | None:
+        """Of all that was committed; None once bytes could not be written."""
+        return None if self.has_failed else self._hash.hexdigest()
 
     def write(self, data: bytes) -> int:
         """Gather bytes for the next commit."""
@@ -89,6 +96,7 @@ class AppendFile:
             self._take_back()
             raise self._failure from error
         self._committed += len(data)
+        self._hash.update(data)
 
     def close(self) -> None:
         """Bring the file to the disk and close it; safe to call twice.

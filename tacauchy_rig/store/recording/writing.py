@@ -62,6 +62,11 @@ class RecordingWriter:
             self._channel(topic, 0, 0)
         self._file.commit()
 
+    @property
+    def sha256(self) -> str | None:
+        """Of the file so far; None once bytes could not be written."""
+        return self._file.sha256
+
     def write(self, items: Iterable[Recorded]) -> None:
         """Record samples, frames and events, all or none.
 

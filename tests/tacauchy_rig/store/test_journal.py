@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.journal import append_event, read_journal
+from tacauchy_rig.store.journal import append_event, line_hash, read_journal, read_lines
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -92,3 +93,39 @@ def test_a_line_that_is_no_event(tmp_path: Path) -> None:
         file.write('{"stamp_ns": 1, "nome": "phase"}\n')
     with pytest.raises(RecordError, match=r"journal\.jsonl line 2: nome: unknown field"):
         read_journal(path)
+
+
+def test_each_line_is_numbered_and_holds_the_hash_of_the_one_before(tmp_path: Path) -> None:
+    """The chain goes through half a line that a crash left, too."""
+    path = tmp_path / "journal.jsonl"
+    for number in range(3):
+        append_event(path, _event(number))
+    path.write_bytes(path.read_bytes()[:-20])
+    append_event(path, _event(3))
+    lines = read_lines(path)
+    assert [line.number for line in lines] == [1, 2, None, 4]
+    hashes = [line_hash(line.raw) for line in lines]
+    assert [line.previous for line in lines] == ["", hashes[0], None, hashes[2]]
+
+
+def test_a_journal_without_numbers_is_read(tmp_path: Path) -> None:
+    """Runs of an earlier version stay readable, and what is added to them is numbered on."""
+    path = tmp_path / "journal.jsonl"
+    path.write_text('{"stamp_ns": 5, "name": "phase", "trial": 1, "attempt": 1, "detail": {}}\n')
+    append_event(path, _event(6))
+    assert [(line.number, line.event.stamp_ns) for line in read_lines(path) if line.event] == [
+        (None, 5),
+        (2, 6),
+    ]
+
+
+def test_a_journal_that_another_process_holds_is_said(tmp_path: Path) -> None:
+    """A writer that never lets go holds nobody up for long."""
+    path = tmp_path / "journal.jsonl"
+    append_event(path, _event(0))
+    with path.open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(RecordError, match=r"another process has held it for 1 s"):
+            append_event(path, _event(1))
+    append_event(path, _event(1))
+    assert len(read_journal(path)) == 2

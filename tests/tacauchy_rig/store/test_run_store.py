@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay, ReplayTrial
 from tacauchy_rig.run import Outcome, TrialRecord
+from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.layout import RunPaths, run_root_of
 from tacauchy_rig.store.replay_files import ReplayFields
 from tacauchy_rig.store.run_store import RunStore
@@ -255,3 +257,27 @@ def test_a_result_names_its_own_place(store: RunStore) -> None:
     store.save_result(replace(_record(1, Outcome.PASSED), index=6))
     assert store.latest(6) is not None
     assert store.latest(1) is None
+
+
+def test_a_result_is_sealed_in_the_journal_once(store: RunStore) -> None:
+    """Its own hash and its recording's stand there, whoever writes it again."""
+    record = TrialRecord(
+        index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0, recording_sha256="ab"
+    )
+    store.save_result(record)
+    store.save_result(replace(record, recording_sha256=None))
+    (sealed,) = read_journal(store.paths.journal)
+    content = store.paths.result(1, 1).read_bytes()
+    assert (sealed.name, sealed.trial, sealed.attempt) == ("sealed", 1, 1)
+    assert sealed.detail == {
+        "result_sha256": hashlib.sha256(content).hexdigest(),
+        "recording_sha256": "ab",
+    }
+
+
+def test_the_description_is_sealed_with_its_devices(store: RunStore) -> None:
+    """Whoever answered is in the journal by the hash of run.json."""
+    store.set_devices({"robot": {"simulated": False}})
+    (described,) = read_journal(store.paths.journal)
+    content = store.paths.run_json.read_bytes()
+    assert described.detail == {"run_sha256": hashlib.sha256(content).hexdigest()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -212,3 +213,25 @@ def test_no_permission() -> None:
         RecordingWriter(Path("/sys/tacauchy/recording.mcap"), metadata={})
     assert "/sys/tacauchy" in caught.value.message
     assert "write permission" in caught.value.remedy
+
+
+def test_the_hash_is_that_of_the_file(finished: Path, tmp_path: Path, samples: Any) -> None:
+    """What the writer says when it has closed is what lies on the disk."""
+    path = tmp_path / "other.mcap"
+    with RecordingWriter(path, metadata={"trial": "1"}) as writer:
+        samples.write(writer, 10)
+    assert writer.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert path.read_bytes() == finished.read_bytes()
+
+
+def test_a_recording_cut_short_has_no_hash(
+    tmp_path: Path,
+    samples: Any,
+    file_size_limit: Callable[[int], AbstractContextManager[None]],
+) -> None:
+    """A full disk leaves a file that is nobody's whole recording."""
+    writer = RecordingWriter(tmp_path / "recording.mcap", metadata={})
+    with file_size_limit(9_000), pytest.raises(RecordError):
+        samples.write(writer, 10)
+    writer.close()
+    assert writer.sha256 is None
