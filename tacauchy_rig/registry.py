@@ -25,6 +25,7 @@ class Kind(StrEnum):
     LAW = "laws"
     INDENTER = "indenters"
     SENSOR = "sensors"
+    RENDERER = "renderers"
 
     @property
     def group(self) -> str:
@@ -69,6 +70,10 @@ _OWN: dict[Kind, dict[str, str]] = {
         "9dtact": "sim.sensor.files:NINE_D_TACT",
         "digit": "sim.sensor.files:DIGIT",
         "gelsight-mini": "sim.sensor.files:GELSIGHT_MINI",
+    },
+    Kind.RENDERER: {
+        "photometric": "sim.optics.colour.nominal:PHOTOMETRIC",
+        "grey-depth": "sim.optics.colour.grey_depth:GREY_DEPTH",
     },
 }
 

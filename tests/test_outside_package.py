@@ -1,11 +1,13 @@
-"""A laboratory's own package, installed beside this one, adds arm, law, indenter and sensor.
+"""A laboratory's own package adds arm, law, indenter, sensor and renderer.
 
-It is used from outside the repository, by the command line and by the public interfaces.
+It is installed beside this one and used from outside the repository, by the command line and by the
+public interfaces.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -38,6 +40,22 @@ for check in (*ARM_CHECKS, *LOCKING_ARM_CHECKS):
     print(check.__name__)
 for result in robot_checks(config):
     print(result.name, result.status.value, result.finding)
+"""
+
+_RENDER_A_PRESS = """
+from sim.effects.plan import plan_effects
+from sim.fields.press_fields import surface_state
+from sim.press import follow, path_for
+from sim.press_command import scene_from
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.loop.rendering import replay_images
+
+scene = scene_from("--sensor press-lab-skin --indenter lab-ball --depth 0.2mm --preset fast")
+path = path_for(scene, plan_effects(scene))
+surface = surface_state(path, follow(scene, path))
+image = replay_images(load_sensor("press-lab-skin"))(surface).astype(int)
+print(*image[60, 80], *image[2, 2], (image[..., 2] - image[..., 0]).min(),
+      (image[..., 2] - image[..., 0]).max())
 """
 
 
@@ -121,12 +139,29 @@ def test_its_arm_conforms_and_is_chosen_in_a_rig_toml(laboratory: Laboratory) ->
     assert "robot.home ok" in done.stdout
 
 
+@pytest.mark.timeout(300)
+def test_its_renderer_makes_the_image_of_a_press(laboratory: Laboratory) -> None:
+    """Over grey of 110: 60 (1 - exp(-1)) brighter 0.2 mm deep, blue by the flanks' slopes alone."""
+    done = laboratory.python("-c", _RENDER_A_PRESS)
+    assert done.returncode == 0, done.stdout + done.stderr
+    red, green, blue, *corner, shaded, lit = map(int, done.stdout.split())
+    assert red == pytest.approx(110.0 + 60.0 * (1.0 - math.exp(-1.0)), abs=1.0)
+    assert green == red == pytest.approx(blue, abs=1.0)
+    assert corner == pytest.approx([110, 110, 110], abs=3.0)
+    assert -9 < shaded < -1 < 1 < lit < 9
+
+
 def test_what_is_there_is_named(laboratory: Laboratory) -> None:
     """An unknown name is answered with every known one, those of the package included."""
     shape = ("--indenter", "plane", "--depth", "0.1mm")
     done = laboratory.rig("press", "--sensor", "press-lab", *shape)
     assert done.returncode == 2
     assert "9dtact, digit, gelsight-mini, press-lab-skin" in done.stderr
+    sensor = (PACKAGE / "press_lab" / "skin.toml").read_text("utf-8")
+    (laboratory.folder / "fog.toml").write_text(sensor.replace("press-lab-haze", "fog"), "utf-8")
+    done = laboratory.rig("press", "--sensor", "fog.toml", *shape)
+    assert done.returncode == 2
+    assert 'fog.toml: optics.kind: renderer "fog" is none of "photometric", "gr' in done.stderr
     done = laboratory.rig("config", "show", "--set", "robot.driver=press-lab")
     assert done.returncode == 2
     assert '"ur5", "emulated", "mock", "press-lab-arm"' in done.stderr

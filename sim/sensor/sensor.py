@@ -12,12 +12,11 @@ from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
 from sim.scene.scene import Scene, Target
 from sim.scene.tetwild_options import TetWildOptions, tetwild_options_of
+from sim.sensor.optics import SensorOptics, parse_optics
 from sim.sensor.tables import (
     DIMENSIONS,
     MATERIAL,
     Measured,
-    SensorOptics,
-    parse_optics,
     read_counts,
     read_number,
     read_numbers,

@@ -13,7 +13,6 @@ from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
-from sim.sensor.tables import OpticsKind
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
 from tacauchy_rig.store.run_store import RunStore
@@ -57,8 +56,8 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
         image_size=(camera.width, camera.height),
         pixel_m=camera.pixel_m,
         crop=camera.crop,
-        light=(GelLight.TRANSLUCENT if optics.kind is OpticsKind.GREY_DEPTH else GelLight.COLOURED),
-        shadows=optics.shadow_softness_m is not None,
+        light=GelLight.COLOURED if optics.renderer.sees_slope else GelLight.TRANSLUCENT,
+        shadows=optics.shadows is not None,
         markers=_dots(sensor.markers) if markers and sensor.markers is not None else None,
     )
 

@@ -14,12 +14,13 @@ from sim.optics.calibrate.presses.scene import pressed_scene
 from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
+from sim.optics.calibrate.shadow_fit import SHADOWS, read_shadows
 from sim.optics.camera_geometry import CameraGeometry, camera_geometry
-from sim.optics.colour.grey_depth import GreyDepthModel
-from sim.optics.colour.lamps import SHADOWS, ShadowCaster, read_shadows
-from sim.optics.colour.nominal import nominal_model, shadows_of
-from sim.optics.colour.photometric import PhotometricModel, load_photometric
+from sim.optics.colour.nominal import exponents_for, nominal_model
+from sim.optics.colour.photometric import load_photometric
+from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.height.rest_slope import rest_slopes, touching_places
+from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 
@@ -38,7 +39,7 @@ def say_nothing(_: str) -> None:
 class OpticalCalibration:
     """Colour of a surface, where each pixel looks, what casts shadows, the camera's blur [px]."""
 
-    model: PhotometricModel | GreyDepthModel
+    model: ColourModel
     geometry: CameraGeometry
     shadows: ShadowCaster | None = None
     blur_px: float = 0.0
@@ -130,8 +131,9 @@ def optics_of(
 ) -> OpticalCalibration:
     """Return how a sensor's images are rendered.
 
-    A calibration file wins; without one the sensor is calibrated if there is a way to, or else
-    its file's nominal lamps have to do, and the model's provenance says so.
+    A calibration file wins; without one the sensor is calibrated if there is a way to and its
+    renderer can be, or else its file's nominal optics have to do, and the model's provenance says
+    so.
 
     Args:
         given: The calibration file, or nothing.
@@ -144,7 +146,7 @@ def optics_of(
     """
     if given:
         return calibrated_optics(given, sensor)
-    if calibrate is not None:
+    if calibrate is not None and sensor.optics.renderer.exponents is not None:
         return calibrate(sensor, on_progress)
     on_progress("  optics not calibrated: rendering with the nominal optics of the sensor's file")
     return nominal_optics(sensor)
@@ -159,7 +161,7 @@ def nominal_optics(sensor: Sensor) -> OpticalCalibration:
     return OpticalCalibration(
         model=nominal_model(sensor),
         geometry=camera_geometry(sensor),
-        shadows=shadows_of(sensor),
+        shadows=sensor.optics.shadows,
     )
 
 
@@ -167,8 +169,10 @@ def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
     """Return what a calibration file holds, for images that look where a sensor's file says.
 
     Raises:
-        ConfigError: The file is missing or damaged, or is of images of another size or scale.
+        ConfigError: The file is missing or damaged, or is of images of another size or scale, or
+            the sensor's renderer cannot be calibrated.
     """
+    exponents_for(sensor)
     nominal = camera_geometry(sensor)
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)

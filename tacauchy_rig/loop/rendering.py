@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,19 +93,12 @@ def image_of(
     return height_maps(surface, geometry, pad=sensor.pad), renderer.render(fine.loaded)
 
 
-class ReplayImages:
-    """Makes images of pressed surfaces without a recording: nominal optics over even grey."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._sensor = sensor
-        self._optics = nominal_optics(sensor)
-        geometry = self._optics.geometry
-        shape = (geometry.height, geometry.width, 3)
-        self._unloaded = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-
-    def __call__(self, surface: SurfaceState) -> ImageArray:
-        """Return the image of a pressed surface, RGB uint8, shape [height, width, 3]."""
-        return image_of(surface, self._sensor, self._optics, unloaded=self._unloaded)[1]
+def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
+    """Return what makes images without a recording: nominal optics over an evenly grey frame."""
+    optics = nominal_optics(sensor)
+    shape = (optics.geometry.height, optics.geometry.width, 3)
+    even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+    return lambda surface: image_of(surface, sensor, optics, unloaded=even)[1]
 
 
 def _marker_motion(

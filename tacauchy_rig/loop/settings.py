@@ -71,7 +71,7 @@ def check_optics(config: RigConfig, sensor: Sensor) -> str:
     if given:
         calibrated_optics(given, sensor)
         return f"optics from {given}"
-    if config.has_emulated_devices:
+    if config.has_emulated_devices and sensor.optics.renderer.exponents is not None:
         return "optics calibrated on the emulated sensor"
     nominal_model(sensor)
     return "nominal optics of the sensor's file, not calibrated"

@@ -11,7 +11,6 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
 from sim.optics.calibrate.fit.photometric_fit import (
-    BALL_EXPONENTS,
     REFERENCE,
     RIDGE,
     PhotometricSamples,
@@ -23,10 +22,10 @@ from sim.optics.calibrate.fit.photometric_fit import (
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import BEYOND_RIM, PressScene
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
+from sim.sensor.optics import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
@@ -57,7 +56,6 @@ def calibrate_optics(
     presses: Sequence[BallPress],
     scene: PressScene,
     *,
-    exponents: IntArray = BALL_EXPONENTS,
     rounds: int = 3,
 ) -> Calibration:
     """Fit model, circles, light and no-contact frame by turns.
@@ -65,7 +63,6 @@ def calibrate_optics(
     Args:
         presses: Images with labelled circles.
         scene: Camera, no-contact frame and gel profile.
-        exponents: Terms of the model.
         rounds: How often circles are nudged and the model is fitted again.
 
     Raises:
@@ -76,7 +73,7 @@ def calibrate_optics(
     check_presses_fit(presses, scene.background.astype(np.uint8))
     circles = [press.circle for press in presses]
     lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
-    model = fit_model(presses, circles, lights, scene, exponents, None)
+    model = fit_model(presses, circles, lights, scene, None)
     averaged = scene
     for turn in range(rounds):
         for i, press in enumerate(presses):
@@ -84,7 +81,7 @@ def calibrate_optics(
             circles[i] = averaged.nudged(press, model, lights[i])
         frame = averaged_no_contact(presses, circles, lights, model, scene)
         averaged = replace(scene, background=frame)
-        model = fit_model(presses, circles, lights, averaged, exponents, model)
+        model = fit_model(presses, circles, lights, averaged, model)
         log.debug("calibration round %d of %d done", turn + 1, rounds)
     return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
 
@@ -94,7 +91,6 @@ def fit_model(
     circles: Sequence[Circle],
     lights: Sequence[FloatArray] | FloatArray,
     scene: PressScene,
-    exponents: IntArray,
     known: PhotometricModel | None,
     *,
     blur_px: float = 0.0,
@@ -106,11 +102,11 @@ def fit_model(
         circles: Their contacts.
         lights: Their light, each of shape [3, 3].
         scene: Camera, no-contact frame and gel.
-        exponents: Terms of the model.
         known: An earlier model, where the search starts; without one the camera is taken to be
             linear and the ridge is the usual one.
         blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
     """
+    exponents = scene.exponents
 
     def parts_of(response: Response, model: PhotometricModel | None) -> list[PhotometricSamples]:
         return [

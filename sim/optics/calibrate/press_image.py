@@ -11,8 +11,8 @@ from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.render.shadows import darkening
+from sim.sensor.optics import ShadowCaster
 
 
 def press_image(found: Calibration, circle: Circle) -> FloatArray:

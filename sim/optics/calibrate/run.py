@@ -24,7 +24,7 @@ from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
-from sim.optics.colour.lamps import SHADOWS
+from sim.optics.calibrate.shadow_fit import SHADOWS
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError
 

@@ -8,18 +8,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
-from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.calibrate.press_image import without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.optics.colour.grey_depth import GREY_EXPONENTS
-from sim.optics.colour.nominal import shadows_of
 from sim.sensor.sensor import Sensor
-from sim.sensor.tables import OpticsKind
 
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
@@ -43,23 +39,21 @@ def calibrate_presses(
     Raises:
         ConfigError: As ``calibrate_optics``.
     """
-    nominal, exponents = shadows_of(sensor), exponents_for(sensor)
+    nominal = sensor.optics.shadows
     if nominal is None:
-        found = calibrate_optics(presses, scene, exponents=exponents)
+        found = calibrate_optics(presses, scene)
     else:
-        found = calibrate_with_shadows(presses, scene, nominal, exponents=exponents)
+        found = calibrate_with_shadows(presses, scene, nominal)
     if not blurred:
         return found
     lit = [
         without_shadows(press, circle, found.scene, found.shadows)
         for press, circle in zip(presses, found.circles, strict=True)
     ]
-    return _sharpened(lit, found, exponents)
+    return _sharpened(lit, found)
 
 
-def _sharpened(
-    presses: Sequence[BallPress], found: Calibration, exponents: IntArray
-) -> Calibration:
+def _sharpened(presses: Sequence[BallPress], found: Calibration) -> Calibration:
     """Fit the blur, and the colours once more to the gel as the blur shows it.
 
     Without that the colours take a part of the blur for the gel's own.
@@ -74,7 +68,6 @@ def _sharpened(
             found.circles,
             found.lights,
             found.scene,
-            exponents,
             found.model,
             blur_px=blur_px,
         )
@@ -83,11 +76,6 @@ def _sharpened(
         if abs(found.blur_px - blur_px) < _SETTLED_PX:
             break
     return found
-
-
-def exponents_for(sensor: Sensor) -> IntArray:
-    """Return the terms that a sensor's optics are fitted with."""
-    return GREY_EXPONENTS if sensor.optics.kind is OpticsKind.GREY_DEPTH else BALL_EXPONENTS
 
 
 def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:

@@ -8,23 +8,24 @@ without those.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import cv2
 import numpy as np
 
-from sim.arrays import Float32Array, FloatArray, IntArray
+from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.calibrate.press_image import pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.render.shadows import lost_share
+from sim.sensor.optics import Lamp, ShadowCaster
 
+SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
@@ -45,8 +46,6 @@ def calibrate_with_shadows(
     presses: Sequence[BallPress],
     scene: PressScene,
     nominal: ShadowCaster,
-    *,
-    exponents: IntArray = BALL_EXPONENTS,
 ) -> Calibration:
     """Fit colours, and direction, elevation and colour of the lamps' shadows.
 
@@ -57,19 +56,18 @@ def calibrate_with_shadows(
         presses: Images with labelled circles.
         scene: Camera, no-contact frame and gel.
         nominal: The lamps of the sensor's file, where the search starts.
-        exponents: Terms of the model.
 
     Raises:
         ConfigError: As ``calibrate_optics``.
     """
-    found, shadows = calibrate_optics(presses, scene, exponents=exponents), nominal
+    found, shadows = calibrate_optics(presses, scene), nominal
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
         lit = [
             without_shadows(press, circle, found.scene, shadows)
             for press, circle in zip(presses, found.circles, strict=True)
         ]
-        found = calibrate_optics(lit, scene, exponents=exponents)
+        found = calibrate_optics(lit, scene)
     return replace(found, shadows=shadows)
 
 
@@ -153,3 +151,12 @@ def _moved(shadows: ShadowCaster, index: int, name: str, step: float) -> ShadowC
         raised_rad = lamp.elevation_rad * math.exp(step)
         moved = replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
     return replace(shadows, lamps=[*shadows.lamps[:index], moved, *shadows.lamps[index + 1 :]])
+
+
+def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
+    """Return the lamps that a calibration's provenance names; None where it names none."""
+    plain = provenance.get(SHADOWS)
+    if not isinstance(plain, Mapping):
+        return None
+    lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
+    return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))

@@ -8,8 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
 
+import numpy as np
+
+from sim.arrays import Float32Array, RealArray
+from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.colour.polynomial import polynomial_exponents
+from sim.optics.pixels.pixel_blocks import PixelBlocks
+from sim.sensor.optics import Lamp, Renderer
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0
@@ -33,3 +43,36 @@ class GreyDepthModel:
     provenance: Mapping[str, object] = field(
         default_factory=lambda: {"source": "nominal table of the sensor's file"}
     )
+
+    def over(self, frame: Float32Array, _layout: PixelBlocks) -> PixelColours:
+        """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
+        return PixelColours(light=frame, function=self._changed)
+
+    def _changed(self, _tilt: Float32Array, indentation_m: Float32Array) -> RealArray:
+        level = np.interp(indentation_m, self.depth_m, self.change)
+        return np.broadcast_to(level, (3, *level.shape))
+
+
+def _read(table: Mapping[str, Any], _lamps: tuple[Lamp, ...], origin: str) -> GreyDepthModel:
+    depth = tuple(
+        parse_quantity(str(entry), dimension=Dimension.LENGTH, field=f"{origin}: optics.depth")
+        for entry in table["depth"]
+    )
+    change = tuple(float(level) for level in table["change"])
+    rising = all(a < b for a, b in pairwise(depth))
+    if len(depth) < 2 or len(depth) != len(change) or depth[0] != 0.0 or not rising:
+        raise ConfigError(
+            f"{origin}: optics.depth and optics.change are no table",
+            remedy='write depth = ["0 mm", "0.5 mm", "1 mm"] and change = [0, -40, -60], rising '
+            "from 0 mm",
+        )
+    return GreyDepthModel(depth, change)
+
+
+GREY_DEPTH = Renderer(
+    read=_read,
+    needed=("depth", "change", "source"),
+    optional=(),
+    exponents=GREY_EXPONENTS,
+    sees_slope=False,
+)

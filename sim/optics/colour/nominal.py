@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.optics.colour.grey_depth import GreyDepthModel
-from sim.optics.colour.lamps import ShadowCaster
+from sim.arrays import IntArray
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import polynomial_exponents
+from sim.optics.colour.pixel_colours import ColourModel
+from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
 from sim.optics.colour.shading_terms import MOST_LAMPS
+from sim.sensor.optics import Lamp, Renderer
 from sim.sensor.sensor import Sensor
-from sim.sensor.tables import Lamp, OpticsKind
 from tacauchy_rig.errors import ConfigError
 
 # Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.
@@ -52,33 +52,44 @@ def nominal_photometric(
     )
 
 
+def exponents_for(sensor: Sensor) -> IntArray:
+    """Return the terms that a calibration fits to a sensor's images.
+
+    Raises:
+        ConfigError: Its renderer brings none.
+    """
+    optics = sensor.optics
+    if optics.renderer.exponents is None:
+        raise ConfigError(
+            f"sensor {sensor.name}: images of optics.kind {optics.kind} cannot be calibrated",
+            remedy="leave the calibration out, or give this renderer the terms that are fitted",
+        )
+    return optics.renderer.exponents
+
+
 def lamp_count_of(sensor: Sensor) -> int:
     """Return how many lamps a calibration looks for: as many as the file names, by colour only."""
-    if sensor.optics.kind is not OpticsKind.PHOTOMETRIC:
-        return 0
-    return min(len(sensor.optics.lamps), MOST_LAMPS)
+    lamps = sensor.optics.lamps if sensor.optics.renderer.sees_slope else ()
+    return min(len(lamps), MOST_LAMPS)
 
 
-def shadows_of(sensor: Sensor) -> ShadowCaster | None:
-    """Return the lamps that cast shadows; None unless the sensor's file asks for shadows."""
-    softness = sensor.optics.shadow_softness_m
-    return (
-        None if softness is None else ShadowCaster(lamps=sensor.optics.lamps, softness_m=softness)
-    )
-
-
-def nominal_model(sensor: Sensor) -> PhotometricModel | GreyDepthModel:
+def nominal_model(sensor: Sensor) -> ColourModel:
     """Return the optics that a sensor's file gives.
 
     Raises:
         ConfigError: It gives none.
     """
-    optics = sensor.optics
-    if optics.kind is OpticsKind.GREY_DEPTH:
-        return GreyDepthModel(optics.grey_depth_m, optics.grey_change)
-    if not optics.lamps:
+    model: ColourModel | None = sensor.optics.model
+    if model is None:
         raise ConfigError(
             f"sensor {sensor.name} has no nominal lamps, and sensor.optics_calibration is empty",
             remedy="calibrate: `tacauchy-rig calibrate optics`, and name the file it writes",
         )
-    return nominal_photometric(sensor.optics.lamps)
+    return model
+
+
+PHOTOMETRIC = Renderer(
+    read=lambda _table, lamps, _origin: nominal_photometric(lamps) if lamps else None,
+    optional=("shadow_softness", "source"),
+    exponents=BALL_EXPONENTS,
+)

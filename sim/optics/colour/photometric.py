@@ -13,17 +13,23 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+import warp as wp
 
 from sim.arrays import Float32Array, FloatArray, IntArray, RealArray
-from sim.optics.colour.polynomial import evaluate_polynomial
+from sim.optics.colour.colour_kernel import Colours, colour_pixels
+from sim.optics.colour.pixel_colours import PixelColours
+from sim.optics.colour.polynomial import degrees_of_tilt, evaluate_polynomial, row_weights
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
-from sim.optics.colour.shading_terms import ShadingTerms, read_terms
+from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights, read_terms
+from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.errors import ConfigError
 
 FORMAT = "tacauchy photometric model 1"
+_NO_LIMIT_M = 1e3  # deeper than any gel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +116,43 @@ class PhotometricModel:
         light = self.response.light(background)
         gain = self.gain(light)
         return self.response.levels(light + (change if gain is None else gain * change))
+
+    def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
+        """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
+        light = self.response.light(frame)
+        gain = self.gain(light)
+        position = normalised_positions(layout.geometry.height, layout.geometry.width)
+        columns = layout.pixel_rows(position[:1, : layout.geometry.width])
+        inputs = [
+            self._colours(position[1, :: layout.geometry.width], layout),
+            columns[0],
+            layout.array(lamp_planes(self.terms, position, layout), layout.block),
+            layout.pixel_rows(np.ones_like(light) if gain is None else gain),
+        ]
+        return PixelColours(
+            light=np.asarray(light, dtype=np.float32),
+            response=self.response,
+            kernel=colour_pixels,
+            inputs=inputs,
+        )
+
+    def _colours(self, v: Float32Array, layout: PixelBlocks) -> Any:
+        exponents, terms = self.exponents, self.terms
+        degrees = degrees_of_tilt(exponents)
+        weights = row_weights(exponents, self.coefficients, degrees, v)
+        colours: Any = Colours()
+        colours.tilt_limit = self.tilt_limit
+        colours.depth_limit = min(self.indentation_limit_m, _NO_LIMIT_M)
+        colours.along_powers, colours.depth_powers = degrees.shape
+        colours.degrees = wp.array(degrees.ravel(), dtype=wp.int32, device=layout.device)
+        colours.weight_count = weights.shape[1] * 3
+        colours.weights = layout.array(weights.ravel())
+        colours.lamp_count = 0 if terms is None else len(terms.lamps)
+        colours.bend = 0.0 if terms is None else terms.softness**2
+        colours.crease_limit = 0.0 if terms is None else terms.crease_limit
+        shades = lamp_weights(terms, self.term_coefficients, v)
+        colours.lamp_weights = layout.array(shades.ravel())
+        return colours
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray, RealArray
+from sim.arrays import Float32Array, FloatArray, IntArray, RealArray
 
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
@@ -43,6 +43,16 @@ def polynomial_exponents(
         for a, b, e in tilts
     ]
     return np.array(terms, dtype=np.int32).reshape(-1, 5)
+
+
+_STEEP = polynomial_exponents(
+    tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
+)
+# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
+_GENTLE = polynomial_exponents(
+    tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
+)
+BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 
 
 def monomials(
@@ -165,3 +175,37 @@ def _powers(variable: RealArray, degree: int) -> list[RealArray]:
     for _ in range(degree - 1):
         powers.append(powers[-1] * variable)
     return powers
+
+
+def degrees_of_tilt(exponents: IntArray) -> IntArray:
+    """Return the highest degree of tilt beside each power of u (falling) and of indentation.
+
+    Returns:
+        Shape [powers of u, powers of indentation]; -1 where there is no such term.
+    """
+    along, deep = exponents[:, 2], exponents[:, 4]
+    degrees = np.full((along.max(initial=0) + 1, deep.max(initial=0) + 1), -1, dtype=np.int32)
+    np.maximum.at(degrees, (along, deep), exponents[:, 0] + exponents[:, 1])
+    return degrees[::-1]
+
+
+def row_weights(
+    exponents: IntArray, coefficients: FloatArray, degrees: IntArray, v: RealArray
+) -> Float32Array:
+    """Return each row's coefficients in the order in which the kernel comes to the terms.
+
+    Returns:
+        Shape [row_count, term_count, 3].
+    """
+    order = [
+        (a, b, len(degrees) - 1 - c, e)
+        for c, row in enumerate(degrees.tolist())
+        for e, degree in enumerate(row)
+        for b in range(degree + 1)
+        for a in range(degree - b + 1)
+    ]
+    place = {term: number for number, term in enumerate(order)}
+    weights = np.zeros((len(v), len(order), 3))
+    for (a, b, c, d, e), levels in zip(exponents.tolist(), coefficients, strict=True):
+        weights[:, place[a, b, c, e]] += (v.astype(np.float64) ** d)[:, None] * levels
+    return weights.astype(np.float32)

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import RealArray
+from sim.arrays import Float32Array, FloatArray, RealArray
+from sim.optics.pixels.pixel_blocks import PixelBlocks
 
 CREASE_UNIT_M = 1e-4
 MOST_LAMPS = 6
@@ -129,3 +130,29 @@ def softened(cosine: RealArray, softness: float) -> RealArray:
     """Return the cosine where it is positive, and zero where not, with a soft bend between."""
     bend = cosine.dtype.type(softness * softness)
     return np.asarray(cosine.dtype.type(0.5) * (cosine + np.sqrt(cosine * cosine + bend)))
+
+
+def lamp_planes(terms: ShadingTerms | None, position: RealArray, layout: PixelBlocks) -> RealArray:
+    """Return each lamp's direction and light on level gel, shape [4 lamp_count blocks, lanes]."""
+    if terms is None or not terms.lamps:
+        return np.zeros((0, layout.lanes), dtype=np.float32)
+    place = np.stack([position[0], position[1] * np.float32(terms.aspect)])
+    lamps = [lamp.seen_from(place, softness=terms.softness) for lamp in terms.lamps]
+    rows = np.concatenate(lamps).reshape(-1, layout.geometry.width)
+    short = -layout.geometry.width % layout.lanes
+    return np.pad(rows, ((0, 0), (0, short)), mode="edge").reshape(-1, layout.lanes)
+
+
+def lamp_weights(
+    terms: ShadingTerms | None, term_coefficients: FloatArray, v: RealArray
+) -> Float32Array:
+    """Return level and slope along each row of the colours of lamps and creases.
+
+    Returns:
+        Shape [row_count, lamp_count + 1, 3, 2].
+    """
+    if terms is None:
+        return np.zeros((len(v), 1, 3, 2), dtype=np.float32)
+    level, along, across = term_coefficients.reshape(-1, 3, 3).transpose(1, 0, 2)
+    levels = level + v[:, None, None] * across
+    return np.stack([levels, np.broadcast_to(along, levels.shape)], axis=-1).astype(np.float32)

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.render.pixel_kernel import BLOCK_FLAGS, Layout
+from sim.optics.pixels.pixel_kernel import BLOCK_FLAGS, Layout
 
 wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import cv2
@@ -13,17 +14,16 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
-from sim.optics.colour.lamps import ShadowCaster
-from sim.optics.colour.nominal import nominal_model, shadows_of
+from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
 from sim.optics.height.height_map import HeightMaps
+from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
+from sim.optics.pixels.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
 from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
-from sim.optics.render.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
-from sim.optics.render.pixel_colours import ColourModel, PixelColours, pixel_colours
-from sim.optics.render.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
 from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
+from sim.sensor.optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor
-from sim.sensor.tables import Lamp
 from tacauchy_rig.errors import ConfigError
 
 # Evenly grey no-contact frame of a sensor that nobody has calibrated.
@@ -83,7 +83,7 @@ class TactileRenderer:
         )
         self._rest = self._blocks.sample_planes(rest_height - rest_height.flat[0])
         frame = background.astype(np.float32).transpose(2, 0, 1)
-        self._colours = pixel_colours(model, frame, self._blocks)
+        self._colours = model.over(frame, self._blocks)
         self._shadows = shadows
         self._weights = gaussian_weights(blur_px)
         self._threads = ThreadPoolExecutor(_CPU_THREADS - 1, "rendering") if on_cpu else None
@@ -203,15 +203,38 @@ class _Images:
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
-        samples = colours.samples(self._along, self._across, self._dents)
         return [
             self._by_blocks(lay_out_samples, [rest, self._dent, dents, height]),
             go_on(self._height),
             self._by_blocks(tilt_samples, [self._height.shifted[:, 0], *tilts]),
             go_on(self._along),
             go_on(self._across),
-            self._by_blocks(colours.kernel, [*colours.inputs, *samples, self.change.blocks]),
+            self._changed(colours),
         ]
+
+    def _changed(self, colours: PixelColours) -> list[Task]:
+        if colours.function is not None:
+            return [partial(self._call, colours.function)]
+        tilts = [self._along.shifted[:, 0], self._across.blocks[0]]
+        taken = [*colours.inputs, *tilts, self._dents.blocks[0], self.change.blocks]
+        return self._by_blocks(colours.kernel, taken)
+
+    def _call(self, function: SampleColours) -> None:
+        """Have a NumPy function say the change of light of the samples, image by image."""
+        layout, n = self._layout, self._layout.samples
+        along, across = layout.samples_of(self._along), layout.samples_of(self._across)
+        changes = []
+        for tilt, dent in zip(np.stack([along, across], axis=1), self._dent.numpy(), strict=True):
+            change = function(tilt, dent)
+            _check_shape("a renderer's change of light", change.shape, (3, *dent.shape))
+            if not np.isfinite(change).all():
+                raise ConfigError(
+                    "a renderer's change of light is not finite",
+                    remedy="correct the function of NumPy that optics.kind stands for",
+                )
+            parts = [change[:, a::n, c::n] for a in range(n) for c in range(n)]
+            changes.append(sum(parts[1:], start=parts[0]) / n**2)
+        wp.copy(self.change.blocks, layout.pixel_rows(np.stack(changes, axis=1)))
 
     def _darkened(self, lamp: Lamp, softness_m: float) -> list[list[Task]]:
         layout = self._layout
@@ -270,22 +293,14 @@ class _Images:
         return launch
 
 
-class NominalRenderer:
-    """Renders height maps as nobody has calibrated them, shadows included where there are any."""
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._model = nominal_model(sensor)
-        self._shadows = shadows_of(sensor)
-        self._geometry = camera_geometry(sensor)
-
-    def __call__(self, maps: HeightMaps) -> ImageArray:
-        """Return the image of the loaded gel over an evenly grey no-contact frame."""
-        shape = (self._geometry.height, self._geometry.width, 3)
-        background = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-        renderer = TactileRenderer(
-            background, maps.rest, self._model, self._geometry, shadows=self._shadows
-        )
-        return renderer.render(maps.loaded)
+def nominal_renderer(
+    sensor: Sensor, *, level: int = GREY_LEVEL, samples: int = 1
+) -> Callable[[HeightMaps], ImageArray]:
+    """Return what renders the loaded gel uncalibrated over an evenly grey no-contact frame."""
+    model, geometry = nominal_model(sensor), camera_geometry(sensor)
+    even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
+    ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
+    return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)
 
 
 def gaussian_weights(sigma_px: float) -> Float32Array:

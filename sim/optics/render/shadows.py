@@ -18,10 +18,9 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import ShadowCaster
-from sim.optics.render.pixel_blocks import CPU_LANES, BlockMemory
+from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
 
 _CPU = "cpu"
 _RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are read from

@@ -14,10 +14,10 @@ from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import camera_geometry
-from sim.optics.colour.nominal import nominal_model, shadows_of
+from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
@@ -141,7 +141,7 @@ def _look(
     sensor = load_sensor(name)
     geometry = camera_geometry(sensor)
     maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
-    shadows, model = shadows_of(sensor), _as_wide_as_fitted(sensor)
+    shadows, model = sensor.optics.shadows, _as_wide_as_fitted(sensor)
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
     look: dict[str, Any] = {"samples": samples, "blur_px": BLUR_PX}
     renderer = partial(TactileRenderer, grey, maps.rest, model, geometry, shadows=shadows, **look)

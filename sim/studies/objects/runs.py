@@ -5,14 +5,11 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
-from sim.optics.colour.nominal import nominal_model, shadows_of
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.render.renderer import TactileRenderer
+from sim.optics.render.renderer import nominal_renderer
 from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
@@ -62,7 +59,8 @@ def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
-    geometry, model, shadows = camera_geometry(sensor), nominal_model(sensor), shadows_of(sensor)
+    render = nominal_renderer(sensor, level=_GREY, samples=_SAMPLES)
+    geometry = camera_geometry(sensor)
     started = time.process_time()
     body: MeshIndenter = OBJECTS[name]()
     scene = sensor.scene(body, Target(depth_m=DEPTH_M), preset=preset)
@@ -72,8 +70,6 @@ def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
     surface = surface_state(path, point)
     maps = height_maps(surface, geometry, pad=sensor.pad)
     fine = height_maps(surface, geometry.refined(_SAMPLES), pad=sensor.pad)
-    even = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
-    renderer = TactileRenderer(even, fine.rest, model, geometry, shadows=shadows, samples=_SAMPLES)
     underside = body.lower_surface(*geometry.pad_grid())
     return ObjectPress(
         name=name,
@@ -81,7 +77,7 @@ def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
         force_n=float(point.force_n[2]),
         maps=maps,
         surface=body.surface,
-        image=renderer.render(fine.loaded),
+        image=render(fine),
         geometry=geometry,
         highest_over_m=float((maps.loaded - surface.indenter_position[2] - underside).max()),
         processor_s=time.process_time() - started,

@@ -14,7 +14,7 @@ import typer
 from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
 from sim.optics.camera_geometry import ImageArray, camera_geometry
 from sim.optics.height.height_map import HeightMaps
-from sim.optics.render.renderer import GREY_LEVEL, NominalRenderer
+from sim.optics.render.renderer import GREY_LEVEL, nominal_renderer
 from sim.press_command import SceneTerms, scene_of
 from sim.sensor.sensor import load_sensor
 from sim.studies.accuracy.configurations import (
@@ -119,7 +119,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         scene,
         [reseeded(each, seed) for each in (FULL if full else SHORT)],
         camera_geometry(gel),
-        render=NominalRenderer(gel),
+        render=nominal_renderer(gel),
         similarity=_similarity,
         reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
         shifted=SHIFTED if seed == 0 else (),

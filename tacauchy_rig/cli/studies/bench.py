@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from sim.optics.camera_geometry import camera_geometry
-from sim.optics.render.renderer import NominalRenderer
+from sim.optics.render.renderer import nominal_renderer
 from sim.press_command import SceneTerms, scene_of
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
@@ -26,7 +26,7 @@ from tacauchy_rig.cli.output import (
     write_text,
 )
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.loop.rendering import ReplayImages
+from tacauchy_rig.loop.rendering import replay_images
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.versions import machine, versions
 
@@ -59,8 +59,8 @@ def bench(
     found = run_bench(
         scene_of(terms),
         camera_geometry(gel),
-        NominalRenderer(gel),
-        ReplayImages(gel),
+        nominal_renderer(gel),
+        replay_images(gel),
         load_config(None).config.protocol.force_targets,
         parts=tuple(parts or Part),
         peer=peer,

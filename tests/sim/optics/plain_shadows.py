@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import ShadowCaster
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
 
 _NOTHING_M = -1.0
 

@@ -41,7 +41,9 @@ def press_scene() -> PressScene:
         centre_x_px=89.5,
         centre_y_px=74.5,
     )
-    return PressScene(geometry=geometry, background=np.rint(background), profile=PROFILE)
+    return PressScene(
+        geometry=geometry, background=np.rint(background), profile=PROFILE, exponents=EXPONENTS
+    )
 
 
 def presses(

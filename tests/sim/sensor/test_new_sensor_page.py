@@ -39,7 +39,7 @@ def test_the_pages_variants_load() -> None:
     assert markers.columns == 5
     kind = 'kind = "photometric"'
     shady = _file().replace(kind, f'{kind}\nshadow_softness = "0.08 mm"\nsource = "x"')
-    assert parse_sensor(shady, origin="page").optics.shadow_softness_m == pytest.approx(8e-5)
+    assert parse_sensor(shady, origin="page").optics.shadows.softness_m == pytest.approx(8e-5)
     grey = (
         _file()
         .split("[[lamps]]")[0]
@@ -49,4 +49,4 @@ def test_the_pages_variants_load() -> None:
             'change = [0, -40, -60]\nsource = "x"',
         )
     )
-    assert parse_sensor(grey, origin="page").optics.grey_change == (0.0, -40.0, -60.0)
+    assert parse_sensor(grey, origin="page").optics.model.change == (0.0, -40.0, -60.0)

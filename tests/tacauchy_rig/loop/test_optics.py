@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ import pytest
 
 from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.photometric import PhotometricModel
-from sim.sensor.sensor import load_sensor
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.optics import calibrated_optics
+from tacauchy_rig.loop.optics import OpticalCalibration, Say, calibrated_optics, optics_of
 
 MINI = load_sensor("gelsight-mini")
 VIEW = camera_geometry(MINI)
@@ -54,6 +55,22 @@ def test_a_calibration_of_other_images_is_refused(
     """Raw frames, or another sensor's: both sizes, both scales are named."""
     with pytest.raises(ConfigError, match=message):
         calibrated_optics(_calibration(tmp_path, **other), MINI)
+
+
+def test_no_calibration_renders_what_cannot_be_calibrated(tmp_path: Path) -> None:
+    """A renderer without terms to fit is refused another's colours, and is not fitted in a run."""
+    renderer = replace(MINI.optics.renderer, exponents=None)
+    sensor = replace(MINI, optics=replace(MINI.optics, renderer=renderer))
+    with pytest.raises(ConfigError, match=r"optics\.kind photometric cannot be calibrated"):
+        calibrated_optics(_calibration(tmp_path), sensor)
+
+    def calibrate(_sensor: Sensor, _say: Say) -> OpticalCalibration:
+        raise AssertionError
+
+    said: list[str] = []
+    found = optics_of("", sensor, calibrate=calibrate, on_progress=said.append)
+    assert found.model is sensor.optics.model
+    assert "not calibrated" in said[0]
 
 
 def test_a_scale_that_was_measured_anew_is_taken(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from sim.optics.colour.nominal import nominal_photometric
+from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
-from sim.sensor.tables import Lamp
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckStatus

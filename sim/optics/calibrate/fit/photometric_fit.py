@@ -16,22 +16,14 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import monomials, polynomial_exponents
+from sim.optics.colour.polynomial import BALL_EXPONENTS, monomials
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
 from tacauchy_rig.errors import ConfigError
 
-_STEEP = polynomial_exponents(
-    tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
-)
-# Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
-_GENTLE = polynomial_exponents(
-    tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
-)
 REFERENCE = 128.0
 RIDGE = 1e-5
 _BY_COLUMN = {"tilt", "position", "rest_tilt"}  # arrays with a column for each point
-BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 _GROUPS = 6
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.fit.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
@@ -25,7 +25,7 @@ from sim.optics.calibrate.presses.light import (
     seen_light,
 )
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
-from sim.optics.colour.nominal import lamp_count_of
+from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.height.rest_slope import rest_slopes
@@ -48,6 +48,7 @@ class PressScene:
         geometry: Scale of the pixels.
         background: No-contact frame, RGB levels as float, shape [height, width, 3].
         profile: The gel around the ball.
+        exponents: Terms of the model that is fitted.
         masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
         rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
             None is level gel.
@@ -58,6 +59,7 @@ class PressScene:
     geometry: CameraGeometry
     background: FloatArray
     profile: GelProfile
+    exponents: IntArray
     masked: NDArray[np.bool_] | None = None
     rest_slope: FloatArray | None = None
     lamp_count: int = 0
@@ -325,13 +327,15 @@ def pressed_scene(
         preset: Of the simulated presses.
 
     Raises:
+        ConfigError: The sensor's renderer cannot be calibrated.
         ConvergenceError: The simulated ball press finds no equilibrium.
     """
     return PressScene(
+        exponents=exponents_for(sensor),  # before anything is simulated
+        lamp_count=lamp_count_of(sensor),
         geometry=geometry,
         background=unloaded.astype(np.float64),
         masked=marker_mask(unloaded, sensor.markers, geometry),
         profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m, preset=preset),
         rest_slope=rest_slopes(sensor.pad, geometry),
-        lamp_count=lamp_count_of(sensor),
     )

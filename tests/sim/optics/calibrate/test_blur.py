@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.sensor_fit import calibrate_presses, exponents_for, fit_blur
+from sim.optics.calibrate.sensor_fit import calibrate_presses, fit_blur
+from sim.optics.colour.nominal import exponents_for
 from sim.optics.colour.photometric import normalised_positions
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import load_sensor
 from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.surface_tilt import surface_tilt
-from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
+from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 
 @pytest.mark.parametrize(("blur_px", "low", "high"), [(0.0, 0.0, 0.3), (1.2, 0.5, 1.5)])
@@ -26,20 +27,20 @@ def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
         replace(press, image=_seen_through(press.image, scene.background, blur_px))
         for press in presses(8, noise=0.5)[0]
     ]
-    calibration = calibrate_optics(found, scene, exponents=EXPONENTS)
+    calibration = calibrate_optics(found, scene)
     assert low <= fit_blur(found, calibration) <= high
 
 
 def test_colours_are_fitted_to_the_sharp_gel() -> None:
     """Told of the blur, the fit takes less of it for the gel's own colours."""
-    scene = press_scene()
+    sensor = load_sensor("gelsight-mini")
+    scene = replace(press_scene(), exponents=exponents_for(sensor))
     labelled, circles, _ = presses(12, noise=0.5)
     seen = [
         replace(press, image=_seen_through(press.image, scene.background, 1.2))
         for press in labelled
     ]
-    sensor = load_sensor("gelsight-mini")
-    plain = calibrate_optics(seen, scene, exponents=exponents_for(sensor))
+    plain = calibrate_optics(seen, scene)
     told = calibrate_presses(seen, scene, sensor)
 
     def off(found: Calibration) -> float:

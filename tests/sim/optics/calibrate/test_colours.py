@@ -13,7 +13,6 @@ import pytest
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_presses, cross_validate
 from sim.optics.calibrate.fit.photometric_fit import (
-    BALL_EXPONENTS,
     PhotometricSamples,
     fit_photometric,
     fit_ridge,
@@ -21,6 +20,7 @@ from sim.optics.calibrate.fit.photometric_fit import (
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.colour.photometric import load_photometric
+from sim.optics.colour.polynomial import BALL_EXPONENTS
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
@@ -58,7 +58,7 @@ def test_too_few_pixels_are_refused() -> None:
 
 
 def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
-    return partial(calibrate_optics, scene=scene, exponents=EXPONENTS)
+    return partial(calibrate_optics, scene=scene)
 
 
 def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
@@ -75,7 +75,7 @@ def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
 def test_circles_and_light_are_recovered() -> None:
     """Clicks off by 2 px and frames off by 10 levels: both come back, and the score with them."""
     labelled, circles, offsets = presses(14, noise=1.0, click_px=2.0, light=10.0, seed=1)
-    calibration = calibrate_optics(labelled, press_scene(), exponents=EXPONENTS)
+    calibration = calibrate_optics(labelled, press_scene())
 
     def misses(found: list[Circle]) -> np.ndarray:
         return np.array(
@@ -127,7 +127,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
 
 def test_calibration_survives_its_file(tmp_path: Path) -> None:
     """A fitted model renders the same after saving and loading."""
-    model = calibrate_optics(presses(3)[0], press_scene(), exponents=EXPONENTS, rounds=1).model
+    model = calibrate_optics(presses(3)[0], press_scene(), rounds=1).model
     model.save(tmp_path / "calibration.npz")
     loaded = load_photometric(tmp_path / "calibration.npz")
     probe = (np.array([[0.2], [0.1]]), np.array([[0.5], [-0.5]]), np.array([3e-4]))
@@ -166,7 +166,7 @@ def test_skirt_continues_the_ball() -> None:
 def test_rounds_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     """Long fits say how far they are."""
     with caplog.at_level(logging.DEBUG, logger="sim.optics.calibrate.colours"):
-        calibrate_optics(presses(2)[0], press_scene(), exponents=EXPONENTS, rounds=2)
+        calibrate_optics(presses(2)[0], press_scene(), rounds=2)
     assert "round 2 of 2" in caplog.text
 
 

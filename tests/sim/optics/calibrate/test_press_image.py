@@ -12,10 +12,9 @@ import pytest
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.press_image import press_image, pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.response import Response
 from sim.optics.render.renderer import TactileRenderer
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
 from tests.sim.optics.synthetic_presses import press_scene, true_model
 
 CIRCLE = Circle(x_px=92.0, y_px=71.0, radius_px=18.0)

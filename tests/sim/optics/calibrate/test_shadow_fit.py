@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.colours import calibrate_optics
-from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.optics.colour.lamps import SHADOWS, ShadowCaster, read_shadows
+from sim.optics.calibrate.shadow_fit import SHADOWS, calibrate_with_shadows, read_shadows
 from sim.optics.render.shadows import darkening
-from sim.sensor.tables import Lamp
-from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses
+from sim.sensor.optics import Lamp, ShadowCaster
+from tests.sim.optics.synthetic_presses import press_scene, presses
 
 
 def _caster(azimuths_deg: tuple[float, ...], elevation_deg: float, level: float) -> ShadowCaster:
@@ -46,15 +45,13 @@ def test_lamps_are_found_from_their_shadows() -> None:
         )
         image = np.clip(np.rint(press.image + taken.transpose(1, 2, 0)), 0, 255)
         seen.append(replace(press, image=image.astype(np.uint8)))
-    found = calibrate_with_shadows(
-        seen, scene, _caster((-90.0, 30.0), 16.0, 80.0), exponents=EXPONENTS
-    )
+    found = calibrate_with_shadows(seen, scene, _caster((-90.0, 30.0), 16.0, 80.0))
     assert found.shadows is not None
     for lamp, known in zip(found.shadows.lamps, true.lamps, strict=True):
         assert lamp.azimuth_rad == pytest.approx(known.azimuth_rad, abs=math.radians(5.0))
         assert lamp.elevation_rad == pytest.approx(known.elevation_rad, rel=0.2)
-    plain = calibrate_optics(seen, scene, exponents=EXPONENTS)
-    truth = calibrate_optics(presses(10, noise=0.5)[0], scene, exponents=EXPONENTS)
+    plain = calibrate_optics(seen, scene)
+    truth = calibrate_optics(presses(10, noise=0.5)[0], scene)
 
     def off(model: np.ndarray) -> float:
         return float(np.abs(model - truth.model.coefficients).mean())

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.presses.light import seen_light
 from sim.optics.colour.photometric import load_photometric
+from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, camera
@@ -52,10 +53,11 @@ def test_presses_tell_where_the_shoulder_begins() -> None:
     bright = replace(true_model(), coefficients=4.0 * true_model().coefficients)
     bent = replace(bright, response=Response(knee=205.0))
     shown, _, _ = presses(10, model=bent, seed=4)
-    found = calibrate_optics(shown, press_scene(), rounds=1)
+    scene = replace(press_scene(), exponents=BALL_EXPONENTS)
+    found = calibrate_optics(shown, scene, rounds=1)
     assert found.model.response.knee == pytest.approx(205.0, abs=3.0)
     straight, _, _ = presses(10, model=bright, seed=4)
-    found = calibrate_optics(straight, press_scene(), rounds=1)
+    found = calibrate_optics(straight, scene, rounds=1)
     assert found.model.response == LINEAR
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
 from sim.optics.calibrate.fit.photometric_fit import (
-    BALL_EXPONENTS,
     PhotometricSamples,
     fit_photometric,
 )
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
+from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from sim.arrays import Float32Array, RealArray
 from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples, fit_photometric
 from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.nominal import nominal_photometric
+from sim.optics.colour.pixel_colours import PixelColours, SampleColours
+from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
+from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt
 
@@ -41,6 +47,60 @@ def test_deeper_is_darker() -> None:
     dent = renderer.render(_dent()).astype(int)
     assert dent[47, 63, 0] < dent[47, 80, 0] < dent[47, 120, 0] <= 150
     np.testing.assert_array_equal(dent[..., 0], dent[..., 2])
+
+
+def test_a_function_of_numpy_renders_what_a_kernel_does() -> None:
+    """Several samples a pixel, a width of no whole block, two images at once: within a level."""
+    model = nominal_photometric([LAMP])
+
+    @dataclass(frozen=True)
+    class InNumpy:
+        provenance: Mapping[str, object]
+
+        def over(self, frame: Float32Array, _layout: PixelBlocks) -> PixelColours:
+            return PixelColours(light=frame, function=self.change)
+
+        def change(self, tilt: Float32Array, indentation_m: Float32Array) -> RealArray:
+            flat, place = tilt.reshape(2, -1), np.zeros((2, indentation_m.size), np.float32)
+            change = model.evaluate(flat, place, indentation_m.ravel())
+            return change.reshape(3, *indentation_m.shape)
+
+    view = replace(camera(), width=101)
+    fine = view.refined(2)
+    x, y = fine.pad_grid()
+    rest = np.full(x.shape, APEX_M)
+    dent = np.maximum(0.0, 6e-4 - (x**2 + 2.0 * (y - 4e-4) ** 2) / 4e-3)
+    background = np.full((view.height, view.width, 3), 90, np.uint8)
+    images = [
+        TactileRenderer(background, rest, each, view, samples=2, blur_px=0.6)
+        .render_batch(np.stack([dent, 0.5 * dent]))
+        .numpy()
+        .astype(int)
+        for each in (model, InNumpy({}))
+    ]
+    assert images[0].max() > 100
+    assert np.abs(images[1] - images[0]).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda tilt, _dent: tilt, r"change of light has the shape \(2, 96, 128\)"),
+        (lambda _tilt, dent: np.stack([np.log(dent - 1.0)] * 3), "is not finite"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:invalid value encountered in log")
+def test_what_a_function_of_numpy_gets_wrong_is_told(change: SampleColours, message: str) -> None:
+    """A wrong shape, and a logarithm of what is negative, which would pass as a grey level."""
+
+    class Wrong:
+        provenance: ClassVar = {}
+
+        def over(self, frame: Float32Array, _layout: PixelBlocks) -> PixelColours:
+            return PixelColours(light=frame, function=change)
+
+    with pytest.raises(ConfigError, match=message):
+        TactileRenderer(np.full((96, 128, 3), 90, np.uint8), FLAT, Wrong(), camera())
 
 
 def test_grey_is_fitted_with_depth_alone() -> None:

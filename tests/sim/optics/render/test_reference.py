@@ -6,15 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel, normalised_positions
-from sim.optics.colour.polynomial import polynomial_exponents
+from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
 from tests.sim.optics.plain_shadows import plain_darkening
 from tests.sim.optics.surface_tilt import surface_tilt

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit.photometric_fit import BALL_EXPONENTS
-from sim.optics.colour.lamps import ShadowCaster
 from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render import renderer
 from sim.optics.render.renderer import TactileRenderer
-from sim.sensor.tables import Lamp
+from sim.sensor.optics import Lamp, ShadowCaster
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 
 _LAMPS = [

@@ -11,7 +11,7 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.camera_geometry import CameraGeometry
-from sim.optics.render.pixel_kernel import Layout
+from sim.optics.pixels.pixel_kernel import Layout
 
 # Pixels of a block: as many as the widest registers of a processor hold, and one on a GPU.
 CPU_LANES, GPU_LANES = 16, 1
@@ -73,6 +73,14 @@ class PixelBlocks:
         short = self.row_blocks * self.lanes - columns
         room = ((0, 0), (0, 0), (1, 1), (self.lanes, self.lanes + short))
         return self.array(np.pad(split, room).reshape(-1, self.lanes), self.block)
+
+    def samples_of(self, planes: BlockMemory) -> Float32Array:
+        """Return the samples of images, shape [image_count, height, width] of them."""
+        rows, columns, samples = self.geometry.height, self.geometry.width, self.samples
+        shape = (-1, samples, samples, rows + 2, (self.row_blocks + 2) * self.lanes)
+        values: Float32Array = planes.single.numpy()
+        inner = values.reshape(shape)[..., 1:-1, self.lanes : self.lanes + columns]
+        return inner.transpose(0, 3, 1, 4, 2).reshape(-1, rows * samples, columns * samples)
 
     def pixel_rows(self, values: RealArray) -> Any:
         """Return values of pixels in blocks, shape [n, blocks] of [n, ..., width]."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from sim.sensor.optics import parse_optics
 from sim.sensor.sensor import load_sensor
-from sim.sensor.tables import OpticsKind, parse_optics
 from tacauchy_rig.errors import ConfigError
 
 LAMP = {"azimuth": "90 deg", "elevation": "20 deg", "colour": [80, 0, 0], "source": "assumed"}
@@ -16,16 +16,16 @@ def test_built_in_sensors_have_optics() -> None:
     """Mini and DIGIT by lamps, DIGIT with shadows, 9DTact by a table that darkens."""
     mini, digit, tact = (load_sensor(name).optics for name in ("gelsight-mini", "digit", "9dtact"))
     assert len(mini.lamps) == len(digit.lamps) == 3
-    assert mini.shadow_softness_m is None
-    assert digit.shadow_softness_m is not None
-    assert tact.kind is OpticsKind.GREY_DEPTH
-    assert list(tact.grey_change) == sorted(tact.grey_change, reverse=True)
+    assert mini.shadows is None
+    assert digit.shadows is not None
+    assert tact.kind == "grey-depth"
+    assert list(tact.model.change) == sorted(tact.model.change, reverse=True)
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"optics": {"kind": "radar"}}, "optics.kind is 'radar'"),
+        ({"optics": {"kind": "radar"}}, '"radar" is none of "photometric", "grey-depth"'),
         ({"optics": {"kind": "grey-depth"}}, "missing or unknown change, depth, source"),
         ({"optics": {**GREY, "change": [0]}}, "are no table"),
         ({"optics": {**GREY, "depth": ["0 mm", "0 mm"]}}, "are no table"),
@@ -49,5 +49,6 @@ def test_shadows_are_read() -> None:
     """A softness with lamps switches shadows on; without it they are off."""
     table = {"kind": "photometric", "shadow_softness": "0.1 mm"}
     read = parse_optics({"optics": table, "lamps": [LAMP]}, "my.toml")
-    assert read.shadow_softness_m == pytest.approx(1e-4)
-    assert parse_optics({"lamps": [LAMP]}, "my.toml").shadow_softness_m is None
+    assert read.shadows is not None
+    assert read.shadows.softness_m == pytest.approx(1e-4)
+    assert parse_optics({"lamps": [LAMP]}, "my.toml").shadows is None

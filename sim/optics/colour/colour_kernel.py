@@ -8,7 +8,7 @@ import warp as wp
 
 from sim.optics.colour.polynomial import INDENTATION_UNIT_M
 from sim.optics.colour.shading_terms import CREASE_UNIT_M
-from sim.optics.render.pixel_kernel import BLOCK_FLAGS, Layout, bend_of, place_of
+from sim.optics.pixels.pixel_kernel import BLOCK_FLAGS, Layout, bend_of, place_of
 
 wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
@@ -195,37 +195,3 @@ def colour_pixels(
     change_out[0, to] = wp.cw_mul(red, gain[0, of])
     change_out[1, to] = wp.cw_mul(green, gain[1, of])
     change_out[2, to] = wp.cw_mul(blue, gain[2, of])
-
-
-@wp.kernel(enable_backward=False)
-def grey_pixels(
-    layout: Layout,
-    first: wp.int32,
-    # Model:
-    depth_m: wp.array(dtype=wp.float32),
-    level: wp.array(dtype=wp.float32),
-    # Data in:
-    dent: wp.array(dtype=Any),
-    # Data out:
-    change_out: wp.array2d(dtype=Any),
-):
-    """Mean change of grey of pixels' samples by a table of indentation."""
-    image, i, k = wp.tid()
-    row = first + i
-    at = place_of(layout, image, row, k)
-    total = type(dent[at])()
-    for _s in range(layout.samples * layout.samples):
-        samples = dent[at]
-        for n in range(len(samples)):
-            found = level[0]
-            for m in range(1, depth_m.shape[0]):
-                if samples[n] > depth_m[m - 1]:
-                    part = (samples[n] - depth_m[m - 1]) / (depth_m[m] - depth_m[m - 1])
-                    part = wp.min(part, wp.float32(1.0))
-                    found = level[m - 1] + part * (level[m] - level[m - 1])
-            total[n] = total[n] + found
-        at += layout.plane
-    total = total * (wp.float32(1.0) / wp.float32(layout.samples * layout.samples))
-    to = (image * layout.rows + row) * layout.blocks + k
-    for channel in range(3):
-        change_out[channel, to] = total

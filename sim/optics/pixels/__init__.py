@@ -1,0 +1,1 @@
+"""Samples of images in a device's memory, for kernels on blocks of pixels."""

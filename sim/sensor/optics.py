@@ -1,0 +1,150 @@
+"""How a sensor shows its gel: ``[optics]`` and ``[[lamps]]`` of its file, read by a renderer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from sim.arrays import IntArray
+from tacauchy_rig.errors import ConfigError, naming
+from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.registry import Kind, load
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lamp:
+    """A lamp beside the gel, as far as its maker's drawings tell; calibration replaces it.
+
+    Attributes:
+        azimuth_rad: Where it stands, from growing columns towards growing rows [rad].
+        elevation_rad: Angle of its light to the unloaded surface [rad].
+        colour: Grey levels that it adds to red, green and blue of a surface that faces it.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    colour: tuple[float, float, float]
+
+    @property
+    def towards(self) -> tuple[float, float, float]:
+        """Direction to it along columns, rows and up, of length 1."""
+        level = math.cos(self.elevation_rad)
+        return (
+            level * math.cos(self.azimuth_rad),
+            level * math.sin(self.azimuth_rad),
+            math.sin(self.elevation_rad),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShadowCaster:
+    """Lamps that cast shadows, and how soft those are.
+
+    Attributes:
+        lamps: As the sensor's file has them.
+        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
+    """
+
+    lamps: Sequence[Lamp]
+    softness_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Renderer:
+    """What images of a sensor show, as the registry knows it by its name, ``optics.kind``.
+
+    Attributes:
+        read: From ``[optics]``, the lamps and the file's name for messages to the colours before
+            any calibration, a ``sim.optics.colour.pixel_colours.ColourModel``; None where the file
+            gives none.
+        needed: Keys that ``[optics]`` must have, beside ``kind``.
+        optional: Keys that it may have.
+        exponents: Of the terms that a calibration fits, shape [term_count, 5], see
+            ``PhotometricModel``; None cannot be calibrated.
+        sees_slope: Colours tell the slope of the gel under its lamps; if not, grey tells its depth.
+    """
+
+    read: Callable[[Mapping[str, Any], tuple[Lamp, ...], str], Any]
+    needed: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ("source",)
+    exponents: IntArray | None = None
+    sees_slope: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorOptics:
+    """How a sensor turns its gel's surface into an image.
+
+    Attributes:
+        kind: Name of its renderer.
+        lamps: Nominal lamps; empty where none are known.
+        shadows: None where the sensor shows none.
+        model: What the renderer read.
+    """
+
+    kind: str
+    renderer: Renderer
+    lamps: tuple[Lamp, ...]
+    shadows: ShadowCaster | None
+    model: Any = field(compare=False)
+
+
+def parse_optics(data: dict[str, Any], origin: str) -> SensorOptics:
+    """Read ``[optics]`` and ``[[lamps]]``; ``origin`` names the file in messages.
+
+    Raises:
+        ConfigError: No such renderer, or a key is unknown, missing or wrong.
+    """
+    lamps = _lamps(data.get("lamps", []), origin)
+    table = data.get("optics", {"kind": "photometric"})
+    kind = str(table.get("kind", ""))
+    with naming(f"{origin}: optics.kind"):
+        renderer: Renderer = load(Kind.RENDERER, kind)
+    needed = {"kind", *renderer.needed}
+    allowed = needed | {*renderer.optional}
+    wrong = sorted((needed - set(table)) | (set(table) - allowed))
+    if wrong:
+        raise ConfigError(
+            f"{origin}: optics of kind {kind}: missing or unknown {', '.join(wrong)}",
+            remedy=f"give {', '.join(sorted(allowed))}",
+        )
+    return SensorOptics(
+        kind=kind,
+        renderer=renderer,
+        lamps=lamps,
+        shadows=_shadows(table, lamps, origin),
+        model=renderer.read(table, lamps, origin),
+    )
+
+
+def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...], origin: str) -> ShadowCaster | None:
+    if "shadow_softness" not in table:
+        return None
+    name = f"{origin}: optics.shadow_softness"
+    value = parse_quantity(str(table["shadow_softness"]), dimension=Dimension.LENGTH, field=name)
+    if not value > 0.0 or not lamps:
+        raise ConfigError(
+            f"{name} needs a positive length and at least one lamp that casts the shadow",
+            remedy='write shadow_softness = "0.05 mm" and [[lamps]], or leave it out',
+        )
+    return ShadowCaster(lamps=lamps, softness_m=value)
+
+
+def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[Lamp, ...]:
+    found = []
+    for number, entry in enumerate(entries, start=1):
+        name = f"{origin}: lamp {number}"
+        if set(entry) != {"azimuth", "elevation", "colour", "source"}:
+            raise ConfigError(
+                f"{name} needs azimuth, elevation, colour and source",
+                remedy='write azimuth = "90 deg", elevation = "20 deg", colour = [80, 0, 0]',
+            )
+        azimuth, elevation = (
+            parse_quantity(entry[key], dimension=Dimension.ANGLE, field=f"{name} {key}")
+            for key in ("azimuth", "elevation")
+        )
+        red, green, blue = (float(level) for level in entry["colour"])
+        found.append(Lamp(azimuth_rad=azimuth, elevation_rad=elevation, colour=(red, green, blue)))
+    return tuple(found)
