@@ -11,6 +11,7 @@ from typing import TypedDict
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from tacauchy_rig.tables import Table, markdown_cell, markdown_table
+from tacauchy_rig.versions import machine, versions
 
 _WIDTH = 100
 # Tables, headings, figures and lists stand as they are written.
@@ -128,8 +129,6 @@ def criteria_page(
     title: str,
     note: str,
     command: str,
-    versions: Mapping[str, str],
-    machine: str,
     image: str = "",
 ) -> str:
     """Return the page of a study: how it went, all criteria, then each table with its own.
@@ -137,8 +136,6 @@ def criteria_page(
     Args:
         note: What a reader has to know before all tables.
         command: What made the page.
-        versions: Of what the numbers depend on.
-        machine: Where it ran, in words.
         image: File of a figure that stands before them, beside the page; empty for none.
     """
     facts = {
@@ -146,8 +143,8 @@ def criteria_page(
         "title": title,
         "note": note,
         "command": command,
-        "versions": versions,
-        "machine": machine,
+        "versions": versions(),
+        "machine": machine(),
         "image": image,
         "missed": sum(not table.passed for table in tables),
     }

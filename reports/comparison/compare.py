@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -72,7 +73,6 @@ def _compare_trial(
 ) -> TrialResult:
     others = [t for t in evidence.trials if t.index != trial.index]
     images, simulated = trial.images, trial.simulated_image
-    record, replay = trial.record, trial.replay
     scale = _scale_mm_px(evidence.geometry)
     scores = grey = contact = corrections = None
     if images is not None and simulated is not None:
@@ -99,16 +99,9 @@ def _compare_trial(
         contact_force_n=evidence.contact_force_n,
     )
     return TrialResult(
-        index=trial.index,
-        attempt=0 if record is None else record.attempt,
-        outcome="missing" if record is None else record.outcome.value,
-        reason="" if record is None else record.reason,
+        **_pressed(trial),
         passed=all(criterion.passed for criterion in criteria),
-        force_target_n=trial.force_target_n,
-        force_simulated_n=None if replay is None else replay.force_simulated_n,
         force_mismatch_n=force.mismatch_n,
-        **{name: getattr(record, name, None) for name in _MEASURED},
-        depth_simulated_m=None if replay is None else replay.depth_simulated_m,
         force=force,
         metrics=scores,
         metrics_grey=grey,
@@ -122,11 +115,26 @@ def _compare_trial(
         else contact_residuals(images, [images.reference])[0],
         corrections=corrections,
         criteria=criteria,
-        rates={} if record is None else dict(record.rates),
-        streams=tuple(summarize_stream(s) for s in trial.streams if len(s.intervals_s)),
-        dwell_frame_count=0 if images is None else images.frame_count,
-        replay=_replay_facts(trial),
     )
+
+
+def _pressed(trial: TrialEvidence) -> dict[str, Any]:
+    """Return what record and replay say by themselves, by the fields of a result."""
+    record, replay = trial.record, trial.replay
+    return {
+        "index": trial.index,
+        "attempt": 0 if record is None else record.attempt,
+        "outcome": "missing" if record is None else record.outcome.value,
+        "reason": "" if record is None else record.reason,
+        "force_target_n": trial.force_target_n,
+        "force_simulated_n": None if replay is None else replay.force_simulated_n,
+        **{name: getattr(record, name, None) for name in _MEASURED},
+        "depth_simulated_m": None if replay is None else replay.depth_simulated_m,
+        "rates": {} if record is None else dict(record.rates),
+        "streams": tuple(summarize_stream(s) for s in trial.streams if len(s.intervals_s)),
+        "dwell_frame_count": 0 if trial.images is None else trial.images.frame_count,
+        "replay": _replay_facts(trial),
+    }
 
 
 def _skills(

@@ -111,6 +111,37 @@ def compare_force(
     )
 
 
+# What a term rests on where it is known, and what is said where it is not.
+_TERMS = {
+    "modulus of the gel": (
+        TermGroup.INPUTS,
+        "stated with the material",
+        "unknown: the material states no uncertainty for this unit",
+    ),
+    "tilt and place of the indenter": (TermGroup.INPUTS, "", "unknown: not measured"),
+    "height of first contact": (
+        TermGroup.INPUTS,
+        "half of the simulator's depth at the contact force, times its stiffness",
+        "unknown: no simulated curve",
+    ),
+    "scatter of the force in the dwell": (
+        TermGroup.DATA,
+        "standard deviation over the dwell",
+        "not recorded",
+    ),
+    "drift of the force sensor's zero": (
+        TermGroup.DATA,
+        "unloaded after minus before",
+        "not recorded",
+    ),
+    "repeatability of the press": (
+        TermGroup.DATA,
+        "",
+        "unknown: needs at least five presses at one force",
+    ),
+}
+
+
 def uncertainty_budget(
     trial: TrialEvidence, model: ReplayModel | None, *, touched_m: float | None = None
 ) -> tuple[UncertaintyTerm, ...]:
@@ -124,58 +155,30 @@ def uncertainty_budget(
     record, replay = trial.record, trial.replay
     simulated = None if replay is None else replay.force_simulated_n
     drift = None if record is None else record.force_drift_n
-    numerics = "no replay" if replay is None else replay.force_error_basis
     numerics_n = _share(None if replay is None else replay.force_error_estimate, simulated)
-    modulus_n = _share(None if model is None else model.young_uncertainty_relative, simulated)
-    scatter_n = None if record is None else record.force_deviation_n
-    drift_n = None if drift is None else abs(drift)
-    # Name, value, and what it rests on where it is known and where it is not.
-    terms: dict[TermGroup, list[tuple[str, float | None, str, str]]] = {
-        TermGroup.NUMERICS: [
-            ("mesh, element and barrier of the simulator", numerics_n, numerics, numerics),
-        ],
-        TermGroup.INPUTS: [
-            (
-                "modulus of the gel",
-                modulus_n,
-                "stated with the material",
-                "unknown: the material states no uncertainty for this unit",
-            ),
-            ("tilt and place of the indenter", None, "", "unknown: not measured"),
-            (
-                "height of first contact",
-                _contact_height(trial, touched_m),
-                "half of the simulator's depth at the contact force, times its stiffness",
-                "unknown: no simulated curve",
-            ),
-        ],
-        TermGroup.DATA: [
-            (
-                "scatter of the force in the dwell",
-                scatter_n,
-                "standard deviation over the dwell",
-                "not recorded",
-            ),
-            (
-                "drift of the force sensor's zero",
-                drift_n,
-                "unloaded after minus before",
-                "not recorded",
-            ),
-            (
-                "repeatability of the press",
-                None,
-                "",
-                "unknown: needs at least five presses at one force",
-            ),
-        ],
+    values_n = {
+        "tilt and place of the indenter": None,
+        "repeatability of the press": None,
+        "modulus of the gel": _share(
+            None if model is None else model.young_uncertainty_relative, simulated
+        ),
+        "height of first contact": _contact_height(trial, touched_m),
+        "scatter of the force in the dwell": None if record is None else record.force_deviation_n,
+        "drift of the force sensor's zero": None if drift is None else abs(drift),
     }
-    return tuple(
+    return (
         UncertaintyTerm(
-            name=name, group=group, value_n=value_n, basis=unknown if value_n is None else known
-        )
-        for group, rows in terms.items()
-        for name, value_n, known, unknown in rows
+            name="mesh, element and barrier of the simulator",
+            group=TermGroup.NUMERICS,
+            value_n=numerics_n,
+            basis="no replay" if replay is None else replay.force_error_basis,
+        ),
+        *(
+            UncertaintyTerm(name=name, group=group, value_n=value_n, basis=known)
+            if (value_n := values_n[name]) is not None
+            else UncertaintyTerm(name=name, group=group, value_n=None, basis=unknown)
+            for name, (group, known, unknown) in _TERMS.items()
+        ),
     )
 
 

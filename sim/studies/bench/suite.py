@@ -132,13 +132,16 @@ def run_bench(
     if Part.RENDERING in parts:
         on_progress(f"rendering, batches on {batch_device()}")
         rows["rendering"] += measure_rendering(scene)
-    if batch_device() == "cpu":
-        rows["absent"] += [
-            f"{what}, which is done on a GPU: there is none here"
-            for part, what in _NO_GPU.items()
-            if part in parts
-        ]
+    rows["absent"] += _missing_gpu(parts)
     return Benchmark(**{name: tuple(found) for name, found in rows.items()})
+
+
+def _missing_gpu(parts: Collection[Part]) -> list[str]:
+    """Name what was asked for and is not measured where there is no GPU."""
+    if batch_device() != "cpu":
+        return []
+    asked = [what for part, what in _NO_GPU.items() if part in parts]
+    return [f"{what}, which is done on a GPU: there is none here" for what in asked]
 
 
 def _side_by_side(

@@ -44,7 +44,7 @@ from tacauchy_rig.cli.output import (
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table
-from tacauchy_rig.versions import machine, versions
+from tacauchy_rig.versions import versions
 
 PROMISES = "promises.json"
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -198,8 +198,6 @@ def write_page(page: Path, folder: Path) -> list[Path]:
         note=_NOTE,
         image=f"images/{_IMAGE}",
         command=f"tacauchy-rig accuracy --out {folder} --page {page}",
-        versions=versions(),
-        machine=machine(),
     )
     write_text(page, text)
     image = page.parent / "images" / _IMAGE

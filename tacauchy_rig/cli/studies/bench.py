@@ -88,8 +88,6 @@ def bench(
                 f"--out {out}",
             ]
         ),
-        versions=versions(),
-        machine=machine(),
     )
     write_text(out / "bench.md", page)
     for file in (*drawn, out / "bench.json", out / "bench.md"):

@@ -14,7 +14,7 @@ from tacauchy_rig.cli.output import complain, say, show_table, write_json, write
 from tacauchy_rig.errors import ConfigError, RigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.tables import Table
-from tacauchy_rig.versions import machine, versions
+from tacauchy_rig.versions import versions
 
 _TITLE = "Verification of the simulator"
 _SOURCE = "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"
@@ -93,6 +93,4 @@ def _page(found: dict[str, Table], out: Path) -> str:
         title=tables[0].title if len(tables) == 1 else _TITLE,
         note=f"{_SOURCE}{_COMMANDS if has_commands else ''}{_AGAIN}",
         command=f"tacauchy-rig verify{chosen} --out {out}",
-        versions=versions(),
-        machine=machine(),
     )

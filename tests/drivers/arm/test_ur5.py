@@ -29,6 +29,7 @@ from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after
+from tacauchy_rig.run import Pose
 from tests.drivers.arm_events import read_events
 
 _PRESS_M_S = 0.005
@@ -68,6 +69,25 @@ def _leave() -> None:
     os._exit(0)
 
 
+def _refusals(arm: Ur5, home: Pose) -> list[str]:
+    """Ask for speeds beyond the limit, unknown and backwards; return what is said to each."""
+    refusals = []
+    for speed in (0.06, math.nan, -0.01):
+        try:
+            arm.start_move(home, speed=speed, acceleration=0.1)
+        except SafetyError as error:
+            refusals.append(error.message)
+    return refusals
+
+
+def _feed(arm: Ur5, count: int, *, period_s: float) -> None:
+    """Read the state and feed the watchdog as the control loop does."""
+    for _ in range(count):
+        arm.state()
+        arm.kick_watchdog()
+        time.sleep(period_s)
+
+
 def client_normal(host: str, model: str, _folder: str) -> None:
     """Connect, move, press, stop, read, close; say what was seen."""
     arm = _arm(host, model)
@@ -78,16 +98,11 @@ def client_normal(host: str, model: str, _folder: str) -> None:
     arm.start_move(target, speed=0.04, acceleration=0.4)
     moved_at_once = arm.is_moving()
     while arm.is_moving():
-        arm.state()
-        arm.kick_watchdog()
-        time.sleep(0.004)
+        _feed(arm, 1, period_s=0.004)
     time.sleep(0.02)  # The last state may be a packet behind the end of the move.
     reached = arm.state().pose
     arm.start_move(home, speed=0.04, acceleration=0.4)
-    for _ in range(20):
-        arm.state()
-        arm.kick_watchdog()
-        time.sleep(0.004)
+    _feed(arm, 20, period_s=0.004)
     arm.stop()
     time.sleep(0.02)
     halted = arm.state().velocity[2]
@@ -106,12 +121,7 @@ def client_normal(host: str, model: str, _folder: str) -> None:
     arm.start_move(home, speed=0.04, acceleration=0.4)
     arm.state()
     arm.stop()
-    refusals = []
-    for speed in (0.06, math.nan, -0.01):
-        try:
-            arm.start_move(home, speed=speed, acceleration=0.1)
-        except SafetyError as error:
-            refusals.append(error.message)
+    refusals = _refusals(arm, home)
     times = [sample.controller_time_s for sample in arm.drain()]
     drained_twice = len(arm.drain())
     arm.stop()
