@@ -136,10 +136,7 @@ def score_contact(
         The scores, or None when the real image shows no contact. A simulated image without a
         visible contact scores an overlap of 0 and NaN distances.
     """
-    real_change, simulated_change = (
-        image_change(real, reference),
-        image_change(simulated, reference),
-    )
+    real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
     footprint = contact_footprint(real_change)
     if footprint is None:
         return None

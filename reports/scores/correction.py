@@ -96,10 +96,7 @@ def correct(
     Returns:
         None when the real image shows no contact.
     """
-    real_change, simulated_change = (
-        image_change(real, reference),
-        image_change(simulated, reference),
-    )
+    real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
     footprint = contact_footprint(real_change)
     if footprint is None:
         return None

@@ -55,17 +55,11 @@ def write_json(path: Path | None, content: Any) -> None:
     if path is None:
         return
     text = json.dumps(to_plain(content), indent=2, allow_nan=False)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --json another path"
-        ) from error
+    write_text(path, text + "\n", option="--json")
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a page.
+def write_text(path: Path, text: str, *, option: str = "--out") -> None:
+    """Write a page, or whatever an option names the file of.
 
     Raises:
         RecordError: The file cannot be written.
@@ -74,9 +68,7 @@ def write_text(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error
+        raise _unwritable(path, error, option=option) from error
 
 
 def writable_folder(path: Path) -> Path:
@@ -90,6 +82,9 @@ def writable_folder(path: Path) -> Path:
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
-        raise RecordError(
-            f"{path}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error
+        raise _unwritable(path, error, option="--out") from error
+
+
+def _unwritable(path: Path, error: OSError, *, option: str) -> RecordError:
+    text = f"{path}: cannot be written: {error.strerror}"
+    return RecordError(text, remedy=f"give {option} another path")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from tacauchy_rig.errors import RigError
@@ -51,16 +51,8 @@ def judged(
     unit: str = "",
 ) -> CheckResult:
     """Return a check that warns, and says what to do, unless what was found is good."""
-    if is_good:
-        return passed(name, finding, value=value, unit=unit)
-    return CheckResult(
-        name=name,
-        status=CheckStatus.WARN,
-        finding=finding,
-        value=value,
-        unit=unit,
-        remedy=remedy,
-    )
+    found = passed(name, finding, value=value, unit=unit)
+    return found if is_good else replace(found, status=CheckStatus.WARN, remedy=remedy)
 
 
 def skipped(name: str, reason: str) -> CheckResult:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from tacauchy_rig.errors import RecordError, RigError
+from tacauchy_rig.errors import RigError
 from tacauchy_rig.fault_table.arm import ArmOutcome
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.layout import RunPaths
-from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.recording.recover import open_readable
 
 PRODUCERS = ("control", "camera")
 
@@ -62,9 +61,8 @@ def kept_messages(
     control = camera = force_gaps = frame_gaps = 0
     unreadable: list[str] = []
     for trial, attempt in attempts:
-        recordings = _open_all(
-            [paths.recording(trial, attempt), *paths.spills(trial, attempt)], unreadable
-        )
+        files = [paths.recording(trial, attempt), *paths.spills(trial, attempt)]
+        recordings = open_readable([path for path in files if path.exists()], unreadable)
         force = {int(n) for recording in recordings for n in recording.force().counter}
         frames = {int(n) for recording in recordings for n in recording.frame_stamps()[1]}
         states = {int(n) for recording in recordings for n in recording.arm().stamp_ns}
@@ -80,18 +78,6 @@ def kept_messages(
         frame_gap_count=frame_gaps,
         unreadable=tuple(unreadable),
     )
-
-
-def _open_all(paths: Sequence[Path], unreadable: list[str]) -> list[Recording]:
-    recordings = []
-    for path in paths:
-        if not path.exists():
-            continue
-        try:
-            recordings.append(Recording.open(path))
-        except RecordError as error:
-            unreadable.append(str(error))
-    return recordings
 
 
 def _gaps(counters: set[int]) -> int:

@@ -74,7 +74,7 @@ def recover_recording(path: Path) -> RecoveryReport:
         RecordError: Nothing in it is readable, it is still being written, or the disk is full.
     """
     problems: list[str] = []
-    spills = _open_all(sorted(path.parent.glob(SPILL_PATTERN)), problems)
+    spills = open_readable(sorted(path.parent.glob(SPILL_PATTERN)), problems)
     if not path.exists() and spills:
         return _repacked(path, [], spills, problems, before="missing")
     with _unused(path):
@@ -95,7 +95,8 @@ def recover_recording(path: Path) -> RecoveryReport:
         return _repacked(path, [recording], spills, problems, before=recording.describe())
 
 
-def _open_all(paths: list[Path], problems: list[str]) -> list[Recording]:
+def open_readable(paths: Sequence[Path], problems: list[str]) -> list[Recording]:
+    """Open what can be read of some recordings; what is said of the others goes to ``problems``."""
     recordings = []
     for path in paths:
         try:
