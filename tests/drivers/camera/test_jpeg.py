@@ -48,9 +48,20 @@ def test_truncated_and_headless_are_refused() -> None:
 @settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_answered(data: bytes) -> None:
-    """No input raises or loops, with or without the right ends."""
-    jpeg_size(data)
-    jpeg_size(b"\xff\xd8" + data + b"\xff\xd9")
+    """No input raises or loops, and a size is read only between the right ends, at 16 bits each."""
+    assert jpeg_size(data) is None or data.startswith(b"\xff\xd8")
+    found = jpeg_size(b"\xff\xd8" + data + b"\xff\xd9")
+    assert found is None or all(0 <= length < 2**16 for length in found)
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=50), st.tuples(*[st.integers(0, 2**16 - 1)] * 2))
+def test_what_lies_before_the_frame_header_is_skipped(data: bytes, size: tuple[int, int]) -> None:
+    """Whatever a segment holds, ends and headers among it, the size is that of the frame."""
+    width, height = size
+    segment = b"\xff\xe0" + (len(data) + 2).to_bytes(2, "big") + data
+    frame = b"\xff\xc0\x00\x0b\x08" + height.to_bytes(2, "big") + width.to_bytes(2, "big")
+    assert jpeg_size(b"\xff\xd8" + segment + frame + b"\x01\x01\x11\x00\xff\xd9") == size
 
 
 def lit_from_above(white_rows: int) -> bytes:

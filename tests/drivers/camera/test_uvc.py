@@ -168,7 +168,12 @@ def test_frozen_camera_is_seen_as_repeats(connected: Connected) -> None:
             yield jpeg(9)
 
     with connected(frozen) as camera:
-        collect(camera, lambda _: camera.health().repeat_count >= 10)
+        frames = collect(camera, lambda _: camera.health().repeat_count >= 10)
+        health = camera.health()
+    assert health.repeat_count >= 10
+    # The repeats are delivered all the same, and none of them counts as lost or damaged.
+    assert [frame.counter for frame in frames] == list(range(1, len(frames) + 1))
+    assert (health.lost_count, health.corrupt_count) == (0, 0)
 
 
 def test_stall_blocks_neither_drain_nor_close(connected: Connected) -> None:

@@ -140,10 +140,12 @@ def test_close_and_open_again(box: tuple[Path, str]) -> None:
 
 
 def test_close_twice_and_before_connect() -> None:
-    """Closing is always allowed."""
+    """Closing is always allowed, and leaves a sensor that nothing came from."""
     sensor = sensor_at("/dev/never-opened")
     sensor.close()
     sensor.close()
+    assert sensor.drain() == []
+    assert sensor.health().received_count == 0
 
 
 def test_freeze_is_seen_as_repeats(box: tuple[Path, str]) -> None:

@@ -88,15 +88,27 @@ def test_a_blow_is_a_breach_before_the_soft_limit(guard):
 
 def test_lost_frames_do_not_look_like_a_blow(guard):
     """The slope is taken over the box's counter, so a gap in it does not steepen the rise."""
-    for number in range(1, 50, 4):
-        guard.check(sample(number, fz=number * 0.1))
+    numbers = range(1, 22, 4)
+    found = [guard.check(sample(number, fz=0.25 * number)) for number in numbers]
+    assert found == pytest.approx([0.25 * number for number in numbers])
+    # The same samples without a gap between them are one.
+    guard.set_zero(ZERO)
+    for place, number in enumerate(numbers[:4]):
+        guard.check(sample(place, fz=0.25 * number))
+    with pytest.raises(BreachError, match=r"limits\.force_rate .* measured 100\.0 N/s"):
+        guard.check(sample(4, fz=0.25 * numbers[4]))
 
 
 def test_letting_go_of_the_gel_is_no_blow(guard):
     """A force that falls at once is not a breach."""
     for number in range(1, 6):
         guard.check(sample(number, fz=4.0 + 0.001 * number))
-    guard.check(sample(6, fz=0.0))
+    assert guard.check(sample(6, fz=0.0)) == pytest.approx(0.0, abs=1e-12)
+    # Coming back as fast is one.
+    for number in range(7, 10):
+        guard.check(sample(number, fz=4.0 + 0.001 * number))
+    with pytest.raises(BreachError, match=r"limits\.force_rate .* measured 80\.\d N/s"):
+        guard.check(sample(10, fz=4.01))
 
 
 def test_identical_samples_are_a_dead_sensor(guard, config):

@@ -91,10 +91,12 @@ def test_too_many_lost_frames_are_a_breach(guard):
 
 
 def test_losses_of_long_ago_are_forgotten(guard):
-    """Only the last two seconds count."""
+    """Only the last two seconds count: ten lost are too many of the 110 in them, not of all."""
     guard.check_force(health(received=0, lost=100), now_ns=0)
     guard.check_force(health(received=100, lost=100), now_ns=1_000_000_000)
     guard.check_force(health(received=400, lost=100), now_ns=4_000_000_000)
+    with pytest.raises(BreachError, match="10 of 110 force frames"):
+        guard.check_force(health(received=500, lost=110), now_ns=5_000_000_000)
 
 
 def test_force_that_arrives_late_is_stale_although_it_flows(guard):
@@ -111,6 +113,11 @@ def test_a_box_that_is_a_little_slow_is_not_late(guard):
     """A rate of 99.5 Hz instead of 100 Hz is a property of the box's clock, for ten minutes."""
     for counter in range(0, 60_000, 10):
         guard.note_force(arrived(counter, rate_hz=99.5))
+        guard.check_force(health(), now_ns=0)
+    assert guard.force_lag_s < 1e-3
+    # One whose clock is as slow and that then comes 80 ms late is told from it.
+    guard.note_force(arrived(60_000, rate_hz=99.5, delay_s=0.08))
+    with pytest.raises(BreachError, match=r"arrive 7[0-9] ms late|arrive 80 ms late"):
         guard.check_force(health(), now_ns=0)
 
 
