@@ -33,14 +33,7 @@ def page(package: str, template: str, facts: Mapping[str, object]) -> str:
 
 
 def prose(package: str, template: str, block: str, /, **facts: object) -> str:
-    """Return one block of a template, such as a table's note, as a single line.
-
-    Args:
-        package: As for ``page``.
-        template: Its file's name.
-        block: Which of its blocks.
-        facts: What it is told.
-    """
+    """Return one block of a template as for ``page``, such as a table's note, as a single line."""
     return " ".join(_block(package, template, block, facts).split())
 
 
@@ -53,14 +46,7 @@ class TableProse(TypedDict):
 
 
 def table_prose(package: str, template: str, block: str, /, **facts: object) -> TableProse:
-    """Return title, criterion and note of a table: the paragraphs of a block, in this order.
-
-    Args:
-        package: As for ``page``.
-        template: Its file's name.
-        block: Which of its blocks.
-        facts: What it is told.
-    """
+    """Return title, criterion and note of a table: the paragraphs of a block as for ``prose``."""
     title, criterion, *notes = _paragraphs(_block(package, template, block, facts))
     return TableProse(title=title, criterion=criterion, note=" ".join(notes))
 
@@ -84,10 +70,9 @@ def sentences(
 ) -> tuple[str, ...]:
     """Return the paragraphs of a template, each as a single line.
 
+    Package, template and facts are as for ``page``.
+
     Args:
-        package: As for ``page``.
-        template: Its file's name.
-        facts: What it is told.
         filters: What it may write a fact by, beside Jinja's own.
     """
     environment = _environment(package)
