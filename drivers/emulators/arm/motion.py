@@ -29,7 +29,10 @@ def _quaternion(rotation_vector: Vector3) -> tuple[float, float, float, float]:
 
 
 def compose_rotations(first: Vector3, second: Vector3) -> Vector3:
-    """Return the rotation vector [rad] of ``second`` followed by ``first`` (matrix product)."""
+    """Return the rotation vector [rad] of ``second`` followed by ``first`` (matrix product).
+
+    By hand, because it runs every cycle: scipy's Rotation takes 0.1 ms for it, of a cycle's 2.
+    """
     w1, x1, y1, z1 = _quaternion(first)
     w2, x2, y2, z2 = _quaternion(second)
     w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
@@ -41,18 +44,6 @@ def compose_rotations(first: Vector3, second: Vector3) -> Vector3:
     sine = _norm(x, y, z)
     factor = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
     return (factor * x, factor * y, factor * z)
-
-
-def rotate(rotation_vector: Vector3, vector: Vector3) -> Vector3:
-    """Return ``vector`` turned by ``rotation_vector`` [rad]."""
-    w, x, y, z = _quaternion(rotation_vector)
-    a, b, c = vector
-    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return (
-        a + w * tx + y * tz - z * ty,
-        b + w * ty + z * tx - x * tz,
-        c + w * tz + x * ty - y * tx,
-    )
 
 
 class ToolMotion:
