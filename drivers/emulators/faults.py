@@ -1,7 +1,7 @@
 """How an emulated device is told to fail, while it runs or by a plan made before.
 
 A fault travels as one JSON datagram to the Unix socket ``<folder>/<device>.control``, which every
-emulator polls in its loop.
+emulator polls in its loop. So does the weight that somebody hangs on the emulated cell.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -26,20 +26,43 @@ _DATAGRAM_LIMIT = 65536
 _FAULT = TypeAdapter(Fault)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HungWeight:
+    """What somebody has hung on the emulated cell [kg]; 0 once it is taken off."""
+
+    mass_kg: float
+
+
+_WEIGHT = TypeAdapter(HungWeight)
+
+
 def post_fault(folder: Path, fault: Fault) -> None:
     """Send ``fault`` to the emulator in ``folder`` that it is meant for.
 
     Raises:
         DeviceError: No emulator of that device listens in ``folder``.
     """
+    _post(folder, fault.device, encode_fault(fault))
+
+
+def hang_weight(folder: Path, mass_kg: float) -> None:
+    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off.
+
+    Raises:
+        DeviceError: No emulated cell listens in ``folder``.
+    """
+    _post(folder, Device.FORCE_SENSOR, json.dumps({"mass_kg": mass_kg}).encode())
+
+
+def _post(folder: Path, device: Device, datagram: bytes) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         try:
-            with _short_address(folder, fault.device) as address:
-                sender.sendto(encode_fault(fault), address)
+            with _short_address(folder, device) as address:
+                sender.sendto(datagram, address)
         except OSError as error:
             raise DeviceError(
-                f"emulated {fault.device.value}: nothing listens at "
-                f"{control_path(folder, fault.device)} ({error.strerror or error})",
+                f"emulated {device.value}: nothing listens at "
+                f"{control_path(folder, device)} ({error.strerror or error})",
                 remedy="start the emulated devices, and name the folder that they printed",
             ) from error
 
@@ -61,12 +84,24 @@ def decode_fault(datagram: bytes) -> Fault:
         raise ConfigError(f"fault message {datagram[:80]!r} is not understood") from error
 
 
+def _decode_weight(datagram: bytes) -> HungWeight | None:
+    try:
+        return _WEIGHT.validate_json(datagram)
+    except ValidationError:
+        return None
+
+
 class FaultInbox:
-    """The listening end, polled by an emulator's loop; never blocks."""
+    """The listening end, polled by an emulator's loop; never blocks.
+
+    Attributes:
+        hung_kg: Weight that hangs on the device [kg].
+    """
 
     def __init__(self, folder: Path, device: Device) -> None:
         self.path = control_path(folder, device)
         self.device = device
+        self.hung_kg = 0.0
         folder.mkdir(parents=True, exist_ok=True)
         self.path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -86,6 +121,9 @@ class FaultInbox:
                 datagram = self._socket.recv(_DATAGRAM_LIMIT)
             except BlockingIOError:
                 return faults
+            if (weight := _decode_weight(datagram)) is not None:
+                self.hung_kg = weight.mass_kg
+                continue
             try:
                 fault = decode_fault(datagram)
             except RigError as error:

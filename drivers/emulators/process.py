@@ -197,6 +197,11 @@ class Service:
         """True once it was told to end or its parent process has ended."""
         return self._told_to_end or self._parent_pid not in (None, os.getppid())
 
+    @property
+    def hung_kg(self) -> float:
+        """Weight that somebody has hung on the device [kg], as of the last look at its faults."""
+        return self._inbox.hung_kg
+
     def fileno(self) -> int:
         """Return the descriptor on which faults arrive, for loops that wait on several at once."""
         return self._inbox.fileno()

@@ -20,7 +20,7 @@ MINUS = "\u2212"
 
 
 def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: bool) -> str:
-    """Say in one sentence whether the run met its criteria, with the worst numbers."""
+    """Say whether the run met its criteria, with the worst numbers; and if its cell was checked."""
     scores = [t.metrics.ssim for t in trials if t.metrics is not None]
     (verdict,) = _written(
         "verdict",
@@ -33,7 +33,8 @@ def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: 
         missed=[(t, next(c for c in t.criteria if not c.passed)) for t in trials if not t.passed],
         recorded=RECORDED,
     )
-    return verdict
+    (checked,) = _written("force_check", check=evidence.force_check)
+    return f"{verdict} {checked}"
 
 
 def read_scores(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
+from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import ReplayModel, ReplayTrial
 from tacauchy_rig.run import TrialRecord
 
@@ -204,6 +205,7 @@ class RunEvidence:
         contact_force_n: Force at which a press calls the gel touched: depth counts from there.
         model: What was replayed; None where nothing was.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
+        force_check: How the cell read a known weight before the run; None where that was not tried.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
     """
@@ -217,6 +219,7 @@ class RunEvidence:
     contact_force_n: float = 0.0
     model: ReplayModel | None = None
     sync_mode: str = "host_clock"
+    force_check: ForceCheck | None = None
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
 

@@ -77,6 +77,7 @@ def load_evidence(
         contact_force_n=config.protocol.contact_force,
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
+        force_check=store.load_force_check(),
         world=_world(store, run.records),
     )
 

@@ -55,6 +55,13 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "wrong_force_matrices": to_plain(report.matrices),
         "truth": to_plain(report.truth),
         "sync_mode": evidence.sync_mode,
+        "force_check": None
+        if evidence.force_check is None
+        else {
+            **to_plain(evidence.force_check),
+            "passed": evidence.force_check.passed,
+            "ratio": evidence.force_check.ratio,
+        },
         "journal": to_plain(evidence.journal),
         "model": {} if evidence.model is None else to_plain(evidence.model),
         "provenance": {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,17 +12,19 @@ import typer
 
 from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
 from drivers.emulators.plant.truth import TRUTH_FILE
-from protocols.confirmation import confirmation_screen, expected_answer
 from protocols.processes.supervisor import SessionResult
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.folders import replay_and_show, report_and_exit, say_recovered
+from tacauchy_rig.cli.operator import ask_for_weight, confirm, hang_emulated
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
-from tacauchy_rig.cli.output import complain, console, say
+from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
+from tacauchy_rig.force_check import Weight, parse_weight
+from tacauchy_rig.loop.cell import check_cell, standing_check
 from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, record_run
@@ -32,12 +34,21 @@ from tacauchy_rig.store.recording.recover import recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
+CheckWeight = Annotated[
+    str | None,
+    typer.Option(
+        "--check-weight",
+        metavar="MASS",
+        help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
+    ),
+]
 
 
 def dry_run(
     overrides: Overrides = None,
     json_file: JsonFile = None,
     press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
     loaded = load_config(None, overrides=overrides or ())
@@ -46,7 +57,8 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    _new_run(loaded, default_text(), press_only=press_only, json_file=json_file)
+    asked = _asked(press_only, json_file, check_weight)
+    _new_run(loaded, default_text(), asked)
 
 
 def run(
@@ -54,30 +66,48 @@ def run(
     overrides: Overrides = None,
     json_file: JsonFile = None,
     press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
 ) -> None:
     """Press as a configuration says, replay and report."""
     loaded = load_config(path, overrides=overrides or ())
-    _new_run(loaded, path.read_text("utf-8"), press_only=press_only, json_file=json_file)
+    asked = _asked(press_only, json_file, check_weight)
+    _new_run(loaded, path.read_text("utf-8"), asked)
 
 
 def resume(
     folder: RunFolder,
     json_file: JsonFile = None,
     press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
+    asked = _asked(press_only, json_file, check_weight)
     store = RunStore.open(folder)
     _check_before(store.config, press_only=press_only)
     for mended in recover_run(folder):
         say_recovered(mended)
-    _press_and_report(store, press_only=press_only, json_file=json_file)
+    _press_and_report(store, asked)
 
 
-def _new_run(loaded: LoadedConfig, text: str, *, press_only: bool, json_file: Path | None) -> None:
-    _check_before(loaded.config, press_only=press_only)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What a command's options ask for, beside the configuration."""
+
+    press_only: bool
+    json_file: Path | None
+    weight: Weight | None
+
+
+def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -> _Asked:
+    weight = None if check_weight is None else parse_weight(check_weight)
+    return _Asked(press_only=press_only, json_file=json_file, weight=weight)
+
+
+def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
+    _check_before(loaded.config, press_only=asked.press_only)
     store = create_run(loaded, text)
     say(f"run folder {store.paths.root}")
-    _press_and_report(store, press_only=press_only, json_file=json_file)
+    _press_and_report(store, asked)
 
 
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
@@ -88,24 +118,29 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
         check_replay(config)
 
 
-def _press_and_report(store: RunStore, *, press_only: bool, json_file: Path | None) -> None:
+def _press_and_report(store: RunStore, asked: _Asked) -> None:
     config = store.config
     if config.moves_real_hardware:
-        _confirm(config)
-    result = press(store)
+        confirm(config)
+    result = press(store, weight=asked.weight)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
-    if press_only:
+    if asked.press_only:
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code)
     recorded = open_run(store.paths.root)
     replay_and_show(recorded)
-    report_and_exit(recorded, json_file)
+    report_and_exit(recorded, asked.json_file)
 
 
-def press(store: RunStore) -> SessionResult:
-    """Run the session of a run folder, with its emulated devices if it has any."""
+def press(store: RunStore, *, weight: Weight | None = None) -> SessionResult:
+    """Run the session of a run folder, with its emulated devices if it has any.
+
+    Args:
+        store: The run, new or begun.
+        weight: Checks the cell before anything moves; None leaves that out.
+    """
     config = store.config
     chosen = emulated_devices(config)
     with ExitStack() as stack:
@@ -125,19 +160,26 @@ def press(store: RunStore) -> SessionResult:
             say(f"starting emulated {', '.join(sorted(chosen))}")
             addresses = emulation.start()
             shutil.copyfile(store.paths.emulation / TRUTH_FILE, store.paths.truth)
+        running = with_addresses(config, addresses)
+        _check_force(store, running, weight, store.paths.emulation if chosen else None)
         progress = stack.enter_context(SessionProgress(len(config.protocol.force_targets)))
-        return record_run(store, with_addresses(config, addresses), on_event=progress)
+        return record_run(store, running, on_event=progress)
 
 
-def _confirm(config: RigConfig) -> None:
-    say(confirmation_screen(config))
-    console.print("> ", end="")
-    answer = sys.stdin.readline().strip()
-    if answer != expected_answer(config):
-        raise AbortedError(
-            f"not confirmed: {answer!r} is not {expected_answer(config)!r}; nothing moved",
-            remedy="run the same command again and type the sensor's name",
-        )
+def _check_force(
+    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
+) -> None:
+    """Check the cell by the weight; without one, say what an earlier check is still worth."""
+    if weight is None:
+        if note := standing_check(store):
+            say(note)
+        return
+    if emulation is not None and config.force_sensor.is_emulated:
+        ask = hang_emulated(weight, emulation)
+    else:
+        ask = ask_for_weight(weight)
+    check = check_cell(store, config, weight, ask=ask)
+    say(f"force checked: {check.finding}")
 
 
 def _tell_missed(store: RunStore, result: SessionResult) -> None:

@@ -18,6 +18,7 @@ class RunPaths:
         run_json: What the run is: configuration, versions, devices, clock.
         rig_toml: The configuration as it was written.
         journal: One line for each change of state.
+        force_check: How the cell read a known weight, where that was tried.
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
         lock: File whose lock says that a program is working on this run.
@@ -31,6 +32,7 @@ class RunPaths:
         self.run_json = root / "run.json"
         self.rig_toml = root / "rig.toml"
         self.journal = root / "journal.jsonl"
+        self.force_check = root / "force_check.json"
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
         self.lock = root / ".lock"

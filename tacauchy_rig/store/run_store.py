@@ -16,6 +16,7 @@ from typing import Any, Self
 from tacauchy_rig.config.load import LoadedConfig, restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
@@ -268,6 +269,23 @@ class RunStore:
         """
         path, what = self.paths.truth, "the emulated world's truth"
         return _read(dict[str, Any], path, what=what) if path.exists() else None
+
+    def save_force_check(self, check: ForceCheck) -> None:
+        """Write the newest check of the cell; the journal holds those before it.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        write_atomically(self.paths.force_check, dumps(check))
+
+    def load_force_check(self) -> ForceCheck | None:
+        """Return the newest check of the cell, or None where none was made.
+
+        Raises:
+            RecordError: The file is damaged.
+        """
+        path, what = self.paths.force_check, "the check of the cell"
+        return _read(ForceCheck, path, what=what) if path.exists() else None
 
     def lock(self) -> AbstractContextManager[None]:
         """Hold the run against other programs while in the returned context.

@@ -164,7 +164,7 @@ class EmulatedBox:
         if not self._commands.streaming and not self._commands.single_count:
             return
         self._commands.single_count = max(self._commands.single_count - 1, 0)
-        force = self._source.read(stamp_ns)
+        force = self._source.read(stamp_ns, hung_kg=self._service.hung_kg)
         if self._commands.zero_requested:
             self._zero, self._commands.zero_requested = force.reading, False
         v = [value - zero for value, zero in zip(force.reading, self._zero, strict=True)]

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.shared_world import SharedWorld
+from tacauchy_rig.force_check import GRAVITY_M_S2
 from tacauchy_rig.run import Vector3, Vector6
 
 
@@ -100,8 +101,8 @@ class EmulatedForce:
 class WrenchSource(Protocol):
     """Anything that knows the wrench at a moment."""
 
-    def read(self, stamp_ns: int) -> EmulatedForce:
-        """Return the force at ``stamp_ns`` of the monotonic clock."""
+    def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
+        """Return the force at ``stamp_ns`` of the monotonic clock, with a weight hung on [kg]."""
         ...
 
 
@@ -118,11 +119,16 @@ class ConstantSource:
         self._noise = (noise_n,) * 3 + (noise_n * 0.01,) * 3
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
 
-    def read(self, stamp_ns: int) -> EmulatedForce:  # noqa: ARG002 - constant in time
-        """Return the load with fresh noise."""
+    def read(
+        self,
+        stamp_ns: int,  # noqa: ARG002 - constant in time
+        *,
+        hung_kg: float = 0.0,
+    ) -> EmulatedForce:
+        """Return the load with fresh noise; a weight pulls along the axis."""
         v = [a + self._random.gauss(0.0, s) for a, s in zip(self._load, self._noise, strict=True)]
         return EmulatedForce(
-            reading=(v[0], v[1], v[2], v[3], v[4], v[5]),
+            reading=(v[0], v[1], v[2] - hung_kg * GRAVITY_M_S2, v[3], v[4], v[5]),
             force_true_n=self._load[2],
             depth_true_m=None,
         )
@@ -139,8 +145,8 @@ class PlantSource:
         self._channel = channel
         self._world = world
 
-    def read(self, stamp_ns: int) -> EmulatedForce:
-        """Return the force for the newest pose of the arm."""
+    def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
+        """Return the force for the newest pose of the arm; a weight pulls straight down."""
         state = self._world.read()
         pose = state.pose
         force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -148,8 +154,9 @@ class PlantSource:
         if state.sequence > 0:
             force, torque = self._plant.wrench(pose, stamp_ns)
             depth = self._plant.depth(pose)
+        felt = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
         return EmulatedForce(
-            reading=self._channel.reading(force, torque, pose.rotation_vector, stamp_ns),
+            reading=self._channel.reading(felt, torque, pose.rotation_vector, stamp_ns),
             force_true_n=force[2],
             depth_true_m=depth if math.isfinite(depth) else None,
         )

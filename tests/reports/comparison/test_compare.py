@@ -12,6 +12,8 @@ from reports.comparison.criteria import judge_trial
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence, Thresholds
 from reports.scores.metrics import ImageScores, Metric
+from tacauchy_rig.force_check import ForceCheck, Weight, judge_weight
+from tacauchy_rig.run import Tare
 
 SCORES = ImageScores(ssim=0.9, ncc=0.9, histogram_correlation=0.9, psnr_db=30.0, mse=60.0)
 LIMITS = Thresholds(max_force_mismatch_n=0.08, ssim=0.5)
@@ -107,4 +109,37 @@ def test_empty_run_does_not_pass(evidence: RunEvidence) -> None:
     """No trial, no pass."""
     report = compare(replace(evidence, trials=()))
     assert not report.passed
-    assert report.verdict == "Not passed: the run has no trial."
+    assert report.verdict.startswith("Not passed: the run has no trial.")
+
+
+def test_the_verdict_says_whether_the_cell_was_checked(evidence: RunEvidence) -> None:
+    """Without a known weight every force is the cell's own word, and that stands in the verdict."""
+    empty = replace(evidence, trials=())
+    assert compare(empty).verdict.endswith(
+        "Force not checked: no known weight was hung on the cell before the run."
+    )
+    check = _weighed(1.003)
+    assert (
+        "the cell read 1.003 of the weight of 200 g (tolerance 0.061)"
+        in compare(replace(empty, force_check=check)).verdict
+    )
+    expired = replace(check, expired="2026-01-03")
+    assert "had expired" in compare(replace(empty, force_check=expired)).verdict
+    wrong = compare(replace(empty, force_check=_weighed(0.1))).verdict
+    assert "Force not checked: the cell read 0.1 of a weight of 200 g" in wrong
+
+
+def _weighed(scale: float) -> ForceCheck:
+    def tare(fz_n: float) -> Tare:
+        mean, deviation = (0.0, 0.0, fz_n, 0.0, 0.0, 0.0), (0.004,) * 6
+        return Tare(start_ns=0, end_ns=1, mean=mean, deviation=deviation, sample_count=200)
+
+    weight = Weight(mass_kg=0.2, uncertainty_kg=0.002)
+    return judge_weight(
+        weight,
+        before=tare(0.0),
+        loaded=tare(-scale * weight.force_n),
+        after=tare(0.0),
+        compression_sign=1,
+        checked="2026-01-01",
+    )

@@ -1,0 +1,120 @@
+"""Weigh what an operator hangs on the force sensor; nothing else is connected, nothing moves."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable
+from enum import StrEnum
+
+from drivers.device.interface import Clock, HostClock
+from drivers.force_sensor.interface import ForceTorqueSensor
+from tacauchy_rig.config.model import MOCK, RigConfig
+from tacauchy_rig.errors import ConfigError, DeviceError
+from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.run import ForceSample, Tare, Vector6
+
+SETTLE_S = 1.0
+"""After the operator's word: the hand is gone, and a weight on a string has stopped bouncing."""
+WEIGH_S = 2.0
+"""Several swings of a weight on a string of 10 to 20 cm."""
+LOOK_S = 0.05
+"""How often the stream is emptied."""
+MIN_SHARE = 0.5
+"""Of the samples that the configured rate promises."""
+
+
+class Load(StrEnum):
+    """What the cell carries while it is read; the value asks for it."""
+
+    NONE = "nothing hangs on the tool, and it touches nothing"
+    WEIGHT = "the weight hangs still from the tool and touches nothing"
+    NONE_AGAIN = "the weight is taken off again"
+
+
+def weigh_connected(
+    sensor: ForceTorqueSensor, clock: Clock, config: RigConfig, *, ask: Callable[[Load], None]
+) -> tuple[Tare, Tare, Tare]:
+    """Return the raw wrench without, with, and again without the load.
+
+    Args:
+        sensor: Connected.
+        clock: That stamps its samples.
+        config: Rate and capacity of the cell.
+        ask: Returns once the cell carries what is asked for.
+
+    Raises:
+        DeviceError: It is silent, too slow, saturated, or says what is no number.
+    """
+    found = []
+    for wanted in Load:
+        ask(wanted)
+        _listen(sensor, clock, SETTLE_S)
+        found.append(_summary(_listen(sensor, clock, WEIGH_S), config))
+    before, loaded, after = found
+    return before, loaded, after
+
+
+def weigh(config: RigConfig, *, ask: Callable[[Load], None]) -> tuple[Tare, Tare, Tare]:
+    """Connect the configured sensor alone, weigh, and let go of it; see ``weigh_connected``.
+
+    Raises:
+        ConfigError: The sensor is a mock, on which nothing can hang.
+        DeviceError: It does not answer, or not as a cell should.
+    """
+    section = config.force_sensor
+    if section.driver == MOCK:
+        raise ConfigError(
+            'force_sensor.driver = "mock": no weight can hang on a mock',
+            remedy="leave --check-weight out",
+        )
+    sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
+    try:
+        sensor.connect()
+        return weigh_connected(sensor, HostClock(), config, ask=ask)
+    finally:
+        sensor.close()
+
+
+def _listen(sensor: ForceTorqueSensor, clock: Clock, duration_s: float) -> list[ForceSample]:
+    sensor.drain()
+    samples: list[ForceSample] = []
+    end_ns = clock.now_ns() + round(duration_s * 1e9)
+    while clock.now_ns() < end_ns:
+        clock.sleep(LOOK_S)
+        samples += sensor.drain()
+    return samples
+
+
+def _summary(samples: list[ForceSample], config: RigConfig) -> Tare:
+    section = config.force_sensor
+    expected = WEIGH_S * section.rate
+    if len(samples) < max(2.0, MIN_SHARE * expected):
+        raise DeviceError(
+            f"force sensor: {len(samples)} samples in {WEIGH_S:g} s, {expected:.0f} were expected",
+            remedy="check the box's power and cable, and force_sensor.rate",
+        )
+    columns = list(zip(*((*s.wrench.force, *s.wrench.torque) for s in samples), strict=True))
+    if not all(math.isfinite(value) for column in columns for value in column):
+        raise DeviceError(
+            "force sensor: it says what is no number",
+            remedy="check the box's cable and its decoupling matrix",
+        )
+    largest_n = max(abs(value) for column in columns[:3] for value in column)
+    if largest_n >= section.capacity:
+        raise DeviceError(
+            f"force sensor: {largest_n:.4g} N is beyond its capacity {section.capacity:g} N",
+            remedy="hang less; check force_sensor.capacity against the calibration sheet",
+        )
+    return Tare(
+        start_ns=samples[0].stamp_ns,
+        end_ns=samples[-1].stamp_ns,
+        mean=_six([statistics.fmean(column) for column in columns]),
+        deviation=_six([statistics.stdev(column) for column in columns]),
+        sample_count=len(samples),
+    )
+
+
+def _six(values: list[float]) -> Vector6:
+    fx, fy, fz, mx, my, mz = values
+    return (fx, fy, fz, mx, my, mz)

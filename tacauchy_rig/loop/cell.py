@@ -1,0 +1,83 @@
+"""The check of the cell by a known weight: made before anything moves, kept in the run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+from drivers.force_sensor.weighing import Load, weigh
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import RigError
+from tacauchy_rig.force_check import EXPIRY_H, ForceCheck, Weight, judge_weight
+from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.store.codec import to_json
+from tacauchy_rig.store.journal import append_event
+from tacauchy_rig.store.run_store import RunStore
+
+
+class ForceCheckError(RigError):
+    """The cell does not say what hangs on it, so nothing may be pressed by its word."""
+
+
+def check_cell(
+    store: RunStore, config: RigConfig, weight: Weight, *, ask: Callable[[Load], None]
+) -> ForceCheck:
+    """Weigh a known weight with the run's cell, and keep what was found, right or wrong.
+
+    Args:
+        store: The run, new or begun.
+        config: Its configuration with the addresses that hold now.
+        weight: What the operator hangs on the tool.
+        ask: Returns once the cell carries what is asked for.
+
+    Raises:
+        ForceCheckError: Size, sign or axis is wrong; the likely cause stands in the remedy.
+        DeviceError: The cell does not answer.
+    """
+    with store.lock():
+        before, loaded, after = weigh(config, ask=ask)
+        check = judge_weight(
+            weight,
+            before=before,
+            loaded=loaded,
+            after=after,
+            compression_sign=config.force_sensor.compression_sign,
+            checked=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        store.save_force_check(check)
+        event = JournalEvent(
+            stamp_ns=time.monotonic_ns(), name="force-check", detail=to_json(check)
+        )
+        append_event(store.paths.journal, event)
+    if not check.passed:
+        raise ForceCheckError(f"the cell is wrong: {check.finding}", remedy=check.remedy)
+    return check
+
+
+def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
+    """Return what an earlier check of the run is still worth, in words; empty where it holds.
+
+    A check that has expired is marked, so that the report says that trials were added to it.
+
+    Raises:
+        ForceCheckError: The last check found the cell wrong.
+    """
+    check = store.load_force_check()
+    if check is None:
+        return "force not checked: --check-weight 200g checks the cell by a known weight first"
+    if not check.passed:
+        raise ForceCheckError(
+            f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
+            remedy=f"{check.remedy}; then repeat it: --check-weight "
+            f"{check.weight.mass_kg * 1e3:g}g",
+        )
+    now = now or datetime.now(UTC)
+    if now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H):
+        return ""
+    store.save_force_check(replace(check, expired=now.isoformat(timespec="seconds")))
+    return (
+        f"force not checked: the check of {check.checked} has expired after {EXPIRY_H:g} h; "
+        f"--check-weight {check.weight.mass_kg * 1e3:g}g repeats it"
+    )

@@ -1,0 +1,78 @@
+"""The check of the cell in a run: kept whatever it found, and asked again when it is resumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.force_check import Weight
+from tacauchy_rig.loop import cell
+from tacauchy_rig.loop.cell import ForceCheckError, check_cell, standing_check
+from tacauchy_rig.run import Tare
+from tacauchy_rig.store.journal import read_journal
+from tacauchy_rig.store.run_store import RunStore
+
+WEIGHT = Weight(mass_kg=0.2, uncertainty_kg=0.002)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    """Return a new run's folder."""
+    return RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
+
+
+def tare(fz_n: float) -> Tare:
+    """Return a reading of the cell."""
+    mean = (0.0, 0.0, fz_n, 0.0, 0.0, 0.0)
+    return Tare(start_ns=0, end_ns=1, mean=mean, deviation=(0.004,) * 6, sample_count=200)
+
+
+def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
+    """Let the cell read ``scale`` of what hangs on it."""
+    readings = (tare(1.4), tare(1.4 - scale * WEIGHT.force_n), tare(1.4))
+    monkeypatch.setattr(cell, "weigh", lambda _config, **_: readings)
+
+
+def test_a_right_cell_is_kept_and_stands(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file, the journal and a resume agree."""
+    assert "force not checked" in standing_check(store)
+    weighs(monkeypatch, 1.01)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    assert store.load_force_check() == check
+    assert [event.name for event in read_journal(store.paths.journal)] == ["force-check"]
+    assert not standing_check(store)
+
+
+def test_a_wrong_cell_refuses_the_run_until_it_is_right(
+    store: RunStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was found is kept; the run goes on only after a check that passed."""
+    weighs(monkeypatch, 0.1)
+    with pytest.raises(ForceCheckError, match=r"0\.1 of that") as caught:
+        check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    assert caught.value.exit_code == 2
+    assert "a tenth" in caught.value.remedy
+    with pytest.raises(ForceCheckError, match="wrong when it was checked last") as caught:
+        standing_check(store)
+    assert "--check-weight 200g" in caught.value.remedy
+    weighs(monkeypatch, 1.0)
+    check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    assert not standing_check(store)
+    assert len(read_journal(store.paths.journal)) == 2
+
+
+def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a day it is marked, so that the report says what was pressed without it."""
+    weighs(monkeypatch, 1.0)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    made = datetime.fromisoformat(check.checked)
+    assert not standing_check(store, now=made + timedelta(hours=23.9))
+    later = made + timedelta(hours=24.1)
+    assert "has expired" in standing_check(store, now=later)
+    assert store.load_force_check() == replace(check, expired=later.isoformat(timespec="seconds"))
