@@ -20,6 +20,7 @@ from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ArmSample
 
 _DESCRIPTORS = "/proc/self/fd"
+_CLOCK_JUMP_S = 1.0  # more than a busy network or computer bunches states that arrive
 
 
 class ArmHealth:
@@ -69,12 +70,24 @@ class ArmHealth:
         return time.monotonic() - self._looked_s > 0.5 * self._limit_s
 
     def note(self, sample: ArmSample) -> bool:
-        """Take in a state; return True when it is newer than the last one."""
+        """Take in a state; return True when it is newer than the last one.
+
+        Raises:
+            DeviceError: The controller's clock ran back, or jumped against this computer's.
+        """
         self._looked_s = time.monotonic()
         if sample.controller_time_s == self._controller_time_s:
             return False
+        known_before = self._controller_time_s >= 0.0
+        passed_s = sample.controller_time_s - self._controller_time_s
+        jump_s = passed_s - (self._looked_s - self._changed_s)
         self._controller_time_s = sample.controller_time_s
         self._changed_s = self._looked_s
+        if known_before and (passed_s < 0.0 or abs(jump_s) > _CLOCK_JUMP_S):
+            raise self.lose(
+                f"the controller's clock jumped by {jump_s:+.1f} s against this computer's",
+                "see whether the controller was restarted or its time was set, then start again",
+            )
         return True
 
     def require_fresh(self) -> None:

@@ -1,14 +1,14 @@
 """Faults that a stand-in for a device can show, and how they are written.
 
-A fault is written ``device:kind[@start][+duration]``, for example ``force_sensor:freeze@12s+2s``.
+A fault is written ``device:kind[=amount][@start][+duration]``, for example
+``force_sensor:freeze@12s+2s`` or ``force_sensor:scale=0.1@3s``.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
 
@@ -25,7 +25,7 @@ class Device(StrEnum):
 
 
 class FaultKind(StrEnum):
-    """What can go wrong."""
+    """What can go wrong; the later ones go wrong quietly. ``unlock`` is a person's remedy."""
 
     FREEZE = "freeze"
     DROP = "drop"
@@ -36,20 +36,85 @@ class FaultKind(StrEnum):
     UNPLUG = "unplug"
     SATURATE = "saturate"
     STALL = "stall"
+    UNLOCK = "unlock"
+    SCALE = "scale"
+    STICK = "stick"
+    STICK_NOISILY = "stick-noisily"
+    SIGN = "sign"
+    SWAP_AXES = "swap-axes"
+    OLD_DATA = "old-data"
+    FREEZE_IMAGE = "freeze-image"
+    REPEAT_IMAGE = "repeat-image"
+    WRONG_POSE = "wrong-pose"
+    CLOCK_JUMP = "clock-jump"
 
 
 ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
 
-_STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
+STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
+_ANY_DEVICE = frozenset({FaultKind.DROP, FaultKind.DELAY, FaultKind.STALL})
+_SENSORS = _ANY_DEVICE | {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE}
 
 FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
-    Device.ROBOT: frozenset(FaultKind) - {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE},
-    Device.FORCE_SENSOR: frozenset(FaultKind) - _STOPS,
-    Device.CAMERA: frozenset(FaultKind) - _STOPS,
+    Device.ROBOT: _ANY_DEVICE
+    | STOPS
+    | {FaultKind.FREEZE, FaultKind.UNLOCK, FaultKind.WRONG_POSE, FaultKind.CLOCK_JUMP},
+    Device.FORCE_SENSOR: _SENSORS
+    | {
+        FaultKind.FREEZE,
+        FaultKind.SCALE,
+        FaultKind.STICK,
+        FaultKind.STICK_NOISILY,
+        FaultKind.SIGN,
+        FaultKind.SWAP_AXES,
+        FaultKind.OLD_DATA,
+    },
+    Device.CAMERA: _SENSORS | {FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE},
 }
 
-_PLAN = re.compile(r"^\s*([^:@+\s]+):([^:@+\s]+)(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
-_EXAMPLE = "write device:kind@start+duration, for example force_sensor:freeze@12s+2s"
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """How much of a fault there can be.
+
+    Attributes:
+        dimension: Of the amount.
+        usual: As one writes it; empty where the device decides.
+        least: Smallest possible [SI unit].
+        most: Largest possible [SI unit].
+    """
+
+    dimension: Dimension
+    usual: str
+    least: float
+    most: float
+
+
+OLDEST_S = 60.0
+"""Nothing older than this is sent again [s]."""
+_LONGEST_LOOP = 100.0
+
+AMOUNTS: dict[tuple[Device, FaultKind], Amount] = {
+    (Device.ROBOT, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+    (Device.ROBOT, FaultKind.WRONG_POSE): Amount(Dimension.SPEED, "0.1 mm/s", -0.1, 0.1),
+    (Device.ROBOT, FaultKind.CLOCK_JUMP): Amount(Dimension.TIME, "10 s", -86400.0, 86400.0),
+    (Device.FORCE_SENSOR, FaultKind.DROP): Amount(Dimension.RATIO, "50 %", 0.0, 1.0),
+    (Device.FORCE_SENSOR, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.FORCE_SENSOR, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+    (Device.FORCE_SENSOR, FaultKind.SATURATE): Amount(Dimension.FORCE, "", -1e6, 1e6),
+    (Device.FORCE_SENSOR, FaultKind.SCALE): Amount(Dimension.RATIO, "0.5", -1e3, 1e3),
+    (Device.FORCE_SENSOR, FaultKind.OLD_DATA): Amount(Dimension.TIME, "3 s", 0.0, OLDEST_S),
+    (Device.CAMERA, FaultKind.DROP): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.CAMERA, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.CAMERA, FaultKind.DELAY): Amount(Dimension.TIME, "500 ms", 0.0, OLDEST_S),
+    (Device.CAMERA, FaultKind.REPEAT_IMAGE): Amount(Dimension.RATIO, "5", 2.0, _LONGEST_LOOP),
+}
+
+_PLAN = re.compile(r"^\s*([^:@+=\s]+):([^:@+=\s]+)(?:=([^@+]+))?(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
+_EXAMPLE = (
+    "write device:kind=amount@start+duration, for example force_sensor:freeze@12s+2s or "
+    "force_sensor:scale=0.1@3s"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,14 +125,14 @@ class Fault:
         duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
             unplugging somebody has unlocked the arm or plugged the device in again.
         start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
-        parameters: Numbers that some kinds take, such as ``delay_s`` or ``fraction``.
+        amount: How much of it, in the SI unit of ``AMOUNTS``; the usual one if None.
     """
 
     device: Device
     kind: FaultKind
     duration_s: float = math.inf
     start_s: float = 0.0
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    amount: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in FAULTS_OF_DEVICE[self.device]:
@@ -82,10 +147,33 @@ class Fault:
                 f"{self.duration_s} s are impossible",
                 remedy="give a start of 0 s or later and a duration above 0 s",
             )
+        if self.amount is not None:
+            self._require_amount(self.amount)
+
+    def _require_amount(self, amount: float) -> None:
+        name = f"fault {self.device.value}:{self.kind.value}"
+        possible = AMOUNTS.get((self.device, self.kind))
+        if possible is None:
+            raise ConfigError(f"{name} takes no amount", remedy="leave out = and what follows it")
+        if not possible.least <= amount <= possible.most:
+            raise ConfigError(
+                f"{name}: {amount:g} is not from {possible.least:g} to {possible.most:g} [SI unit]",
+                remedy=f"for example {self.kind.value}={possible.usual}",
+            )
+
+    @property
+    def size(self) -> float:
+        """How much of it [SI unit], as asked or as usual; NaN where only the device knows."""
+        if self.amount is not None:
+            return self.amount
+        possible = AMOUNTS.get((self.device, self.kind))
+        if possible is None or not possible.usual:
+            return math.nan
+        return parse_quantity(possible.usual, dimension=possible.dimension, field="fault")
 
 
 def parse_fault(text: str) -> Fault:
-    """Parse text such as ``robot:stall@3s+500ms``; start and duration may be left out.
+    """Parse text such as ``robot:stall@3s+500ms``; amount, start and duration may be left out.
 
     Raises:
         ConfigError: Malformed, an unknown device or kind, or a kind the device cannot show.
@@ -93,12 +181,26 @@ def parse_fault(text: str) -> Fault:
     match = _PLAN.match(text)
     if match is None:
         raise ConfigError(f"fault: {text!r} is not understood", remedy=_EXAMPLE)
-    device, kind, start, duration = match.groups()
+    device_name, kind_name, amount, start, duration = match.groups()
+    device, kind = _named(Device, "device", device_name), _named(FaultKind, "kind", kind_name)
+    known = AMOUNTS.get((device, kind))
+    dimension = Dimension.RATIO if known is None else known.dimension
     return Fault(
-        device=_named(Device, "device", device),
-        kind=_named(FaultKind, "kind", kind),
+        device=device,
+        kind=kind,
         start_s=_seconds(start) if start else 0.0,
         duration_s=_seconds(duration) if duration else math.inf,
+        amount=parse_quantity(amount, dimension=dimension, field="fault") if amount else None,
+    )
+
+
+def written_faults(device: Device) -> str:
+    """Return the kinds that ``device`` knows, as one writes them, with their usual amounts."""
+    kinds = [kind for kind in FaultKind if kind in FAULTS_OF_DEVICE[device]]
+    amounts = [AMOUNTS.get((device, kind)) for kind in kinds]
+    return ", ".join(
+        f"{kind}={amount.usual.replace(' ', '')}" if amount and amount.usual else kind.value
+        for kind, amount in zip(kinds, amounts, strict=True)
     )
 
 

@@ -10,14 +10,14 @@ import json
 import logging
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.device.faults import Device, Fault
+from drivers.device.faults import Device, Fault, FaultKind
 from tacauchy_rig.errors import ConfigError, DeviceError, RigError
 
 _logger = logging.getLogger(__name__)
@@ -148,6 +148,12 @@ class FaultSchedule:
         """Take ``fault`` in, its start counted from ``now_s`` [s]."""
         start_s = now_s + fault.start_s
         self._entries.append((start_s, start_s + fault.duration_s, fault))
+
+    def forget(self, kinds: Container[FaultKind], *, now_s: float) -> None:
+        """End those of ``kinds`` that have begun by ``now_s`` [s]; later ones are still to come."""
+        self._entries = [
+            entry for entry in self._entries if entry[0] > now_s or entry[2].kind not in kinds
+        ]
 
     def active(self, now_s: float) -> list[Fault]:
         """Return the faults that are on at ``now_s`` [s] and forget those that are over."""

@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import FrameType
@@ -25,7 +25,7 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.device.faults import Device, Fault
+from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.faults import FaultInbox, FaultSchedule
 from tacauchy_rig.errors import DeviceError, RigError
 
@@ -212,6 +212,10 @@ class Service:
             logger.info("fault: %s", fault)
             self._schedule.add(fault, now_s=now_s)
         return self._schedule.active(now_s)
+
+    def end_faults(self, kinds: Container[FaultKind]) -> None:
+        """End the faults of ``kinds`` that are on, as somebody has mended them."""
+        self._schedule.forget(kinds, now_s=time.monotonic())
 
     def announce(self, **where: object) -> None:
         """Print the one line that says that the device answers, and where."""

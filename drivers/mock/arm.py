@@ -6,8 +6,10 @@ import math
 from collections import deque
 from typing import Self
 
+from drivers.device.faults import Device
 from drivers.device.force_estimate import ForceEstimate
 from drivers.device.interface import DeviceIdentity, HostClock
+from drivers.device.lies import LyingArm
 from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import MOCK, RigConfig
 from tacauchy_rig.errors import DeviceError
@@ -23,7 +25,7 @@ class MockArm:
 
     Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
     ``arm-stalled`` (it stands still whatever it is told), ``arm-refuses-pose``,
-    ``arm-ignores-moves``.
+    ``arm-ignores-moves``. It lies as ``world.lies`` has it.
 
     Attributes:
         fastest_m_s: Highest tool speed so far.
@@ -46,6 +48,7 @@ class MockArm:
         model = world.config.robot.model
         self._period_ns = round(1e9 / model.rate_hz)
         self._estimate = ForceEstimate(model, seed=world.config.emulation.seed)
+        self._lies = LyingArm()
         self._newest = self._sample(world.now_ns)
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
@@ -62,7 +65,9 @@ class MockArm:
             raise beside_no_mock(config)
         world = MockWorld(HostClock(), config)
         arm = cls(world)
-        plan_faults(world, config.emulation.faults, lock_arm=arm.protective_stop)
+        plan_faults(
+            world, config.emulation.faults, lock_arm=arm.protective_stop, unlock_arm=arm.unlock
+        )
         return arm
 
     def connect(self) -> DeviceIdentity:
@@ -112,7 +117,8 @@ class MockArm:
         """
         self.state()
         if "arm-ignores-moves" not in self.world.faults:
-            self._target, self._speed, self._acceleration = target, speed, acceleration
+            self._target = target.shifted(z=-self._lies.height_m)
+            self._speed, self._acceleration = speed, acceleration
 
     def is_moving(self) -> bool:
         """Return True until the move has ended."""
@@ -141,11 +147,15 @@ class MockArm:
         self._target = None
 
     def protective_stop(self) -> None:
-        """Lock the arm; nothing here unlocks it."""
+        """Lock the arm; no program unlocks it."""
         self._locked = True
         self._target = None
         self._wanted = Still
         self._commands.clear()
+
+    def unlock(self) -> None:
+        """Do what a person does at the pendant after a stop."""
+        self._locked = False
 
     def close(self) -> None:
         """Stop."""
@@ -184,10 +194,12 @@ class MockArm:
         return (*(w / distance * speed for w in way), 0.0, 0.0, 0.0)  # type: ignore[return-value]
 
     def _sample(self, stamp_ns: int) -> ArmSample:
+        lies = self.world.lies_of(Device.ROBOT)
+        self._lies.advance(lies, duration_s=self._period_ns * 1e-9)
         return ArmSample(
             stamp_ns=stamp_ns,
-            controller_time_s=(stamp_ns - self.world.start_ns) * 1e-9,
-            pose=self.world.pose,
+            controller_time_s=(stamp_ns - self.world.start_ns) * 1e-9 + self._lies.clock_s,
+            pose=self.world.pose.shifted(z=self._lies.height_m),
             velocity=self.world.velocity,
             runtime_state=PLAYING,
             safety_bits=PROTECTIVE_STOPPED if self._locked else 1,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from abc import ABC, abstractmethod
 from collections import deque
@@ -10,7 +11,9 @@ from typing import ClassVar, Generic, Self, TypeVar
 import cv2
 import numpy as np
 
+from drivers.device.faults import Device
 from drivers.device.interface import DeviceIdentity, HostClock, StreamHealth
+from drivers.device.lies import LyingImages, LyingWrench
 from drivers.mock.world import MockWorld, beside_no_mock, plan_faults
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
@@ -29,6 +32,7 @@ class _MockStream(ABC, Generic[SampleT]):
     unplugged: ClassVar[str]
     first_s: ClassVar[float]
     rate_window: ClassVar[int]
+    content: ClassVar[str]
     settings: ClassVar[dict[str, str]] = {}
 
     def __init__(self, world: MockWorld, *, rate_hz: float) -> None:
@@ -38,6 +42,8 @@ class _MockStream(ABC, Generic[SampleT]):
         self._counter = 0
         self._received_count = 0
         self._lost_count = 0
+        self._repeat_count = 0
+        self._content: object = None
         self._waiting: list[SampleT] = []
         self._stamps: deque[int] = deque(maxlen=self.rate_window)
         world.on_step(self._step)
@@ -77,7 +83,7 @@ class _MockStream(ABC, Generic[SampleT]):
             received_count=self._received_count,
             lost_count=self._lost_count,
             corrupt_count=self._corrupt_count(),
-            repeat_count=0,
+            repeat_count=self._repeat_count,
             age_s=age_s,
             rate_hz=(len(stamps) - 1) / span_s if span_s > 0.0 else 0.0,
             clipped_ratio=self._clipped_ratio(),
@@ -92,6 +98,9 @@ class _MockStream(ABC, Generic[SampleT]):
         self._next_ns += self._period_ns
         sample = self._sample(now_ns)
         if sample is not None:
+            content = getattr(sample, self.content)
+            self._repeat_count = self._repeat_count + 1 if content == self._content else 1
+            self._content = content
             self._received_count += 1
             self._stamps.append(now_ns)
             self._waiting.append(sample)
@@ -111,7 +120,8 @@ class MockForceSensor(_MockStream[ForceSample]):
     """Obeys ``drivers.force_sensor.interface.ForceTorqueSensor``.
 
     Faults it knows (in ``world.faults``): ``force-silent``, ``force-stuck``, ``force-nan``,
-    ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``.
+    ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``. It lies
+    as ``world.lies`` has it.
     """
 
     place = "force sensor: the port"
@@ -119,10 +129,14 @@ class MockForceSensor(_MockStream[ForceSample]):
     unplugged = "force-unplugged"
     first_s = 0.02
     rate_window = 100
+    content = "wrench"
 
     def __init__(self, world: MockWorld) -> None:
         super().__init__(world, rate_hz=world.config.force_sensor.rate)
         self._held: Vector6 | None = None
+        self._lies = LyingWrench(
+            seed=world.config.emulation.seed, full_scale_n=world.config.force_sensor.capacity
+        )
 
     @classmethod
     def from_config(cls, config: RigConfig, arm: object = None) -> Self:
@@ -147,7 +161,9 @@ class MockForceSensor(_MockStream[ForceSample]):
         if "force-lossy" in faults and self._counter % 10 == 0:
             self._lost_count += 1
             return None
-        wrench = self._held = self._wrench()
+        lies = self.world.lies_of(Device.FORCE_SENSOR)
+        self._held = self._wrench()
+        wrench = self._lies.reading(self._held, lies, stamp_ns=now_ns)
         return ForceSample(
             stamp_ns=now_ns,
             counter=self._counter,
@@ -167,10 +183,11 @@ class MockForceSensor(_MockStream[ForceSample]):
 
 
 class MockCamera(_MockStream[ImageFrame]):
-    """Obeys ``drivers.camera.interface.Camera``: one small JPEG, again and again.
+    """Obeys ``drivers.camera.interface.Camera``: small grey JPEGs, darker where the gel is touched.
 
-    Faults it knows (in ``world.faults``): ``camera-silent``, ``camera-unplugged``,
-    ``camera-overexposed`` (every pixel white).
+    No two are the same bytes, as with a camera's noise. Faults it knows (in ``world.faults``):
+    ``camera-silent``, ``camera-unplugged``, ``camera-overexposed`` (every pixel white). It lies as
+    ``world.lies`` has it.
     """
 
     place = "camera: the device"
@@ -178,11 +195,13 @@ class MockCamera(_MockStream[ImageFrame]):
     unplugged = "camera-unplugged"
     first_s = 0.05
     rate_window = 50
+    content = "jpeg"
     settings: ClassVar[dict[str, str]] = {"width": str(WIDTH), "height": str(HEIGHT)}
 
     def __init__(self, world: MockWorld) -> None:
         super().__init__(world, rate_hz=world.config.camera.rate)
-        self._grey, self._white = _plain_jpeg(128), _plain_jpeg(255)
+        self._white = _jpeg(255)
+        self._lies = LyingImages()
 
     @classmethod
     def from_config(cls, config: RigConfig) -> Self:
@@ -204,16 +223,37 @@ class MockCamera(_MockStream[ImageFrame]):
             self._lost_count += 1
             return None
         self._counter += 1
+        lies = self.world.lies_of(Device.CAMERA)
         return ImageFrame(
             stamp_ns=now_ns,
             counter=self._counter,
             device_stamp_s=None,
             width=WIDTH,
             height=HEIGHT,
-            jpeg=self._white if self._is_overexposed else self._grey,
+            jpeg=self._lies.frame(_numbered(self._shown(), self._counter), lies),
         )
 
+    def _shown(self) -> bytes:
+        depth_m = self.world.surface_z_m - self.world.pose.position[2]
+        if self._is_overexposed:
+            return self._white
+        return _jpeg(128, spot_px=min(HEIGHT // 2, math.ceil(depth_m / _DEPTH_PER_PX_M)))
 
-def _plain_jpeg(level: int) -> bytes:
+
+_DEPTH_PER_PX_M = 5e-5  # of the dark spot's radius
+_SPOT_LEVEL = 64
+
+
+@functools.cache
+def _jpeg(level: int, *, spot_px: int = 0) -> bytes:
     image = np.full((HEIGHT, WIDTH, 3), level, dtype=np.uint8)
+    if spot_px > 0:
+        cv2.circle(image, (WIDTH // 2, HEIGHT // 2), spot_px, (_SPOT_LEVEL,) * 3, cv2.FILLED)
     return cv2.imencode(".jpg", image)[1].tobytes()
+
+
+def _numbered(jpeg: bytes, number: int) -> bytes:
+    """Return ``jpeg`` with a comment that no other frame has."""
+    comment = number.to_bytes(8, "big")
+    length = (len(comment) + 2).to_bytes(2, "big")
+    return b"".join((jpeg[:2], b"\xff\xfe", length, comment, jpeg[2:]))

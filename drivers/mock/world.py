@@ -10,7 +10,7 @@ import math
 import random
 from collections.abc import Callable, Iterable
 
-from drivers.device.faults import Device, Fault, FaultKind, parse_fault
+from drivers.device.faults import STOPS, Device, Fault, FaultKind, parse_fault
 from drivers.device.interface import Clock
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
@@ -73,6 +73,7 @@ class MockWorld:
 
     Attributes:
         faults: Names of the failures that are on now; the devices look here.
+        lies: What is on now of the faults that pass for measurements; they look here too.
         disturbance: Wrench that something else exerts on the sensor.
     """
 
@@ -103,6 +104,7 @@ class MockWorld:
         self.force_n = 0.0
         self.disturbance: Vector6 = Still
         self.faults: set[str] = set()
+        self.lies: list[Fault] = []
         self.start_ns = clock.now_ns()
         self._now_ns = self.start_ns
         self._drive: Callable[[float], Vector6] | None = None
@@ -130,6 +132,10 @@ class MockWorld:
     def when(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
         """Do ``action`` once, at the first step at which ``condition`` holds."""
         self._plans.append((condition, action))
+
+    def lies_of(self, device: Device) -> list[Fault]:
+        """Return what ``device`` lies about now."""
+        return [fault for fault in self.lies if fault.device is device]
 
     def catch_up(self) -> None:
         """Integrate up to the clock's time."""
@@ -184,17 +190,20 @@ NAMES = {
     (Device.FORCE_SENSOR, FaultKind.GARBLE): "force-lossy",
     (Device.FORCE_SENSOR, FaultKind.UNPLUG): "force-unplugged",
     (Device.FORCE_SENSOR, FaultKind.SATURATE): "force-saturated",
-    (Device.CAMERA, FaultKind.FREEZE): "camera-silent",
     (Device.CAMERA, FaultKind.STALL): "camera-silent",
     (Device.CAMERA, FaultKind.DROP): "camera-silent",
     (Device.CAMERA, FaultKind.SATURATE): "camera-overexposed",
     (Device.CAMERA, FaultKind.UNPLUG): "camera-unplugged",
 }
-"""Failures that mocks can show, by the name the mock devices look for."""
+"""Failures that a mock shows by itself, by the name that it looks for; the others are lies."""
 
 
 def plan_faults(
-    world: MockWorld, faults: Iterable[str], *, lock_arm: Callable[[], None] | None = None
+    world: MockWorld,
+    faults: Iterable[str],
+    *,
+    lock_arm: Callable[[], None] | None = None,
+    unlock_arm: Callable[[], None] | None = None,
 ) -> None:
     """Let ``world`` fail as planned; kinds that only emulators know are passed over.
 
@@ -202,19 +211,29 @@ def plan_faults(
         world: Whose clock the starts are counted on.
         faults: For example ``robot:protective-stop@3s``.
         lock_arm: Called for a protective or an emergency stop.
+        unlock_arm: Called for the end of one, or for a person's unlocking.
     """
     for text in faults:
-        _plan(world, parse_fault(text), lock_arm)
+        fault = parse_fault(text)
+        begin, end = _begin_and_end(world, fault)
+        if fault.kind in STOPS:
+            begin, end = lock_arm or begin, unlock_arm or end
+        elif fault.kind is FaultKind.UNLOCK:
+            begin = unlock_arm or begin
+        _plan(world, fault, begin, end)
 
 
-def _plan(world: MockWorld, fault: Fault, lock_arm: Callable[[], None] | None) -> None:
-    stops = (FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP)
-    if fault.kind in stops and lock_arm is not None:
-        world.when(lambda: world.elapsed_s >= fault.start_s, lock_arm)
-        return
+def _plan(
+    world: MockWorld, fault: Fault, begin: Callable[[], None], end: Callable[[], None]
+) -> None:
+    end_s = fault.start_s + fault.duration_s
+    world.when(lambda: world.elapsed_s >= fault.start_s, begin)
+    if math.isfinite(end_s):
+        world.when(lambda: world.elapsed_s >= end_s, end)
+
+
+def _begin_and_end(world: MockWorld, fault: Fault) -> tuple[Callable[[], None], Callable[[], None]]:
     name = NAMES.get((fault.device, fault.kind))
     if name is None:
-        return
-    end_s = fault.start_s + fault.duration_s
-    world.when(lambda: world.elapsed_s >= fault.start_s, lambda: world.faults.add(name))
-    world.when(lambda: world.elapsed_s >= end_s, lambda: world.faults.discard(name))
+        return lambda: world.lies.append(fault), lambda: world.lies.remove(fault)
+    return lambda: world.faults.add(name), lambda: world.faults.discard(name)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.device.faults import Device, parse_fault
+from drivers.device.faults import Device, parse_fault, written_faults
 from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import Emulation
 from drivers.emulators.plant.ball_presses import (
@@ -122,7 +122,13 @@ def presses(
 def fault(
     folder: Annotated[Path, typer.Argument(help="The folder that `emulate start` printed.")],
     text: Annotated[
-        str, typer.Argument(metavar="FAULT", help="For example force_sensor:freeze@1s+2s")
+        str,
+        typer.Argument(
+            metavar="FAULT",
+            help="device:kind=amount@start+duration, for example force_sensor:scale=0.1@1s+2s; "
+            "all but device and kind may be left out, the amounts below are the usual ones. "
+            + " ".join(f"{device}: {written_faults(device)}." for device in Device),
+        ),
     ],
     json_file: JsonFile = None,
 ) -> None:

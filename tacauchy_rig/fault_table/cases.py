@@ -74,7 +74,7 @@ def all_cases() -> tuple[FaultCase, ...]:
         Fault(device=device, kind=kind)
         for device in Device
         for kind in FaultKind
-        if kind in FAULTS_OF_DEVICE[device]
+        if kind in FAULTS_OF_DEVICE[device] - {FaultKind.UNLOCK}
     ]
     causes += Victim
     return tuple(FaultCase(cause, moment) for cause in causes for moment in Moment)

@@ -14,8 +14,9 @@ import time
 from dataclasses import dataclass
 
 from drivers.arm.ur5_safety import RuntimeState
-from drivers.device.faults import Device, Fault, FaultKind
+from drivers.device.faults import STOPS, Device, Fault, FaultKind
 from drivers.device.force_estimate import ForceEstimate
+from drivers.device.lies import LyingArm
 from drivers.emulators.arm.body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
 from drivers.emulators.arm.program import ControlProgram
 from drivers.emulators.arm.rtde_port import RtdePort
@@ -28,7 +29,6 @@ from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import Pose, Vector6
 
-_DEFAULT_DELAY_S = 0.2
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
 
@@ -68,6 +68,7 @@ class UrController:
         self._estimate = ForceEstimate(settings.model, seed=settings.seed)
         self._trace = ArmTrace(settings.folder)
         self._active: dict[FaultKind, Fault] = {}
+        self._lies = LyingArm()
         self._rtde = RtdePort(settings.host, self.body)
         self._dashboard = DashboardPort(
             settings.host,
@@ -134,9 +135,11 @@ class UrController:
         self._run_program(now_s)
         motion = self.body.motion
         motion.step(passed_s)
+        self._lie(passed_s)
         pose = Pose(position=motion.pose[:3], rotation_vector=motion.pose[3:])
+        pose = pose.shifted(z=-self._lies.height_m)
         self.body.publish(
-            time_s=round(due * self._period_s, 6),
+            time_s=round(due * self._period_s + self._lies.clock_s, 6),
             pose=motion.pose,
             velocity=motion.velocity,
             tcp_force=self._feel(pose, stamp_ns, passed_s),
@@ -145,6 +148,14 @@ class UrController:
         self._trace.add(stamp_ns, pose.position, motion.velocity, self.body.runtime_state)
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)
+
+    def _lie(self, passed_s: float) -> None:
+        """Drift off the true pose; where that ends, the controller learns where its arm is."""
+        off_m = self._lies.height_m
+        self._lies.advance(self._active.values(), duration_s=passed_s)
+        if off_m and not self._lies.height_m:
+            x, y, z, *turn = self.body.motion.pose
+            self.body.motion.be_at((x, y, z - off_m, turn[0], turn[1], turn[2]))
 
     def _feel(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
         wrench: Vector6 = (0.0,) * 6
@@ -190,6 +201,10 @@ class UrController:
         self.body.runtime_state = RuntimeState.STOPPED
 
     def _reset_safety(self) -> None:
+        mended = STOPS | {FaultKind.UNLOCK}
+        self._service.end_faults(mended)
+        # Forgotten here too, or the same stop told of in the next cycle would pass for this one.
+        self._active = {kind: on for kind, on in self._active.items() if kind not in mended}
         self.body.safety.reset()
         self._note("safety-reset")
 
@@ -212,7 +227,7 @@ class UrController:
             for port in self._ports:
                 port.drop()
         elif fault.kind is FaultKind.DELAY:
-            self._delay(fault.parameters.get("delay_s", _DEFAULT_DELAY_S))
+            self._delay(fault.size)
         elif fault.kind is FaultKind.PROTECTIVE_STOP:
             self._protective_stop()
         elif fault.kind is FaultKind.EMERGENCY_STOP:
@@ -220,6 +235,8 @@ class UrController:
             self._safety_stop("emergency stop")
         elif fault.kind is FaultKind.STALL:
             self.body.motion.stalled = True
+        elif fault.kind is FaultKind.UNLOCK:
+            self._reset_safety()
 
     def _finish(self, kind: FaultKind) -> None:
         if kind is FaultKind.DROP:

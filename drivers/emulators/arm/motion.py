@@ -82,6 +82,12 @@ class ToolMotion:
         self._target_velocity = velocity
         self._acceleration = acceleration
 
+    def be_at(self, pose: Vector6) -> None:
+        """Take the tip to be at ``pose``; a straight move goes on to its target from there."""
+        self.pose = pose
+        if self._line is not None:
+            self._line = self._line.restarted(pose)
+
     def brake(self, deceleration: float) -> None:
         """Come to rest at ``deceleration`` [m/s^2]."""
         if not self.is_still:
@@ -147,6 +153,10 @@ class _Line:
         self._done_m = 0.0
         self._now = 0.0
         self.arrived = self._length < _ARRIVED_M
+
+    def restarted(self, start: Vector6) -> _Line:
+        """Return the move to the same target from elsewhere, begun at rest."""
+        return _Line(start, self._target, speed=self._speed, acceleration=self._acceleration)
 
     def advance(self, duration_s: float) -> tuple[Vector6, Vector6]:
         """Return (pose, velocity) after another ``duration_s`` [s]."""

@@ -20,6 +20,7 @@ from typing import TextIO
 import cv2
 
 from drivers.device.faults import Device, Fault, FaultKind
+from drivers.device.lies import LyingImages
 from drivers.emulators.camera.frames import (
     DEPTH_STEP_M,
     LIGHT_STEP,
@@ -80,9 +81,6 @@ class BackgroundRenderer:
         self._thread.shutdown(cancel_futures=True)
 
 
-_DROP_SHARE = 0.3
-_GARBLE_SHARE = 0.3
-_DELAY_S = 0.5
 _GARBLED_BYTES = 64
 
 
@@ -91,28 +89,25 @@ class FaultyOutput:
 
     def __init__(self, seed: int) -> None:
         self._random = random.Random(seed)  # noqa: S311 - damage, not a secret
-        self._frozen: bytes | None = None
+        self._images = LyingImages()
         self._late: deque[tuple[float, bytes]] = deque()
 
     def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
         """Return what to send at ``now_s`` [s] in place of ``jpeg``, oldest first."""
         active = {fault.kind: fault for fault in faults}
-        if FaultKind.FREEZE in active:
-            self._frozen = jpeg = self._frozen or jpeg
-        else:
-            self._frozen = None
-        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP), _DROP_SHARE):
+        jpeg = self._images.frame(jpeg, faults)
+        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP)):
             return []
-        if self._strikes(active.get(FaultKind.GARBLE), _GARBLE_SHARE):
+        if self._strikes(active.get(FaultKind.GARBLE)):
             jpeg = self._garbled(jpeg)
         delay = active.get(FaultKind.DELAY)
-        delay_s = 0.0 if delay is None else delay.parameters.get("delay_s", _DELAY_S)
+        delay_s = 0.0 if delay is None else delay.size
         due_s = max(now_s + delay_s, self._late[-1][0] if self._late else 0.0)
         self._late.append((due_s, jpeg))
         return [self._late.popleft()[1] for _ in range(sum(d <= now_s for d, _ in self._late))]
 
-    def _strikes(self, fault: Fault | None, share: float) -> bool:
-        return fault is not None and self._random.random() < fault.parameters.get("fraction", share)
+    def _strikes(self, fault: Fault | None) -> bool:
+        return fault is not None and self._random.random() < fault.size
 
     def _garbled(self, jpeg: bytes) -> bytes:
         """Overwrite bytes and cut the end off, as a bad cable does."""
@@ -144,6 +139,7 @@ class EmulatedCamera:
         self._service = service
         self._factory = factory
         self._server: MjpegServer | None = server
+        self._address = (server.host, server.port)
         self._world_path = settings.world or settings.folder / WORLD_FILE
         self._world: SharedWorld | None = None
         self._output = FaultyOutput(settings.seed)
@@ -217,9 +213,12 @@ class EmulatedCamera:
 
     def _active_faults(self) -> list[Fault]:
         faults = self._service.faults_at(time.monotonic())
-        if self._server is not None and any(f.kind is FaultKind.UNPLUG for f in faults):
+        unplugged = any(fault.kind is FaultKind.UNPLUG for fault in faults)
+        if unplugged and self._server is not None:
             self._server.close()
-            self._server = None  # a plug does not put itself back in
+            self._server = None
+        elif not unplugged and self._server is None:
+            self._server = _listen(*self._address)
         return faults
 
     def _write_trace(self, number: int, capture_s: float, depth_m: float) -> None:

@@ -40,15 +40,21 @@ class PseudoPort:
     """The device end of a pseudo-terminal; the other end looks like a serial port."""
 
     def __init__(self, link: Path) -> None:
+        self._link = link
+        self.is_open = False
+        self.is_plugged = False
+        self.plug_in()
+
+    def plug_in(self) -> None:
+        """Be there for clients, at the same link as before."""
         self._master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
-        self._link = link
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(self.path)
-        self.is_open = False
+        self.is_plugged = True
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
@@ -56,6 +62,8 @@ class PseudoPort:
 
     def read(self) -> bytes:
         """Return what the client has sent; notes whether one has the port open."""
+        if not self.is_plugged:
+            return b""
         try:
             data = os.read(self._master, 4096)
         except BlockingIOError:
@@ -76,10 +84,12 @@ class PseudoPort:
         except OSError as error:
             _logger.debug("%d bytes dropped: %s", len(data), error)
 
-    def close(self) -> None:
-        """Pull the plug: the client's next read fails."""
-        os.close(self._master)
-        self._link.unlink(missing_ok=True)
+    def unplug(self) -> None:
+        """Pull the plug: the client's next read fails. Safe to call twice."""
+        if self.is_plugged:
+            os.close(self._master)
+            self._link.unlink(missing_ok=True)
+        self.is_open = self.is_plugged = False
 
 
 _BACKLOG_LIMIT_NS = 500_000_000
@@ -115,16 +125,20 @@ class EmulatedBox:
         self._rate_hz = settings.rate
 
     def run(self) -> None:
-        """Serve until stopped, unplugged, or left behind by the parent process."""
+        """Serve until stopped, or left behind by the parent process."""
         self._due_ns = time.monotonic_ns() + self._period_ns
         while not self._service.is_over:
             self._wait()
             now_ns = time.monotonic_ns()
+            self._plug(now_ns)
             self._answer(self._port.read(), now_ns)
-            if self._has(FaultKind.UNPLUG, now_ns):
-                _logger.info("unplugged")
-                return
             self._send_due(now_ns)
+
+    def _plug(self, now_ns: int) -> None:
+        plugged = not self._has(FaultKind.UNPLUG, now_ns)
+        if plugged != self._port.is_plugged:
+            _logger.info("plugged in" if plugged else "unplugged")
+            (self._port.plug_in if plugged else self._port.unplug)()
 
     def _has(self, kind: FaultKind, now_ns: int) -> bool:
         return any(fault.kind is kind for fault in self._service.faults_at(now_ns * 1e-9))
@@ -219,7 +233,7 @@ def _serve(settings: BoxSettings, service: Service) -> None:
         service.announce(port=port.path, link=str(link))
         keep_time(mostly_sleeps=True)
         box.run()
-        port.close()
+        port.unplug()
 
 
 if __name__ == "__main__":

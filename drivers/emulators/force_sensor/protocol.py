@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from enum import StrEnum
 
 from drivers.device.faults import Fault, FaultKind
+from drivers.device.lies import LyingWrench
 from drivers.force_sensor.sri_wire import (
     LINE_END,
     Command,
@@ -119,16 +120,8 @@ class BoxCommands:
         return Reply(name=name, value=known[name])
 
 
-_DROP_FRACTION = 0.5
-_GARBLE_FRACTION = 0.3
-_DELAY_S = 0.2
-
-
 class FrameStream:
     """Turn values into the bytes that leave the box, as faults allow.
-
-    Faults take these parameters: ``drop`` and ``garble`` a ``fraction`` of the frames, ``delay``
-    a ``delay_s`` [s], ``saturate`` a ``full_scale_n`` [N].
 
     Args:
         full_scale_n: What Fz reads when its channel is saturated [N].
@@ -140,9 +133,8 @@ class FrameStream:
 
     def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
         self._random = random.Random(seed)  # noqa: S311 - faults, not secrets
-        self._full_scale_n = full_scale_n
+        self._wrench = LyingWrench(seed=seed, full_scale_n=full_scale_n)
         self._latency_s = latency_s
-        self._held: Vector6 | None = None
         self._waiting: deque[tuple[int, bytes]] = deque()
         self.number = -1
 
@@ -151,22 +143,16 @@ class FrameStream:
     ) -> None:
         """Queue the next frame."""
         self.number += 1
-        active = {fault.kind: fault.parameters for fault in faults}
-        if FaultKind.FREEZE in active:
-            values = self._held = self._held or values
-        else:
-            self._held = None
-        if FaultKind.SATURATE in active:
-            full_scale_n = active[FaultKind.SATURATE].get("full_scale_n", self._full_scale_n)
-            values = (values[0], values[1], full_scale_n, *values[3:])
-        if FaultKind.STALL in active or self._chance(active, FaultKind.DROP, _DROP_FRACTION):
+        active = {fault.kind: fault for fault in faults}
+        values = self._wrench.reading(values, active.values(), stamp_ns=stamp_ns)
+        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP)):
             return
         data = encode_frame(self.number, values, checksum=checksum)
-        if self._chance(active, FaultKind.GARBLE, _GARBLE_FRACTION):
+        if self._strikes(active.get(FaultKind.GARBLE)):
             data = self._garble(data)
         delay_s = self._latency_s
         if FaultKind.DELAY in active:
-            delay_s += active[FaultKind.DELAY].get("delay_s", _DELAY_S)
+            delay_s += active[FaultKind.DELAY].size
         self._waiting.append((stamp_ns + int(delay_s * 1e9), data))
 
     @property
@@ -181,10 +167,8 @@ class FrameStream:
             data += self._waiting.popleft()[1]
         return data
 
-    def _chance(
-        self, active: dict[FaultKind, Mapping[str, float]], kind: FaultKind, usual: float
-    ) -> bool:
-        return kind in active and self._random.random() < active[kind].get("fraction", usual)
+    def _strikes(self, fault: Fault | None) -> bool:
+        return fault is not None and self._random.random() < fault.size
 
     def _garble(self, data: bytes) -> bytes:
         damaged = bytearray(data)

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -340,10 +339,12 @@ def _await_event(folder: Path, name: str) -> None:
         (RobotModel.E_SERIES, "protective-stop", "protective stop"),
         (RobotModel.E_SERIES, "emergency-stop", "emergency stop"),
         (RobotModel.E_SERIES, "freeze", "no new data for"),
-        (RobotModel.E_SERIES, "delay", "no new data for"),
+        (RobotModel.E_SERIES, "delay=600ms", "no new data for"),
+        (RobotModel.E_SERIES, "clock-jump", "clock jumped by +10.0 s"),
         (RobotModel.E_SERIES, "drop", "the connection broke"),
         (RobotModel.CB3, "protective-stop", "protective stop"),
         (RobotModel.CB3, "freeze", "no new data for"),
+        (RobotModel.CB3, "clock-jump=-2s", "clock jumped by -2.0 s"),
         (RobotModel.CB3, "drop", "the connection broke"),
     ],
 )
@@ -355,9 +356,7 @@ def test_a_fault_is_told_and_the_arm_stops(
     with _Client("client_press", robot) as client:
         client.await_pressing()
         before_ns = time.monotonic_ns()
-        post_fault(
-            robot.folder, replace(parse_fault(f"robot:{fault}"), parameters={"delay_s": 0.6})
-        )
+        post_fault(robot.folder, parse_fault(f"robot:{fault}"))
         found = client.line()
     assert f"robot {robot.host}: " in found["message"]
     assert message in found["message"]

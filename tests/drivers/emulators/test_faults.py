@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 import socket
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.device.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind, parse_fault
+from drivers.device.faults import (
+    AMOUNTS,
+    FAULTS_OF_DEVICE,
+    STOPS,
+    Device,
+    Fault,
+    FaultKind,
+    parse_fault,
+)
 from drivers.emulators.faults import (
     FaultInbox,
     FaultSchedule,
@@ -35,6 +42,9 @@ def test_parses_device_kind_start_and_duration() -> None:
     assert parse_fault("robot:stall+500ms").duration_s == 0.5
     assert parse_fault("robot:protective-stop@3s").start_s == 3.0
     assert math.isinf(parse_fault("camera:unplug").duration_s)
+    assert parse_fault("force_sensor:scale=0.1@3s").amount == 0.1
+    assert parse_fault("robot:wrong-pose=-0.2 mm/s+4s").amount == -0.2e-3
+    assert parse_fault("camera:drop").size == 0.3
 
 
 @pytest.mark.parametrize(
@@ -48,6 +58,10 @@ def test_parses_device_kind_start_and_duration() -> None:
         ("camera:emergency-stop", "a camera cannot emergency-stop"),
         ("robot:freeze@1s+0s", "impossible"),
         ("robot:freeze@-1s", "impossible"),
+        ("robot:freeze=2", "robot:freeze takes no amount"),
+        ("force_sensor:drop=120%", "1.2 is not from 0 to 1"),
+        ("robot:clock-jump=10", "has no unit"),
+        ("camera:freeze", "a camera cannot freeze"),
     ],
 )
 def test_refuses_with_the_reason(text: str, message: str) -> None:
@@ -61,18 +75,20 @@ def test_refuses_with_the_reason(text: str, message: str) -> None:
     pair=st.sampled_from(_POSSIBLE),
     start_s=st.just(0.0) | _seconds,
     duration_s=st.just(math.inf) | _seconds,
-    delay_s=_seconds,
+    share=st.floats(0.0, 1.0),
 )
 def test_message_round_trip(
-    pair: tuple[Device, FaultKind], start_s: float, duration_s: float, delay_s: float
+    pair: tuple[Device, FaultKind], start_s: float, duration_s: float, share: float
 ) -> None:
     """What is sent is what arrives."""
+    possible = AMOUNTS.get(pair)
+    amount = possible and possible.least + share * (possible.most - possible.least)
     fault = Fault(
         device=pair[0],
         kind=pair[1],
         start_s=start_s,
         duration_s=duration_s,
-        parameters={"delay_s": delay_s},
+        amount=amount,
     )
     assert decode_fault(encode_fault(fault)) == fault
 
@@ -82,7 +98,7 @@ def test_inbox_receives_without_blocking(tmp_path: Path) -> None:
     folder = tmp_path / ("long" * 40)
     inbox = FaultInbox(folder, Device.ROBOT)
     assert inbox.poll() == []
-    late = replace(parse_fault("robot:delay+2s"), parameters={"delay_s": 0.1})
+    late = parse_fault("robot:delay=100ms+2s")
     post_fault(folder, late)
     post_fault(folder, parse_fault("robot:freeze"))
     first, second = inbox.poll()
@@ -111,6 +127,16 @@ def test_a_dead_emulators_socket_is_replaced(
     post_fault(tmp_path, parse_fault("camera:unplug"))
     assert [fault.kind for fault in heir.poll()] == [FaultKind.UNPLUG]
     heir.close()
+
+
+def test_what_is_forgotten_is_over_and_what_is_to_come_stays() -> None:
+    """Unlocking ends the stop that is on, not the one that is planned."""
+    schedule = FaultSchedule()
+    for text in ("robot:protective-stop", "robot:protective-stop@9s", "robot:stall"):
+        schedule.add(parse_fault(text), now_s=0.0)
+    schedule.forget(STOPS, now_s=1.0)
+    assert [fault.kind for fault in schedule.active(1.0)] == [FaultKind.STALL]
+    assert FaultKind.PROTECTIVE_STOP in {fault.kind for fault in schedule.active(9.0)}
 
 
 def test_schedule_follows_the_clock() -> None:

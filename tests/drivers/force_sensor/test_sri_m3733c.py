@@ -11,14 +11,14 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from drivers.device.device_file import device_holders
-from drivers.device.faults import Fault, FaultKind, parse_fault
+from drivers.device.faults import FaultKind, parse_fault
 from drivers.emulators.faults import post_fault
+from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import Checksum
@@ -156,14 +156,10 @@ def test_freeze_is_seen_as_repeats(box: tuple[Path, str]) -> None:
         assert sensor.health().lost_count == 0
 
 
-def _of_frames(text: str, fraction: float) -> Fault:
-    return replace(parse_fault(text), parameters={"fraction": fraction})
-
-
 def test_dropped_frames_are_counted(box: tuple[Path, str]) -> None:
     """Gaps in the package number are lost frames; counters keep them visible."""
     with connected(box[1]) as sensor:
-        post_fault(box[0], _of_frames("force_sensor:drop+800ms", 0.5))
+        post_fault(box[0], parse_fault("force_sensor:drop=50%+800ms"))
         samples = collect(sensor, lambda _: sensor.health().lost_count >= 20)
         last = samples[-1].counter - samples[0].counter + 1
         assert last - len(samples) == pytest.approx(sensor.health().lost_count, abs=3)
@@ -173,7 +169,7 @@ def test_dropped_frames_are_counted(box: tuple[Path, str]) -> None:
 def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -> None:
     """Damaged frames show as corrupt; what is delivered holds the true load."""
     with connected(box[1]) as sensor:
-        post_fault(box[0], _of_frames("force_sensor:garble+800ms", 0.4))
+        post_fault(box[0], parse_fault("force_sensor:garble=40%+800ms"))
         samples = collect(sensor, lambda _: sensor.health().corrupt_count >= 20)
     wrong = [s for s in samples if abs(s.wrench.force[2] - 3.0) > 0.05]
     assert len(wrong) <= 1  # one in 256 damaged frames has a right sum by chance
@@ -208,6 +204,46 @@ def test_unplug_raises_after_the_last_sample(run_box: RunBox, tmp_path: Path) ->
         for _ in range(2):
             with pytest.raises(DeviceError, match="is gone"):
                 sensor.drain()
+
+
+def test_a_plug_put_in_again_serves_a_new_connection(run_box: RunBox, tmp_path: Path) -> None:
+    """At the end of an unplugging the port is back, at the same link."""
+    link = tmp_path / LINK_NAME
+    with run_box(tmp_path) as port:
+        with connected(port) as sensor:
+            post_fault(tmp_path, parse_fault("force_sensor:unplug+500ms"))
+            wait_until(lambda: not link.exists())
+            wait_until(lambda: sensor.health().age_s > 0.2)
+        wait_until(link.exists)
+        with connected(str(link)) as sensor:
+            assert collect(sensor, lambda found: len(found) >= 3)
+
+
+@pytest.mark.parametrize(
+    ("lie", "expected"),
+    [
+        ("scale=0.1", (0.05, -0.025, 0.3)),
+        ("sign", (-0.5, 0.25, -3.0)),
+        ("swap-axes", (3.0, -0.25, 0.5)),
+        ("stick", (0.5, -0.25, 3.0)),
+        ("stick-noisily", (0.5, -0.25, 3.0)),
+        ("old-data=200ms", (0.5, -0.25, 3.0)),
+    ],
+)
+def test_a_lie_shows_in_no_count(
+    box: tuple[Path, str], lie: str, expected: tuple[float, float, float]
+) -> None:
+    """A sensor that lies streams without a loss, a repeat or an error: nothing betrays it."""
+    with connected(box[1]) as sensor:
+        sensor.drain()
+        post_fault(box[0], parse_fault(f"force_sensor:{lie}+2s"))
+
+        def says_so(found: list[ForceSample]) -> bool:
+            return len(found) >= 40 and found[-1].wrench.force == pytest.approx(expected, abs=0.05)
+
+        collect(sensor, says_so)
+        assert sensor.health().repeat_count < 3
+        assert (sensor.health().lost_count, sensor.health().corrupt_count) == (0, 0)
 
 
 def test_box_that_hangs_holds_up_neither_drain_nor_close(run_box: RunBox, tmp_path: Path) -> None:

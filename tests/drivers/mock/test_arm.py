@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from drivers.mock.world import plan_faults
 from tacauchy_rig.errors import DeviceError
 
 
@@ -59,6 +60,41 @@ def test_states_come_at_the_controller_s_rate(bench):
     states = bench.arm.drain()
     assert 495 <= len(states) <= 505
     assert bench.arm.drain() == []
+
+
+def test_it_lies_about_its_place_and_time(bench):
+    """A wrong pose drifts off the true one, a clock jumps; both are right again afterwards."""
+    start_s = bench.world.elapsed_s
+    plan_faults(
+        bench.world,
+        [f"robot:wrong-pose=1mm/s@{start_s}s+1s", f"robot:clock-jump=-5s@{start_s}s+1s"],
+    )
+    pass_time(bench, 0.9)
+    state = bench.arm.state()
+    off_m = state.pose.position[2] - bench.world.pose.position[2]
+    assert off_m == pytest.approx(0.9e-3, abs=3e-5)
+    assert state.controller_time_s - bench.world.elapsed_s == pytest.approx(-5.0, abs=0.01)
+    pass_time(bench, 0.3)
+    assert bench.arm.state().pose == bench.world.pose
+    assert bench.arm.state().controller_time_s > 0.0
+
+
+def test_a_stop_ends_with_its_fault_or_at_the_pendant(bench):
+    """A protective stop locks the arm until its time is over, or somebody unlocks it."""
+    start_s = bench.world.elapsed_s
+    plan = [
+        f"robot:protective-stop@{start_s}s+500ms",
+        f"robot:protective-stop@{start_s + 1}s",
+        f"robot:unlock@{start_s + 2}s",
+    ]
+    plan_faults(bench.world, plan, lock_arm=bench.arm.protective_stop, unlock_arm=bench.arm.unlock)
+    for locked in (True, False, True, True, False):
+        pass_time(bench, 0.45)
+        if locked:
+            with pytest.raises(DeviceError, match="protective stop"):
+                bench.arm.state()
+        else:
+            bench.arm.state()
 
 
 def test_it_feels_the_gel_coarsely(bench):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,11 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
+from drivers.arm.ur5_wire import DASHBOARD_PORT
+from drivers.device.faults import parse_fault
 from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.arm.trace import read_trace
+from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import arguments_of, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
@@ -103,6 +108,39 @@ def client_force(host: str, model: str) -> dict[str, object]:
     return {"pressed": pressed, "free": _mean_fz(receiver)}
 
 
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def client_pose(host: str, model: str) -> dict[str, object]:
+    """Say that it is there, then watch the height that the arm reports."""
+    receiver = _receive(host, -1.0, ["actual_TCP_pose"])
+    first = receiver.getActualTCPPose()[2]
+    _say("watching")
+    heights, end_s = set(), time.monotonic() + 3.0
+    while time.monotonic() < end_s:
+        heights.add(receiver.getActualTCPPose()[2])
+        time.sleep(0.002)
+    return {"first": first, "heights": sorted(heights), "model": model}
+
+
+def client_unlock(host: str, model: str) -> dict[str, object]:
+    """Wait for a protective stop, then for somebody to unlock it, twice; then move."""
+    receiver = _receive(host, -1.0, ["safety_status_bits"])
+    for wanted in (0b100, 0b001, 0b100, 0b001):
+        end_s = time.monotonic() + 20.0
+        while not receiver.getSafetyStatusBits() & wanted:
+            if time.monotonic() > end_s:
+                return {"waited_for": wanted}
+            time.sleep(0.01)
+        _say(str(wanted))
+    control = _control(host, model)
+    pose = _receive(host).getActualTCPPose()
+    pose[2] += 0.005
+    return {"moved": control.moveL(pose, 0.05, 0.5)}
+
+
 def _mean_fz(receiver: Any) -> float:
     end_s, values = time.monotonic() + 0.5, []
     while time.monotonic() < end_s:
@@ -175,6 +213,55 @@ def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> Non
     expected = gel.relaxed_force(gel.depth(home))
     assert expected > 2.0
     assert found["pressed"] - found["free"] == pytest.approx(expected, rel=0.1)
+
+
+@contextmanager
+def _started(scenario: str, robot: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run a scenario beside the test, which reads its lines."""
+    answer = robot.folder / f"{scenario}.json"
+    command = [sys.executable, __file__, scenario, robot.host, robot.model.value, answer]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
+        yield client
+        assert client.wait(60) == 0
+
+
+def _line(client: subprocess.Popen[str]) -> str:
+    assert client.stdout is not None
+    return client.stdout.readline().strip()
+
+
+def test_a_wrong_pose_is_not_reported(emulate_ur: Callable[..., Any]) -> None:
+    """The true tip sinks while the report stays; at the end the report jumps to the truth."""
+    robot = emulate_ur()
+    world = SharedWorld.open(robot.folder / WORLD_FILE)
+    with _started("client_pose", robot) as client:
+        assert _line(client) == "watching"
+        before = world.read().pose.position[2]
+        post_fault(robot.folder, parse_fault("robot:wrong-pose=1mm/s+1s"))
+    after = world.read().pose.position[2]
+    found = json.loads((robot.folder / "client_pose.json").read_text())
+    assert before - after == pytest.approx(1e-3, abs=2e-4)
+    assert found["heights"] == [after, found["first"]], "nothing between the two"
+    assert found["first"] == before
+
+
+@pytest.mark.parametrize("way", ["robot:unlock", "dashboard"])
+def test_a_person_unlocks_a_protective_stop(emulate_ur: Callable[..., Any], way: str) -> None:
+    """By the control or by the dashboard; the stop can come again, and the arm moves after."""
+    robot = emulate_ur(RobotModel.CB3)
+    with _started("client_unlock", robot) as client:
+        for _ in range(2):
+            post_fault(robot.folder, parse_fault("robot:protective-stop"))
+            assert _line(client) == "4"
+            if way == "dashboard":
+                with socket.create_connection((robot.host, DASHBOARD_PORT), timeout=5) as pendant:
+                    pendant.recv(100)
+                    pendant.sendall(b"unlock protective stop\n")
+                    assert pendant.recv(100) == b"Protective stop releasing\n"
+            else:
+                post_fault(robot.folder, parse_fault(way))
+            assert _line(client) == "1"
+    assert json.loads((robot.folder / "client_unlock.json").read_text()) == {"moved": True}
 
 
 def test_two_threads_on_one_arm_end_the_program(emulate_ur: Callable[..., Any]) -> None:

@@ -136,23 +136,14 @@ def test_the_unloaded_gel_is_renewed(factory: FrameFactory) -> None:
     factory.prepare(UNLOADED)
 
 
-def _fault(kind: FaultKind, **parameters: float) -> Fault:
-    return Fault(device=Device.CAMERA, kind=kind, parameters=parameters)
-
-
-def test_frozen_frames_repeat_and_then_go_on() -> None:
-    """Freeze repeats one frame; the next frame after it is a new one."""
-    output = FaultyOutput(0)
-    freeze = [_fault(FaultKind.FREEZE)]
-    assert output.frames(b"a", freeze, now_s=0.0) == [b"a"]
-    assert output.frames(b"b", freeze, now_s=1.0) == [b"a"]
-    assert output.frames(b"c", [], now_s=2.0) == [b"c"]
+def _fault(kind: FaultKind, amount: float | None = None) -> Fault:
+    return Fault(device=Device.CAMERA, kind=kind, amount=amount)
 
 
 def test_dropped_and_stalled_frames_never_come() -> None:
     """Dropping loses the share asked for; stalling loses everything."""
     output = FaultyOutput(0)
-    dropping = [_fault(FaultKind.DROP, fraction=0.5)]
+    dropping = [_fault(FaultKind.DROP, 0.5)]
     sent = sum(len(output.frames(b"a", dropping, now_s=i)) for i in range(400))
     assert 150 < sent < 250
     assert output.frames(b"a", [_fault(FaultKind.STALL)], now_s=1e3) == []
@@ -161,7 +152,7 @@ def test_dropped_and_stalled_frames_never_come() -> None:
 def test_delayed_frames_come_late_in_order() -> None:
     """A delay keeps frames back and loses none, also when it ends."""
     output = FaultyOutput(0)
-    late = [_fault(FaultKind.DELAY, delay_s=0.25)]
+    late = [_fault(FaultKind.DELAY, 0.25)]
     sent = [output.frames(bytes([i]), late if i < 5 else [], now_s=0.1 * i) for i in range(12)]
     assert sent[0] == []
     assert b"".join(frame for frames in sent for frame in frames) == bytes(range(12))
@@ -170,7 +161,7 @@ def test_delayed_frames_come_late_in_order() -> None:
 def test_garbled_frames_are_damaged() -> None:
     """Garbling changes bytes and cuts the end off."""
     whole = bytes(range(256)) * 40
-    garbled = FaultyOutput(0).frames(whole, [_fault(FaultKind.GARBLE, fraction=1.0)], now_s=0.0)[0]
+    garbled = FaultyOutput(0).frames(whole, [_fault(FaultKind.GARBLE, 1.0)], now_s=0.0)[0]
     assert len(garbled) < len(whole)
     assert garbled != whole[: len(garbled)]
 
@@ -269,18 +260,26 @@ def test_raw_packets_are_what_was_sent(camera: RunningCamera) -> None:
 
 
 def test_faults_reach_a_running_camera(camera: RunningCamera, capture: cv2.VideoCapture) -> None:
-    """Freeze repeats a number, saturation is bright, and unplugging closes the port for good."""
-    post_fault(camera.folder, parse_fault("camera:freeze+500ms"))
+    """A frozen image repeats, so does a loop, saturation is bright, unplugging closes the port."""
+    post_fault(camera.folder, parse_fault("camera:freeze-image+500ms"))
     numbers = [read_number(capture.read()[1]) for _ in range(20)]
     assert len(set(numbers)) < 15
+    post_fault(camera.folder, parse_fault("camera:repeat-image=3+800ms"))
+    numbers = [read_number(capture.read()[1]) for _ in range(20)]
+    assert max(numbers.count(number) for number in numbers) >= 4
+    assert all(before != after for before, after in itertools.pairwise(numbers))
     post_fault(camera.folder, parse_fault("camera:saturate+500ms"))
     assert max(capture.read()[1].mean() for _ in range(15)) > 225.0
-    post_fault(camera.folder, parse_fault("camera:unplug+200ms"))
+    post_fault(camera.folder, parse_fault("camera:unplug+4s"))
     assert not all(capture.read()[0] for _ in range(50))
     address = re.search(r"//(.*):(\d+)/", camera.ready["url"])
     assert address is not None
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection((address[1], int(address[2])), timeout=2)
+    end_s = time.monotonic() + 20.0
+    while not cv2.VideoCapture(camera.ready["url"], cv2.CAP_FFMPEG).isOpened():
+        assert time.monotonic() < end_s, "the plug was to be put in again after 4 s"
+        time.sleep(0.2)
     assert camera.process.poll() is None
 
 

@@ -76,12 +76,14 @@ def test_any_chunking_of_commands(cuts: list[int]) -> None:
 PERIOD_NS = 10_000_000
 
 
-def play(count: int, kind: FaultKind | None, **parameters: float) -> tuple[FrameParser, bytes]:
+def play(
+    count: int, kind: FaultKind | None, amount: float | None = None
+) -> tuple[FrameParser, bytes]:
     """Stream ``count`` frames of rising values under one fault; return a parser and the bytes."""
     stream = FrameStream(seed=1, full_scale_n=50.0)
     faults = []
     if kind is not None:
-        faults = [Fault(device=Device.FORCE_SENSOR, kind=kind, parameters=parameters)]
+        faults = [Fault(device=Device.FORCE_SENSOR, kind=kind, amount=amount)]
     data = b""
     for index in range(count):
         values: Vector6 = (0.0, 0.0, float(index), 0.0, 0.0, 0.0)
@@ -91,9 +93,9 @@ def play(count: int, kind: FaultKind | None, **parameters: float) -> tuple[Frame
     return FrameParser(), data
 
 
-def frames_of(count: int, kind: FaultKind | None, **parameters: float) -> list[SriFrame]:
+def frames_of(count: int, kind: FaultKind | None, amount: float | None = None) -> list[SriFrame]:
     """Return the frames that a client decodes."""
-    parser, data = play(count, kind, **parameters)
+    parser, data = play(count, kind, amount)
     return parser.feed(data)
 
 
@@ -112,7 +114,7 @@ def test_freeze_repeats_values_while_the_number_moves() -> None:
 
 def test_drop_leaves_gaps() -> None:
     """Dropped frames take their numbers with them."""
-    parser, data = play(200, FaultKind.DROP, fraction=0.25)
+    parser, data = play(200, FaultKind.DROP, 0.25)
     frames = parser.feed(data)
     assert len(frames) == pytest.approx(150, abs=25)
     assert parser.lost_count == frames[-1].counter - frames[0].counter + 1 - len(frames)
@@ -121,7 +123,7 @@ def test_drop_leaves_gaps() -> None:
 
 def test_garble_breaks_the_checksum() -> None:
     """Garbled frames leave, with wrong bytes."""
-    parser, data = play(200, FaultKind.GARBLE, fraction=0.25)
+    parser, data = play(200, FaultKind.GARBLE, 0.25)
     parser.feed(data)
     assert len(data) == 200 * 31
     assert parser.corrupt_frame_count == pytest.approx(50, abs=25)
@@ -129,7 +131,16 @@ def test_garble_breaks_the_checksum() -> None:
 
 def test_saturate_pins_fz() -> None:
     """Fz reads full scale and the other channels go on."""
-    assert {f.values[2] for f in frames_of(3, FaultKind.SATURATE, full_scale_n=12.0)} == {12.0}
+    assert {f.values[2] for f in frames_of(3, FaultKind.SATURATE, 12.0)} == {12.0}
+
+
+def test_lies_leave_numbers_and_checksums_alone() -> None:
+    """A sensor that reads a tenth sends whole frames, none missing."""
+    parser, data = play(50, FaultKind.SCALE, 0.1)
+    frames = parser.feed(data)
+    assert [frame.counter for frame in frames] == list(range(50))
+    assert [frame.values[2] for frame in frames] == pytest.approx([0.1 * i for i in range(50)])
+    assert (parser.lost_count, parser.corrupt_frame_count) == (0, 0)
 
 
 def test_stall_sends_nothing_and_counts_on() -> None:
@@ -145,7 +156,7 @@ def test_stall_sends_nothing_and_counts_on() -> None:
 def test_delay_and_latency_shift_the_moment_only() -> None:
     """Delayed frames come later, whole and in order."""
     stream = FrameStream(seed=1, full_scale_n=50.0, latency_s=0.002)
-    delay = Fault(device=Device.FORCE_SENSOR, kind=FaultKind.DELAY, parameters={"delay_s": 0.1})
+    delay = Fault(device=Device.FORCE_SENSOR, kind=FaultKind.DELAY, amount=0.1)
     zero: Vector6 = (0.0,) * 6
     stream.next_frame(zero, stamp_ns=0, faults=[delay], checksum=Checksum.SUM)
     assert stream.next_due_ns == 102_000_000
