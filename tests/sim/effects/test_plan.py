@@ -170,7 +170,8 @@ def test_what_cannot_be_added_is_refused() -> None:
 def test_a_quick_press_is_stepped_in_time() -> None:
     """Inertia that is called for is simulated: the gel pushes back with its mass as well."""
     slow, quick = press(scene()), press(replace(scene(), duration_s=3e-4))
-    assert slow.force_balance_relative < 1e-6
+    # Where preset fast stops: 1e-6 of the modelled quarter's force, which leans by 0.3 %.
+    assert slow.force_balance_relative < 1.01e-6
     assert quick.force_balance_relative > 1e-3
     assert quick.force_n[2] != pytest.approx(slow.force_n[2], rel=1e-3)
     with pytest.raises(ConfigError, match="calls for inertia"):
