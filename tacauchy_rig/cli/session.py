@@ -12,6 +12,7 @@ import typer
 
 from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
 from drivers.emulators.plant.truth import TRUTH_FILE
+from drivers.presence import require_devices
 from protocols.processes.supervisor import SessionResult
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.emulation import emulated_unit
@@ -20,6 +21,7 @@ from tacauchy_rig.cli.operator import ask_for_weight, confirm, hang_emulated
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.cli.progress import SessionProgress
+from tacauchy_rig.config.changes import resumed_config
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
@@ -27,13 +29,21 @@ from tacauchy_rig.force_check import Weight, parse_weight
 from tacauchy_rig.loop.cell import check_cell, standing_check
 from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
-from tacauchy_rig.loop.record import create_run, missed_lines, record_run
+from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
 from tacauchy_rig.loop.settings import check_names, check_replay
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.recording.recover import recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="TABLE.FIELD=VALUE",
+        help="Change where a device is, or a limit; may be repeated. Noted in the journal.",
+    ),
+]
 CheckWeight = Annotated[
     str | None,
     typer.Option(
@@ -79,14 +89,20 @@ def resume(
     json_file: JsonFile = None,
     press_only: PressOnly = False,
     check_weight: CheckWeight = None,
+    overrides: Changes = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     asked = _asked(press_only, json_file, check_weight)
     store = RunStore.open(folder)
-    _check_before(store.config, press_only=press_only)
+    config, changes = resumed_config(store.description["written"], overrides or ())
+    _check_before(config, press_only=press_only)
     for mended in recover_run(folder):
         say_recovered(mended)
-    _press_and_report(store, asked)
+    require_devices(config)
+    for change in changes:
+        say(f"changed: {change}")
+    note_changes(store, changes)
+    _press_and_report(store, config, asked)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,9 +121,10 @@ def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
     _check_before(loaded.config, press_only=asked.press_only)
+    require_devices(loaded.config)
     store = create_run(loaded, text)
     say(f"run folder {store.paths.root}")
-    _press_and_report(store, asked)
+    _press_and_report(store, store.config, asked)
 
 
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
@@ -118,11 +135,10 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
         check_replay(config)
 
 
-def _press_and_report(store: RunStore, asked: _Asked) -> None:
-    config = store.config
+def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, weight=asked.weight)
+    result = press(store, config, weight=asked.weight)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
@@ -134,14 +150,14 @@ def _press_and_report(store: RunStore, asked: _Asked) -> None:
     report_and_exit(recorded, asked.json_file)
 
 
-def press(store: RunStore, *, weight: Weight | None = None) -> SessionResult:
+def press(store: RunStore, config: RigConfig, *, weight: Weight | None = None) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
 
     Args:
         store: The run, new or begun.
+        config: Its configuration, with what was changed since it began.
         weight: Checks the cell before anything moves; None leaves that out.
     """
-    config = store.config
     chosen = emulated_devices(config)
     with ExitStack() as stack:
         addresses = EmulatedAddresses()

@@ -73,13 +73,13 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
     layers = [(BUILT_IN, tomllib.loads(default_text()))]
     if path is not None:
         layers.append((str(path), _read_toml(path)))
-    layers += [("--set", _parse_override(text)) for text in overrides]
+    layers += [("--set", parse_override(text)) for text in overrides]
     for source, tables in layers:
-        for field, value in _leaves(tables):
+        for field, value in leaves(tables):
             written[field] = value
             sources[field] = source
     defaulted = {field for field, source in sources.items() if source == BUILT_IN}
-    config = check_config(_nest(written), defaulted=defaulted)
+    config = check_config(nest(written), defaulted=defaulted)
     return LoadedConfig(config=config, written=written, sources=sources)
 
 
@@ -92,8 +92,12 @@ def restore_config(written: Mapping[str, Any]) -> RigConfig:
     Raises:
         ConfigError: A field is no longer known, or its value of another kind.
     """
-    defaults = dict(_leaves(tomllib.loads(default_text())))
-    return check_config(_nest({**defaults, **written}))
+    return check_config(nest(with_defaults(written)))
+
+
+def with_defaults(written: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a recorded run's values as written, by dotted field, over the built-in ones."""
+    return {**dict(leaves(tomllib.loads(default_text()))), **written}
 
 
 def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None) -> RigConfig:
@@ -142,7 +146,12 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
-def _parse_override(text: str) -> dict[str, Any]:
+def parse_override(text: str) -> dict[str, Any]:
+    """Read ``table.field=value``; the value as in TOML, or as text.
+
+    Raises:
+        ConfigError: It has another form.
+    """
     field, separator, value = text.partition("=")
     if not separator or "." not in field:
         raise ConfigError(
@@ -153,21 +162,27 @@ def _parse_override(text: str) -> dict[str, Any]:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):
         parsed = value
-    return _nest({field.strip(): parsed})
+    return nest({field.strip(): parsed})
 
 
-def _leaves(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each value of nested tables with its dotted name."""
     for key, value in tables.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{name}.")
+            yield from leaves(value, f"{name}.")
         else:
             yield name, value
 
 
-def _nest(leaves: Mapping[str, Any]) -> dict[str, Any]:
+def nest(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables of values by dotted name.
+
+    Raises:
+        ConfigError: A name goes on below a value.
+    """
     tables: dict[str, Any] = {}
-    for name, value in leaves.items():
+    for name, value in values.items():
         *path, last = name.split(".")
         table = tables
         for part in path:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from protocols.guard.abort import AbortWatch
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
+from tacauchy_rig.config.changes import Change
 from tacauchy_rig.config.load import LoadedConfig
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import Criterion, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.store.free_space import check_free_space
+from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
 from tacauchy_rig.versions import versions
 
@@ -40,6 +44,23 @@ def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
     )
 
 
+def note_changes(store: RunStore, changes: Sequence[Change]) -> None:
+    """Write into the journal what a run goes on with that it did not begin with.
+
+    Raises:
+        RecordError: Another program works on the run, or the journal cannot be written.
+    """
+    if not changes:
+        return
+    event = JournalEvent(
+        stamp_ns=time.monotonic_ns(),
+        name="resume-set",
+        detail={"changes": [asdict(change) for change in changes]},
+    )
+    with store.lock():
+        append_event(store.paths.journal, event)
+
+
 def record_run(
     store: RunStore,
     config: RigConfig | None = None,
@@ -52,7 +73,7 @@ def record_run(
 
     Args:
         store: The run, new or begun.
-        config: The run's own, unless addresses of emulated devices are filled in.
+        config: The run's own, unless addresses are filled in or limits changed.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
 

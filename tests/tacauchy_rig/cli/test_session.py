@@ -60,7 +60,7 @@ def test_the_program_tells_it_and_ends_with_one(
         died={},
         acknowledged={},
     )
-    monkeypatch.setattr(session, "press", lambda _, **__: result)
+    monkeypatch.setattr(session, "press", lambda *_, **__: result)
     with pytest.raises(typer.Exit) as caught:
         session.resume(store.paths.root, press_only=True)
     assert caught.value.exit_code == 1
