@@ -51,10 +51,13 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     matrices = wrong_force_matrices(evidence.trials, crossed)
     trials = tuple(_compare_trial(trial, evidence, crossed, matrices) for trial in evidence.trials)
     statistics = _statistics(trials)
-    passed = bool(trials) and all(trial.passed for trial in trials)
+    criteria = evidence.checks
+    passed = all(c.passed for c in criteria) and all(trial.passed for trial in trials)
+    passed = passed and bool(trials)
     return ValidationReport(
         passed=passed,
-        verdict=verdict_of(trials, evidence, passed=passed),
+        criteria=criteria,
+        verdict=verdict_of(trials, criteria, evidence, passed=passed),
         reading=read_scores(trials, statistics, matrices, camera=evidence.camera),
         limits=limits_of(trials, statistics, evidence),
         trials=trials,

@@ -100,6 +100,7 @@ class ValidationReport:
     """A run, judged.
 
     Attributes:
+        criteria: What the run as a whole must meet, beside its trials.
         verdict: One plain sentence.
         reading: What the scores can and cannot tell, sentence by sentence.
         limits: What this report does not show.
@@ -107,6 +108,7 @@ class ValidationReport:
     """
 
     passed: bool
+    criteria: tuple[Criterion, ...]
     verdict: str
     reading: tuple[str, ...]
     limits: tuple[str, ...]

@@ -8,18 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from reports.comparison.criteria import RECORDED
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
 from tacauchy_rig.page import sentences
+from tacauchy_rig.run import Criterion
 
 CLAIM_REPEATS = 5
 MINUS = "\u2212"
 
 
-def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: bool) -> str:
+def verdict_of(
+    trials: Sequence[TrialResult],
+    criteria: Sequence[Criterion],
+    evidence: RunEvidence,
+    *,
+    passed: bool,
+) -> str:
     """Say whether the run met its criteria, with the worst numbers; and if its cell was checked."""
     scores = [t.metrics.ssim for t in trials if t.metrics is not None]
     (verdict,) = _written(
@@ -31,7 +37,7 @@ def verdict_of(trials: Sequence[TrialResult], evidence: RunEvidence, *, passed: 
         lowest_ssim=min(scores, default=None),
         limits=evidence.thresholds,
         missed=[(t, next(c for c in t.criteria if not c.passed)) for t in trials if not t.passed],
-        recorded=RECORDED,
+        missed_run=[c for c in criteria if not c.passed],
     )
     (checked,) = _written("force_check", check=evidence.force_check)
     return f"{verdict} {checked}"

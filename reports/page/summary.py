@@ -26,6 +26,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "simulated": evidence.simulated,
         "passed": report.passed,
         "verdict": report.verdict,
+        "criteria": to_plain(report.criteria),
         "reading": list(report.reading),
         "limits": list(report.limits),
         "thresholds": to_plain(evidence.thresholds),
@@ -113,8 +114,11 @@ def _scalars(value: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 
 def junit_xml(summary: Mapping[str, Any]) -> str:
-    """Return a JUnit report with one case per trial and criterion."""
-    cases = [(trial, c) for trial in summary["trials"] for c in trial["criteria"]]
+    """Return a JUnit report with one case per criterion of the run and of each trial."""
+    cases = [("run", criterion) for criterion in summary["criteria"]]
+    for trial in summary["trials"]:
+        name = f"trial-{trial['index']:02d}-{trial['force_target_n']:.4f}N"
+        cases += [(name, criterion) for criterion in trial["criteria"]]
     failures = sum(not criterion["passed"] for _, criterion in cases)
     name = f"tacauchy-rig {summary['provenance'].get('name', 'run')}"
     if summary["simulated"]:
@@ -126,13 +130,8 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
     properties = ET.SubElement(suite, "properties")
     for key in ("simulated", "passed"):
         ET.SubElement(properties, "property", name=key, value=str(summary[key]).lower())
-    for trial, criterion in cases:
-        case = ET.SubElement(
-            suite,
-            "testcase",
-            classname=f"trial-{trial['index']:02d}-{trial['force_target_n']:.4f}N",
-            name=criterion["name"],
-        )
+    for where, criterion in cases:
+        case = ET.SubElement(suite, "testcase", classname=where, name=criterion["name"])
         if not criterion["passed"]:
             message = f"{_measured(criterion)}; limit: {criterion['limit']}"
             failure = ET.SubElement(case, "failure", message=message, type="criterion")
