@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable
 from dataclasses import replace
 
 from protocols.guard.abort import Abort
@@ -14,18 +14,13 @@ from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
 
-def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
-    """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
-
-    Args:
-        store: The run's folder.
-        again: Trials to press once more though they have a passed attempt.
-    """
+def plan_session(store: RunStore) -> tuple[PlannedTrial, ...]:
+    """Return what is left to do: trials without a passed attempt, numbered after earlier ones."""
     return tuple(
         replace(
             planned,
             next_attempt=store.next_attempt(planned.index),
-            done=planned.index not in again and store.accepted(planned.index) is not None,
+            done=store.accepted(planned.index) is not None,
         )
         for planned in fresh_plan(store.config)
     )
@@ -37,7 +32,6 @@ def run_session(
     *,
     on_event: Callable[[JournalEvent], None],
     abort: Abort,
-    again: Set[int] = frozenset(),
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -47,7 +41,6 @@ def run_session(
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
         abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
-        again: Trials to press once more though they have a passed attempt.
 
     Raises:
         RecordError: Another program works on the run.
@@ -55,8 +48,6 @@ def run_session(
     """
     with (
         store.lock(),
-        Supervisor(
-            store, config, plan_session(store, again=again), on_event=on_event, abort=abort
-        ) as parent,
+        Supervisor(store, config, plan_session(store), on_event=on_event, abort=abort) as parent,
     ):
         return parent.run()

@@ -250,7 +250,7 @@ class JournalEvent:
     Attributes:
         name: ``phase``, ``attempt-start``, ``attempt-end``, ``fault``, ``abort``, ``process-died``,
             ``force-check``, ``resume-set``, ``resume``, ``run-start``, ``run-end``; and of the run
-            folder itself ``written``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
+            folder itself ``described``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
         detail: Plain JSON values, units in the keys.
     """
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from reports.comparison.criteria import judge_trial
+from reports.comparison.criteria import judge_record
+from reports.comparison.model_criteria import judge_model, judge_modulus
 from reports.comparison.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
 from reports.comparison.sentences import limits_of, read_scores, verdict_of
 from reports.comparison.truth import recover_truth
@@ -35,6 +36,7 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.force_agreement import compare_force
+from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
 from tacauchy_rig.rgb import to_grey
 
@@ -49,9 +51,13 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     """
     crossed = cross_scores(evidence.trials)
     matrices = wrong_force_matrices(evidence.trials, crossed)
-    trials = tuple(_compare_trial(trial, evidence, crossed, matrices) for trial in evidence.trials)
+    margins = force_margins(evidence.trials)
+    trials = tuple(
+        _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index))
+        for trial in evidence.trials
+    )
     statistics = _statistics(trials)
-    criteria = evidence.checks
+    criteria = tuple(judge_modulus(evidence.model, evidence.thresholds))
     passed = all(c.passed for c in criteria) and all(trial.passed for trial in trials)
     passed = passed and bool(trials)
     return ValidationReport(
@@ -73,6 +79,7 @@ def _compare_trial(
     evidence: RunEvidence,
     crossed: CrossScores,
     matrices: Sequence[WrongForceMatrix],
+    margin: ForceMargin | None,
 ) -> TrialResult:
     others = [t for t in evidence.trials if t.index != trial.index]
     images, simulated = trial.images, trial.simulated_image
@@ -94,12 +101,22 @@ def _compare_trial(
         for m in matrices
         if trial.index in m.trials
     }
-    criteria = judge_trial(trial, evidence.thresholds, scores=scores, discriminates=discriminates)
     force = compare_force(
         trial,
         tolerance_n=evidence.thresholds.max_force_mismatch_n,
         model=evidence.model,
         contact_force_n=evidence.contact_force_n,
+    )
+    criteria = (
+        *judge_record(trial),
+        *judge_model(
+            trial,
+            evidence.thresholds,
+            margin=margin,
+            contact=contact,
+            corrections=corrections,
+            force=force,
+        ),
     )
     return TrialResult(
         **_pressed(trial),
@@ -112,6 +129,7 @@ def _compare_trial(
         ceiling=ceiling,
         skill=_skills(trial, scores, floors, ceiling),
         discriminates=discriminates,
+        force_margin=margin,
         contact=contact,
         contact_no_contact_residual=None
         if images is None

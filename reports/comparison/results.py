@@ -9,6 +9,7 @@ from reports.scores.contact import ContactScores
 from reports.scores.correction import Corrections
 from reports.scores.floors import Ceiling, Floors, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
+from reports.scores.force_margin import ForceMargin
 from reports.scores.metrics import ImageScores, MeanInterval
 from tacauchy_rig.run import Criterion
 
@@ -42,6 +43,7 @@ class TrialResult:
         metrics: The five scores on RGB; ``metrics_grey`` the same on luminance.
         skill: Per score, its place between the no-contact floor and the ceiling.
         discriminates: Per score, whether the right force beats every wrong one.
+        force_margin: By how much it does so inside the contact, and how far that scatters.
     """
 
     index: int
@@ -64,6 +66,7 @@ class TrialResult:
     ceiling: Ceiling | None
     skill: dict[str, Skill]
     discriminates: dict[str, bool]
+    force_margin: ForceMargin | None
     contact: ContactScores | None
     contact_no_contact_residual: float | None
     corrections: Corrections | None
@@ -101,7 +104,7 @@ class ValidationReport:
 
     Attributes:
         criteria: What the run as a whole must meet, beside its trials.
-        verdict: One plain sentence.
+        verdict: A few plain sentences.
         reading: What the scores can and cannot tell, sentence by sentence.
         limits: What this report does not show.
         evidence: What it was made from.

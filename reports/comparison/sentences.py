@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from reports.comparison.headline import headline_of, worst_of
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
 from tacauchy_rig.page import sentences
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.run import Criterion, Outcome
 
 CLAIM_REPEATS = 5
 MINUS = "\u2212"
@@ -26,21 +27,36 @@ def verdict_of(
     *,
     passed: bool,
 ) -> str:
-    """Say whether the run met its criteria, with the worst numbers; and if its cell was checked."""
-    scores = [t.metrics.ssim for t in trials if t.metrics is not None]
-    (verdict,) = _written(
+    """Say whether the run met its criteria, with the worst of what counts; and on what checks."""
+    off = [t.force.prediction_error_relative for t in trials]
+    said = _written(
         "verdict",
         trials=trials,
         passed=passed,
         subject="presses on emulated devices" if evidence.simulated else "presses",
-        worst_mismatch_n=max((abs(t.force_mismatch_n or 0.0) for t in trials), default=0.0),
-        lowest_ssim=min(scores, default=None),
+        headline={row.name: row for row in headline_of(trials, criteria)},
+        off=max((abs(value) for value in off if value is not None), default=None),
         limits=evidence.thresholds,
-        missed=[(t, next(c for c in t.criteria if not c.passed)) for t in trials if not t.passed],
+        model=evidence.model,
         missed_run=[c for c in criteria if not c.passed],
+        missed_count=sum(not t.passed for t in trials),
+        unpressed=[t for t in trials if t.outcome != Outcome.PASSED],
+        missed=_missed_by_name(trials),
     )
-    (checked,) = _written("force_check", check=evidence.force_check)
-    return f"{verdict} {checked}"
+    return " ".join((*said, *_written("force_check", check=evidence.force_check)))
+
+
+def _missed_by_name(trials: Sequence[TrialResult]) -> list[tuple[list[str], Criterion]]:
+    """Return each missed criterion of trials that were pressed, its trials, and its worst case."""
+    missed: dict[str, list[tuple[TrialResult, Criterion]]] = {}
+    for trial in trials:
+        for criterion in trial.criteria:
+            if not criterion.passed and trial.outcome == Outcome.PASSED:
+                missed.setdefault(criterion.name, []).append((trial, criterion))
+    return [
+        ([str(trial.index) for trial, _ in found], worst_of([case for _, case in found]))
+        for found in missed.values()
+    ]
 
 
 def read_scores(

@@ -13,7 +13,7 @@ from typing import Any
 from reports.arrays import ColorImage, FloatArray
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import ReplayModel, ReplayTrial
-from tacauchy_rig.run import Criterion, TrialRecord
+from tacauchy_rig.run import TrialRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +79,23 @@ class StreamTiming:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedForce:
+    """The force of an attempt, computed again from the raw samples of its recording.
+
+    Attributes:
+        tare_n: Mean raw Fx, Fy, Fz [N] over the tare before the press; NaN without a sample.
+        rise_n: Mean raw Fz [N] over the dwell minus that of the tare, signed as the sensor signs.
+        compression_sign: The sign of ``rise_n`` in compression, as the run was configured.
+        dwell_sample_count: Samples in the dwell.
+    """
+
+    tare_n: tuple[float, float, float]
+    rise_n: float
+    compression_sign: int
+    dwell_sample_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TruthComparison:
     """One quantity of the emulated world beside what the pipeline made of it.
 
@@ -126,7 +143,7 @@ class TrialEvidence:
         force_curve: Tared pressing force [N], positive in compression.
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
-        checks: What files, hashes and raw samples of the attempt say of ``record``.
+        recorded: What the recording says of the force; ``record`` holds what the protocol said.
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
     """
@@ -140,18 +157,30 @@ class TrialEvidence:
     force_curve: Curve | None = None
     depth_curve: Curve | None = None
     dwell_s: tuple[float, float] | None = None
-    checks: tuple[Criterion, ...] = ()
+    recorded: RecordedForce | None = None
     force_depth_simulated: FloatArray | None = None
     streams: tuple[StreamTiming, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """What a trial must reach, from the ``[report]`` table of ``rig.toml``."""
+    """What a replay must reach, from the ``[report]`` table of ``rig.toml``.
 
+    Attributes:
+        min_force_margin: Of the own force over wrong ones, in its scatter.
+        max_contact_residual: Share of the contact's change that may stay unexplained.
+        max_contact_offset_m: Between where the contact is seen and where it is simulated [m].
+        coverage_factor: Of the uncertainty of predicted force and of the fitted modulus.
+        min_modulus_trials: Fewest trials that may decide the modulus.
+        max_force_mismatch_n: Between simulated and measured force, which holds by construction [N].
+    """
+
+    min_force_margin: float
+    max_contact_residual: float
+    max_contact_offset_m: float
+    coverage_factor: float
+    min_modulus_trials: int
     max_force_mismatch_n: float
-    ssim: float
-    require_discrimination: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,8 +220,6 @@ class RunEvidence:
         force_check: How the cell read a known weight before the run; None where that was not tried.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
-        checks: What journal, description and replay say of each other.
-        notes: What is no fault and has to be known of how the run was recorded, in sentences.
     """
 
     trials: tuple[TrialEvidence, ...]
@@ -207,8 +234,6 @@ class RunEvidence:
     force_check: ForceCheck | None = None
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
-    checks: tuple[Criterion, ...] = ()
-    notes: tuple[str, ...] = ()
 
     @property
     def camera(self) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from reports.comparison.headline import headline_of
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
@@ -26,6 +27,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "simulated": evidence.simulated,
         "passed": report.passed,
         "verdict": report.verdict,
+        "headline": to_plain(headline_of(report.trials, report.criteria)),
         "criteria": to_plain(report.criteria),
         "reading": list(report.reading),
         "limits": list(report.limits),
@@ -114,7 +116,7 @@ def _scalars(value: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
 
 
 def junit_xml(summary: Mapping[str, Any]) -> str:
-    """Return a JUnit report with one case per criterion of the run and of each trial."""
+    """Return a JUnit report of a case per criterion of the run and of each trial."""
     cases = [("run", criterion) for criterion in summary["criteria"]]
     for trial in summary["trials"]:
         name = f"trial-{trial['index']:02d}-{trial['force_target_n']:.4f}N"

@@ -220,10 +220,20 @@ CEILINGS: Mapping[str, Mapping[str, Ceiling]] = {
             most="1 N",
             because="a replay at another force is no replay",
         ),
-        "ssim": Ceiling(
+        "max_contact_residual": Ceiling(
             dimension=Dimension.RATIO,
-            least="0",
-            because="images that have nothing in common score about zero",
+            most="0.7",
+            because="1 is what showing no contact leaves, and 0.7 leaves half of its square",
+        ),
+        "max_contact_offset": Ceiling(
+            dimension=Dimension.LENGTH,
+            most="1 mm",
+            because="a contact that is further off is another press",
+        ),
+        "coverage_factor": Ceiling(
+            dimension=Dimension.RATIO,
+            most="3",
+            because="3 covers 99.7 % of what is known to be uncertain",
         ),
     },
 }

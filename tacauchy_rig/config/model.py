@@ -303,13 +303,16 @@ class ReplaySection(Section):
 
 
 class ReportSection(Section):
-    """What the scores must reach for the verdict; a floor is always shown beside them."""
+    """What a replay must reach for the verdict; ``docs/reports.md`` has the reasons."""
 
     ceilings = CEILINGS["report"]
 
+    min_force_margin: Ratio = Field(ge=1)
+    max_contact_residual: Ratio = Field(gt=0)
+    max_contact_offset: Length = Field(gt=0)
+    coverage_factor: Ratio = Field(gt=0)
+    min_modulus_trials: int = Field(ge=2)
     max_force_mismatch: Force = Field(gt=0)
-    ssim: Ratio = Field(le=1)
-    require_discrimination: bool
 
 
 class EmulationSection(Section):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -66,7 +66,6 @@ def record_run(
     config: RigConfig | None = None,
     *,
     on_event: Callable[[JournalEvent], None],
-    again: Set[int] = frozenset(),
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
@@ -77,16 +76,13 @@ def record_run(
         config: The run's own, unless addresses are filled in or limits changed.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
-        again: Trials to press once more though they have a passed attempt.
 
     Raises:
         RecordError: Another program works on the run.
         DeviceError: Devices did not connect; all of them are named.
     """
     with AbortWatch() as watch:
-        return run_session(
-            store, config or store.config, on_event=on_event, abort=watch.abort, again=again
-        )
+        return run_session(store, config or store.config, on_event=on_event, abort=watch.abort)
 
 
 def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:

@@ -119,7 +119,7 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     """The mark and the verdict come before anything else; the mark repeats in print."""
     page = written.html.read_text("utf-8")
     body = page[page.index("<body>") :]
-    assert body.index("SIMULATED") < body.index("Passed: all 6") < body.index("<img")
+    assert body.index("SIMULATED") < body.index("Passed: in all 6") < body.index("<img")
     assert page.count("SIMULATED: this run used emulated devices") == 2
     assert page.count('<img src="data:image/png') == 18 + 8
 
@@ -171,12 +171,12 @@ def test_junit_has_one_case_per_trial_and_criterion(
 ) -> None:
     """Counts agree with the cases, and a failure carries its remedy."""
     root = ET.fromstring(written.junit.read_text("utf-8"))  # noqa: S314 (our own file)
-    assert len(root.findall(".//testcase")) == 6 * 3 == int(root.attrib["tests"])
+    assert len(root.findall(".//testcase")) == 6 * 9 == int(root.attrib["tests"])
     assert root.attrib["failures"] == "0"
     assert "SIMULATED" in root.attrib["name"]
     failed = ET.fromstring(junit_xml(build_summary(incomplete)))  # noqa: S314
     failures = failed.findall(".//failure")
-    assert len(failures) == int(failed.attrib["failures"]) == 7
+    assert len(failures) == int(failed.attrib["failures"]) == 16
     assert all(f.text for f in failures)
 
 

@@ -16,7 +16,7 @@ BOUNDLESS = {
     "limits.hard_force": "4000 N",
     "limits.max_depth": "100 mm",
     "protocol.force_targets": ["2500 N"],
-    "report.ssim": -1,
+    "report.max_contact_residual": 5,
 }
 """A file whose every number is a number, and which never stops an arm."""
 
@@ -31,7 +31,7 @@ def test_a_file_without_limits_is_refused_field_by_field() -> None:
         'limits.max_depth: "100 mm" is above the limit 10 mm; write at most "10 mm" '
         "(no known gel is as thick)"
     )
-    assert lines[6].startswith("report.ssim: -1 is below the limit 0; write at least 0 (")
+    assert lines[6].startswith("report.max_contact_residual: 5 is above the limit 0.7; write at")
 
 
 def test_the_target_that_is_too_high_is_pointed_out() -> None:

@@ -202,8 +202,8 @@ def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
         ("run.name=7", "run.name: 7 is not text; write it in quotes"),
         ("camera.width=640.5", "camera.width: 640.5 is not a whole number"),
         (
-            "report.require_discrimination=maybe",
-            'report.require_discrimination: "maybe" is neither true nor false',
+            "emulation.markers=maybe",
+            'emulation.markers: "maybe" is neither true nor false',
         ),
         (
             "force_sensor.compression_sign=2",
@@ -213,7 +213,7 @@ def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
             'limits.soft_force="1e999 N"',
             'limits.soft_force: "1e999 N" is not a finite number; write for example "5 N"',
         ),
-        ("report.ssim=nan", "report.ssim: NaN is not a finite number"),
+        ("report.coverage_factor=nan", "report.coverage_factor: NaN is not a finite number"),
     ],
 )
 def test_a_wrong_value_is_explained(override: str, line: str) -> None:

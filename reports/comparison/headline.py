@@ -1,0 +1,69 @@
+"""What counts of a run, and how its worst trial stands in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from reports.comparison.model_criteria import MARGIN, OFFSET, PREDICTION, RESIDUAL
+from reports.comparison.results import TrialResult
+from tacauchy_rig.run import Criterion
+
+COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
+"""Criteria that a wrong model can miss; what holds by construction is not among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadlineRow:
+    """One criterion over all trials.
+
+    Attributes:
+        worst: Of the trials; None where one of them has no value.
+        met: Trials that met it, out of ``trials``.
+    """
+
+    name: str
+    worst: float | None
+    unit: str
+    limit: str
+    met: int
+    trials: int
+
+    @property
+    def passed(self) -> bool:
+        """Every trial met it."""
+        return self.met == self.trials
+
+
+def headline_of(
+    trials: Sequence[TrialResult], run_criteria: Sequence[Criterion]
+) -> tuple[HeadlineRow, ...]:
+    """Return what counts: of the trials first, then of the run as a whole."""
+    by_trial = [[c for t in trials for c in t.criteria if c.name == name] for name in COUNTS]
+    return tuple(_row(found) for found in (*by_trial, *([c] for c in run_criteria)) if found)
+
+
+def worst_of(criteria: Sequence[Criterion]) -> Criterion:
+    """Return the case of one criterion that is furthest off; one that has no value comes first."""
+
+    def badness(criterion: Criterion) -> float:
+        value = criterion.measured
+        if math.isnan(value):
+            return math.inf
+        return -value if criterion.name == MARGIN else abs(value)
+
+    return max(criteria, key=badness)
+
+
+def _row(criteria: Sequence[Criterion]) -> HeadlineRow:
+    first = criteria[0]
+    worst = worst_of(criteria).measured
+    return HeadlineRow(
+        name=first.name,
+        worst=None if math.isnan(worst) else worst,
+        unit=first.unit,
+        limit=first.limit if len({c.limit for c in criteria}) == 1 else "",
+        met=sum(c.passed for c in criteria),
+        trials=len(criteria),
+    )

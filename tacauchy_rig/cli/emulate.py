@@ -1,0 +1,138 @@
+"""``tacauchy-rig emulate``: emulated devices by themselves, for a ``run`` in another terminal."""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.device.faults import Device, parse_fault, written_faults
+from drivers.emulators.faults import post_fault
+from drivers.emulators.launch import Emulation
+from drivers.emulators.plant.ball_presses import (
+    BALL_DIAMETER_M,
+    frame_noise,
+    write_ball_presses,
+)
+from drivers.emulators.plant.truth import draw_truth
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.cli.emulation import emulated_unit
+from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
+from tacauchy_rig.cli.output import say, writable_folder, write_json
+from tacauchy_rig.config.load import load_config
+from tacauchy_rig.errors import DeviceError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Start emulated devices, and write what an emulated sensor shows.",
+)
+
+
+@app.command("start")
+def start(
+    path: ConfigFile = None,
+    devices: Annotated[
+        list[Device] | None,
+        typer.Option("--device", help="Which to emulate; all of them if absent."),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--folder", help="Where sockets, traces and logs go.")
+    ] = None,
+    follow: Annotated[
+        str | None, typer.Option("--follow", help="Robot whose reported pose moves the indenter.")
+    ] = None,
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Start emulated devices and serve until Ctrl-C."""
+    config = load_config(path, overrides=overrides or ()).config
+    chosen = frozenset(devices or Device)
+    place = folder or Path(tempfile.mkdtemp(prefix="tacauchy-rig-"))
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    unit = emulated_unit(load_sensor(config.sensor.name), markers=config.emulation.markers)
+    with Emulation(
+        config, folder=place, devices=chosen, follow_host=follow, unit=unit
+    ) as emulation:
+        found = emulation.addresses
+        say(f"emulation folder  {place}")
+        if found.robot_host:
+            say(f'[robot]           driver = "ur5"     host = "{found.robot_host}"')
+        if found.force_sensor_port:
+            say(f'[force_sensor]    driver = "m3733c"  port = "{found.force_sensor_port}"')
+        if found.camera_url:
+            say(f'[camera]          driver = "uvc"     device = "{found.camera_url}"')
+        pids = {name: process.process.pid for name, process in emulation.processes.items()}
+        write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
+        say("a whole rig.toml around these lines: docs/drivers.md")
+        say("ready; Ctrl-C ends the emulated devices")
+        _serve(emulation, stop)
+
+
+def _serve(emulation: Emulation, stop: threading.Event) -> None:
+    gone: set[str] = set()
+    while not stop.wait(0.2):
+        for name, process in emulation.processes.items():
+            if name not in gone and process.process.poll() is not None:
+                gone.add(name)
+                say(f"emulated {name} ended with status {process.process.returncode}")
+        if len(gone) == len(emulation.processes):
+            raise DeviceError("every emulated device has ended", remedy="start them again")
+
+
+@app.command("presses")
+def presses(
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the images go.")],
+    sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
+    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 40,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
+    first: Annotated[
+        int, typer.Option("--first", min=1, help="Number of the first press: 41 is unseen by 40.")
+    ] = 1,
+    noise_free: Annotated[
+        bool, typer.Option("--noise-free", help="Without noise and JPEG, and say what they are.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
+    known = load_sensor(sensor)
+    writable_folder(out)
+    truth = draw_truth(seed, unit=emulated_unit(known))
+    write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
+    x, y = known.camera.pixel_m
+    say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
+    say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
+    found = None
+    if noise_free:
+        found = frame_noise(truth, count=count, first=first)
+        say(
+            f"left out, inside the contacts: noise of {found.noise:.2f} grey levels on average, "
+            f"{found.recorded:.2f} with the stream's JPEG"
+        )
+    say(f"folder {out}")
+    write_json(json_file, {"folder": out, "presses": count, "first": first, "left_out": found})
+
+
+@app.command("fault")
+def fault(
+    folder: Annotated[Path, typer.Argument(help="The folder that `emulate start` printed.")],
+    text: Annotated[
+        str,
+        typer.Argument(
+            metavar="FAULT",
+            help="device:kind=amount@start+duration, for example force_sensor:scale=0.1@1s+2s; "
+            "all but device and kind may be left out, the amounts below are the usual ones. "
+            + " ".join(f"{device}: {written_faults(device)}." for device in Device),
+        ),
+    ],
+    json_file: JsonFile = None,
+) -> None:
+    """Tell a running emulated device to fail."""
+    post_fault(folder, parse_fault(text))
+    say(f"told {folder}: {text}")
+    write_json(json_file, {"folder": folder, "fault": text})

@@ -1,1 +1,0 @@
-"""What a run says of itself, held against everything in it that can be computed again."""
