@@ -248,8 +248,9 @@ class JournalEvent:
     """One line of ``journal.jsonl``.
 
     Attributes:
-        name: ``phase``, ``attempt-start``, ``attempt-end``, ``fault``, ``abort``, ``process-died``,
-            ``force-check``, ``resume-set``, ``resume``, ``run-start``, ``run-end``; and of the run
+        name: ``phase``, ``attempt-start``, ``attempt-end``, ``attempt-repeated``,
+            ``fault``, ``abort``, ``process-died``, ``force-check``, ``resume-set``, ``resume``,
+            ``run-start``, ``run-end``; and of the run
             folder itself ``described``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
         detail: Plain JSON values, units in the keys.
     """

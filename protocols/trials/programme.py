@@ -10,10 +10,16 @@ from protocols.control.journal import Journal
 from protocols.guard.breach import reaction_to
 from protocols.steps.make_safe import make_safe
 from protocols.steps.preflight import press_air, run_preflight
+from protocols.trials.repetition import images_were_late, may_repeat
 from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord
+
+ALWAYS_LATE = (
+    "images came late in every attempt: end other programs on this computer, and see `tacauchy-rig "
+    "doctor`: camera; `resume --set limits.stale_image=...` admits longer gaps"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,11 +97,15 @@ def _try(
     cycle: Cycle, journal: Journal, planned: PlannedTrial, records: dict[int, TrialRecord]
 ) -> None:
     """Run attempts until one passes; ``records`` keeps the last one whatever happens."""
-    first = planned.next_attempt
-    for attempt in range(first, first + cycle.config.protocol.attempts):
+    last = planned.next_attempt + cycle.config.protocol.attempts - 1
+    for attempt in range(planned.next_attempt, last + 1):
         records[planned.index], error = run_trial(cycle, journal, planned, attempt=attempt)
         if error is not None:
-            raise error
+            if attempt == last and images_were_late(error):
+                error.remedy = ALWAYS_LATE
+            if attempt == last or not may_repeat(cycle, error):
+                raise error
+            journal.write("attempt-repeated", reason="only images came late; they are back")
         if records[planned.index].passed:
             break
 

@@ -6,7 +6,7 @@ from rich.live import Live
 from rich.text import Text
 
 from tacauchy_rig.cli.output import console, say
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.run import JournalEvent, Outcome
 
 PROGRESS = "progress"
 
@@ -23,7 +23,7 @@ _PHASES = {
     "retract": "letting go",
     "drift-check": "weighing nothing again",
     "verdict": "judging",
-    "fault": "something is wrong",
+    "fault": "making the arm safe",
 }
 
 
@@ -59,6 +59,8 @@ class SessionProgress:
             case "fault" | "abort":
                 during = f" while {detail['during']}" if detail.get("during") else ""
                 say(f"  {event.name}{during}: {detail.get('reason', '')}")
+            case "attempt-repeated":
+                say(f"  tried again: {detail.get('reason', '')}")
             case "process-died":
                 say(f"  {detail.get('how', event.name)}")
             case _ if event.name == PROGRESS:
@@ -71,7 +73,7 @@ class SessionProgress:
         self._phase = _PHASES.get(name, name)
         if console.is_terminal:
             self._update(event)
-        else:
+        elif name != "fault":  # by then the arm is safe, and the next line says what it was
             say(f"  {self._phase}")
 
     def _update(self, event: JournalEvent) -> None:
@@ -95,6 +97,7 @@ def _ended(event: JournalEvent) -> str:
         text += f": mean {force:.4f} N"
     if depth is not None:
         text += f" at {depth * 1e3:.3f} mm below contact"
-    if detail.get("reason"):
+    # What cut an attempt off has been told by the event before.
+    if detail.get("reason") and detail["outcome"] == Outcome.FAILED:
         text += f" ({detail['reason']})"
     return text
