@@ -7,6 +7,7 @@ from typing import Protocol
 
 from drivers.arm.interface import Arm
 from drivers.camera.interface import Camera
+from drivers.camera.touch import Look
 from drivers.device.interface import Clock, StreamHealth
 from drivers.force_sensor.interface import ForceTorqueSensor
 from tacauchy_rig.config.model import RigConfig
@@ -15,10 +16,17 @@ from tacauchy_rig.registry import Kind, load
 
 @dataclass(frozen=True, slots=True)
 class FrameMark:
-    """That a frame arrived; the frame itself goes to the record on its own way."""
+    """That a frame arrived; the frame itself goes to the record on its own way.
+
+    Attributes:
+        digest: Of the frame's bytes: equal ones are the same picture, noise included.
+        touched: Whether the picture differs from those without contact, where that was asked for.
+    """
 
     stamp_ns: int
     counter: int
+    digest: int = 0
+    touched: bool = False
 
 
 class CameraMonitor(Protocol):
@@ -34,6 +42,10 @@ class CameraMonitor(Protocol):
 
     def health(self) -> StreamHealth:
         """Return counts, age and rate of the stream."""
+        ...
+
+    def ask(self, look: Look) -> None:
+        """Let later marks say whether the gel is touched, or stop asking; never blocks."""
         ...
 
 

@@ -10,6 +10,7 @@ from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.trials.programme import fresh_plan
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
@@ -32,6 +33,7 @@ def run_session(
     *,
     on_event: Callable[[JournalEvent], None],
     abort: Abort,
+    expected: ExpectedPress | None = None,
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -41,6 +43,7 @@ def run_session(
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
         abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
+        expected: What a press should give; None where nobody knows.
 
     Raises:
         RecordError: Another program works on the run.
@@ -48,6 +51,13 @@ def run_session(
     """
     with (
         store.lock(),
-        Supervisor(store, config, plan_session(store), on_event=on_event, abort=abort) as parent,
+        Supervisor(
+            store,
+            config,
+            plan_session(store),
+            on_event=on_event,
+            abort=abort,
+            expected=expected,
+        ) as parent,
     ):
         return parent.run()

@@ -209,6 +209,10 @@ class TrialRecord:
         force_drift_n: Unloaded force after minus before [N].
         contact_z_m: Tip height at which contact was found, in the robot's base frame.
         depth_measured_m: Travel below ``contact_z_m`` averaged over the dwell.
+        arm_force_n: Mean force over the dwell as the arm itself felt it [N], less what it felt
+            above the gel; None where it has no estimate.
+        force_expected_n: Least and most force of the stated gel at that depth [N]; None where
+            nothing was expected.
         dwell_start_ns: First and last arrival stamp of the window that counts.
         reference_start_ns: Window of no-contact frames taken before the press.
         rates: Achieved rates, losses and latencies (keys carry their unit, such as
@@ -227,6 +231,8 @@ class TrialRecord:
     force_drift_n: float | None = None
     contact_z_m: float | None = None
     depth_measured_m: float | None = None
+    arm_force_n: float | None = None
+    force_expected_n: tuple[float, float] | None = None
     tare_before: Tare | None = None
     tare_after: Tare | None = None
     dwell_start_ns: int | None = None

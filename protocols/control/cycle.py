@@ -17,9 +17,11 @@ from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.following import FollowGuard
 from protocols.guard.force import ForceGuard
 from protocols.guard.streams import StreamGuard
+from protocols.guard.witness import Witness
 from protocols.guard.workspace import Workspace
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import ArmSample, ForceSample, Pose, Vector6
 
 PERIOD_S = 0.005
@@ -33,11 +35,13 @@ class Press:
 
     Attributes:
         force_n: Pressing force [N], tared, positive in compression; 0 before the first tare.
+        sideways_n: Sideways force [N], tared.
         raw: The sample as it came.
     """
 
     stamp_ns: int
     force_n: float
+    sideways_n: float
     raw: ForceSample
 
 
@@ -58,28 +62,42 @@ class Cycle:
         config: Limits and speeds.
         sink: Takes the record.
         abort: Asked at every turn.
+        expected: What a press should give; None where nobody knows.
 
     Attributes:
         force_guard: Limits on each force sample.
+        witness: What else knows of the force.
         workspace: Limits on where the arm is and goes.
         rates: What arrived since the attempt began.
         last_force_n: Newest pressing force [N].
+        contact_z_m: Height of contact of the last trial of this session [m]; None before.
         observers: Called at each turn, whatever it finds; they must not block.
     """
 
-    def __init__(self, rig: Rig, config: RigConfig, *, sink: Sink, abort: Abort) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        config: RigConfig,
+        *,
+        sink: Sink,
+        abort: Abort,
+        expected: ExpectedPress | None = None,
+    ) -> None:
         self.rig = rig
         self.config = config
         self.sink = sink
         self.abort = abort
         self.force_guard = ForceGuard(config)
+        self.witness = Witness(config, expected)
         self.workspace = Workspace(config)
         self.rates = RateMeter()
         self.last_force_n = 0.0
         self.last_state: ArmSample | None = None
+        self.contact_z_m: float | None = None
         self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
         self._follow = FollowGuard(window_s=config.limits.no_motion)
+        self._touch_seen = False
         self._aborts_heeded = 0
         self._turned_ns: int | None = None
         self._kicked_ns = 0
@@ -98,14 +116,16 @@ class Cycle:
             self._aborts_heeded = self.abort.count
             raise AbortedError(f"aborted: {self.abort.reason}")
         presses: list[Press] = []
+        states: list[ArmSample] = []
         breaches: list[BreachError] = []
         # All parts run whatever one of them finds: a dead camera must not hide a rising force.
         for part in (
             self._kick,
             lambda: self._read_force(presses),
-            self._read_arm,
+            lambda: self._read_arm(states),
             self._watch_camera,
             self._watch_record,
+            lambda: self._hear_witness(presses, states),
         ):
             try:
                 part()
@@ -190,13 +210,13 @@ class Cycle:
                 self.sink.put(Force(tuple(samples)))
         for sample in samples:
             force_n = self.force_guard.check(sample)
-            presses.append(Press(sample.stamp_ns, force_n, sample))
+            presses.append(Press(sample.stamp_ns, force_n, self.force_guard.sideways_n, sample))
             self.last_force_n = force_n
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
-    def _read_arm(self) -> None:
+    def _read_arm(self, states: list[ArmSample]) -> None:
         with _as_breach("robot"):
-            states = self.rig.arm.drain()
+            states += self.rig.arm.drain()
             if states:
                 self.sink.put(Arm(tuple(states)))
             state = self.rig.arm.state()
@@ -204,6 +224,15 @@ class Cycle:
         self.rates.arm(len(states))
         self.workspace.check_state(state)
         self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
+
+    def _hear_witness(self, presses: list[Press], states: list[ArmSample]) -> None:
+        if self.last_state is not None:
+            self.witness.check(
+                [press.force_n for press in presses],
+                states,
+                z_m=self.last_state.pose.position[2],
+                seen=self._touch_seen,
+            )
 
     def _watch_record(self) -> None:
         self.rates.record_lag(self.sink.lag_s())
@@ -214,6 +243,8 @@ class Cycle:
     def _watch_camera(self) -> None:
         with _as_breach("camera", Reaction.RETRACT):
             marks, health = self.rig.camera.poll(), self.rig.camera.health()
+        if marks:
+            self._touch_seen = marks[-1].touched
         self.rates.frames(marks, health)
         self._streams.check_image(health)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,6 +54,20 @@ class RateMeter:
     def frame_count(self, start_ns: int, end_ns: int) -> int:
         """Return how many frames arrived within a window."""
         return sum(start_ns <= mark.stamp_ns <= end_ns for mark in self._frames)
+
+    def repeated_frame_count(self, before: tuple[int, int], window: tuple[int, int]) -> int:
+        """Return how many frames of a window are, byte by byte, another of it or one of before.
+
+        Args:
+            before: First and last stamp of the earlier window [ns].
+            window: The same of the window itself [ns].
+        """
+        start_ns, end_ns = before
+        known = {mark.digest for mark in self._frames if start_ns <= mark.stamp_ns <= end_ns}
+        start_ns, end_ns = window
+        shown = [mark.digest for mark in self._frames if start_ns <= mark.stamp_ns <= end_ns]
+        often = Counter(shown)
+        return sum(digest in known or often[digest] > 1 for digest in shown)
 
     def report(self) -> dict[str, float]:
         """Return the numbers of ``TrialRecord.rates``; units are in the keys."""

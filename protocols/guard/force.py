@@ -7,6 +7,7 @@ from collections import deque
 from enum import StrEnum
 
 from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.liveness import Liveness
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import ForceSample, Tare, Wrench
 
@@ -31,10 +32,12 @@ class ForceGuard:
 
     Attributes:
         contact: What is expected now; decides which limits hold.
+        sideways_n: Sideways force of the newest sample [N], tared.
     """
 
     def __init__(self, config: RigConfig) -> None:
         self.contact = Contact.NONE
+        self.sideways_n = 0.0
         self._limits = config.limits
         self._capacity_n = config.force_sensor.capacity
         self._sign = config.force_sensor.compression_sign
@@ -42,11 +45,13 @@ class ForceGuard:
         self._zero: Tare | None = None
         self._previous: Wrench | None = None
         self._repeat_count = 1
+        self._liveness = Liveness(row=config.limits.repeat_count)
         self._recent: deque[tuple[int, float]] = deque(maxlen=RATE_SAMPLES)
 
     def set_zero(self, tare: Tare) -> None:
         """Judge from now on what differs from ``tare``."""
         self._zero = tare
+        self._liveness.set_noise()
         self._recent.clear()
 
     def check(self, sample: ForceSample) -> float:
@@ -88,6 +93,7 @@ class ForceGuard:
                 reaction=Reaction.HOLD,
                 remedy="switch the box off and on, then `tacauchy-rig doctor`",
             )
+        self._liveness.check(sample.wrench)
         if self._zero is None:
             self._check_saturation(sample)
 
@@ -119,7 +125,8 @@ class ForceGuard:
                 "nothing should touch",
                 limit="limits.early_contact",
                 reaction=Reaction.RETRACT,
-                remedy="see what touched; check sensor.surface and sensor.surface_uncertainty",
+                remedy="see what touched, and check sensor.surface and its uncertainty; or the "
+                "force sensor's reading jumped (range, unit, sign or axes in its box)",
             )
         if self.contact is not Contact.LEAVING and abs(pressing) > limits.soft_force:
             raise BreachError(
@@ -132,7 +139,7 @@ class ForceGuard:
     def _check_sides(
         self, fx: float, fy: float, sample: ForceSample, zero: tuple[float, ...]
     ) -> None:
-        lateral = math.hypot(fx, fy)
+        lateral = self.sideways_n = math.hypot(fx, fy)
         if lateral > self._limits.lateral_force:
             raise BreachError(
                 f"limits.lateral_force {self._limits.lateral_force:g} N: measured {lateral:.3f} N",

@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import sys
 import time
+import zlib
 from dataclasses import replace
 
 from drivers.camera.interface import Camera
 from drivers.camera.jpeg import clipped_ratio
+from drivers.camera.touch import Look, TouchWatch
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
@@ -66,7 +68,7 @@ def _film_until_told(
             if control.closed or now_s - orphaned_s > ORPHAN_S:
                 return
         supervisor.wait(LOOK_S) if not supervisor.closed else time.sleep(LOOK_S)
-        control.receive()
+        marks.heed()
         link.poll()
         if now_s - told_s > TELL_S:
             told_s = now_s
@@ -97,16 +99,31 @@ class MarkPost:
         self._control = control
         self._marks: list[FrameMark] = []
         self._exposure = ExposureWatch()
+        self._touch = TouchWatch()
+
+    def heed(self) -> None:
+        """Take what control asks the camera to look for."""
+        for message in self._control.receive():
+            if isinstance(message, Look):
+                self._touch.ask(message)
 
     def post(self, frames: list[ImageFrame], camera: Camera) -> None:
         """Tell control of new frames."""
-        self._marks += [FrameMark(frame.stamp_ns, frame.counter) for frame in frames]
+        self._marks += [self._mark(frame) for frame in frames]
         self._marks = self._marks[-MARKS_MAX:]
         self._exposure.look(frames)
         if self._marks:
             health = replace(camera.health(), clipped_ratio=self._exposure.clipped_ratio)
             if self._control.send(CameraStatus(marks=tuple(self._marks), health=health)):
                 self._marks.clear()
+
+    def _mark(self, frame: ImageFrame) -> FrameMark:
+        return FrameMark(
+            frame.stamp_ns,
+            frame.counter,
+            digest=zlib.crc32(frame.jpeg),
+            touched=self._touch.see(frame.jpeg),
+        )
 
     def fail(self, error: DeviceError) -> None:
         """Tell control that the camera is gone."""

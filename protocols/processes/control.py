@@ -134,7 +134,7 @@ def _wait_for_go(orders: Orders, rig: Rig, abort: Abort) -> None:
 def _run(
     rig: Rig, job: Job, link: RecorderLink, supervisor: Channel, abort: Abort
 ) -> ProgrammeResult:
-    cycle = Cycle(rig, job.config, sink=link, abort=abort)
+    cycle = Cycle(rig, job.config, sink=link, abort=abort, expected=job.expected)
     journal = Journal(link, rig.clock, listener=supervisor.send)
     shown_s = 0.0
 

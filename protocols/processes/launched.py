@@ -15,6 +15,7 @@ from protocols.processes.channel import Channel
 from protocols.processes.messages import Job
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
 
 LOG_FOLDER = "logs"
 
@@ -100,7 +101,10 @@ Ends = dict[str, dict[str, socket.socket | Channel]]
 
 
 def launch_children(
-    root: Path, config: RigConfig, plan: tuple[PlannedTrial, ...]
+    root: Path,
+    config: RigConfig,
+    plan: tuple[PlannedTrial, ...],
+    expected: ExpectedPress | None,
 ) -> dict[str, Launched]:
     """Start recorder, camera and control; return them by name.
 
@@ -115,6 +119,7 @@ def launch_children(
                 root=root,
                 config=config,
                 plan=plan,
+                expected=expected,
                 descriptors={what: end.fileno() for what, end in sockets.items()},
             )
             children[name] = Launched(name, job)

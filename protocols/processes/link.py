@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Self
 
+from drivers.camera.touch import Look
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
 from protocols.control.record import Begin, End, Entry
@@ -221,6 +222,10 @@ class RemoteCamera:
                 remedy="read logs/camera.log in the run folder, then `tacauchy-rig resume`",
             )
         return marks
+
+    def ask(self, look: Look) -> None:
+        """Tell the camera process what to look for."""
+        self._channel.send(look)
 
     def health(self) -> StreamHealth:
         """Return counts and rate as last reported, and the age as it is now."""

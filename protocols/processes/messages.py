@@ -11,6 +11,7 @@ from drivers.rig import FrameMark
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
+from tacauchy_rig.expected_press import ExpectedPress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,12 +20,14 @@ class Job:
 
     Attributes:
         descriptors: Sockets that the child inherited, by what they lead to.
+        expected: What a press should give; None where nobody knows.
     """
 
     root: Path
     config: RigConfig
     plan: tuple[PlannedTrial, ...]
     descriptors: dict[str, int]
+    expected: ExpectedPress | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,6 +24,7 @@ from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import JournalEvent, Outcome
 from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
@@ -68,6 +69,7 @@ class Supervisor:
         plan: What is left to do.
         on_event: Told of every event, and of progress five times a second.
         abort: A person's wish to stop.
+        expected: What a press should give; None where nobody knows.
     """
 
     def __init__(
@@ -78,12 +80,14 @@ class Supervisor:
         *,
         on_event: Callable[[JournalEvent], None],
         abort: Abort,
+        expected: ExpectedPress | None,
     ) -> None:
         self._store = store
         self._config = config
         self._plan = plan
         self._on_event = on_event
         self._abort = abort
+        self._expected = expected
         self._children: dict[str, Launched] = {}
         self._devices: dict[str, DeviceIdentity] = {}
         self._ready: set[str] = set()
@@ -95,7 +99,9 @@ class Supervisor:
         self._ended = threading.Event()
 
     def __enter__(self) -> Self:
-        self._children = launch_children(self._store.paths.root.resolve(), self._config, self._plan)
+        self._children = launch_children(
+            self._store.paths.root.resolve(), self._config, self._plan, self._expected
+        )
         self._abort.on_request(self._pass_abort_on)
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
         return self

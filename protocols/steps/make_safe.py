@@ -45,6 +45,7 @@ def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:
     cycle.stop()
     told_ns = cycle.rig.clock.now_ns()
     cycle.force_guard.contact = Contact.LEAVING
+    cycle.witness.rest()
     stop_ms, peak_n, worst = _watch_rest(cycle, told_ns)
     if worst is not None and worst.reaction is not reaction:
         if worst.reaction is Reaction.PROTECTIVE_STOP:

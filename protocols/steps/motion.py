@@ -98,6 +98,7 @@ def retract(cycle: Cycle, *, contact_z_m: float) -> None:
         BreachError: A limit was passed on the way.
     """
     cycle.force_guard.contact = Contact.LEAVING
+    cycle.witness.rest()
     speed = cycle.config.robot.retract_speed
     come_to_rest(cycle)
     move_to(cycle, at_height(cycle, contact_z_m + CLEAR_M), speed=speed)

@@ -9,6 +9,7 @@ of delay in the loop K = 2.5/s leaves a factor of four before it oscillates.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.control.window import ForceWindow, summarise
@@ -93,6 +94,8 @@ class PressDrive:
             contact_force_n=cycle.config.protocol.contact_force,
         )
         cycle.force_guard.contact = Contact.EXPECTED
+        cycle.witness.begin_press(contact_z_m)
+        self._deepest_m = min(cycle.config.limits.max_depth, cycle.witness.depth_bound(target_n))
 
     @property
     def error_n(self) -> float:
@@ -107,23 +110,35 @@ class PressDrive:
         """Do one turn of the control loop and steer by what it brought.
 
         Raises:
-            BreachError: Deeper than ``limits.max_depth``, or any other limit.
+            BreachError: Deeper than the target justifies or ``limits.max_depth``, or another limit.
         """
         reading = self._cycle.turn()
         depth_m = self.depth(reading)
-        limit_m = self._cycle.config.limits.max_depth
-        if depth_m > limit_m:
-            raise BreachError(
-                f"limits.max_depth {limit_m * 1e3:g} mm: the tip is {depth_m * 1e3:.3f} mm below "
-                f"contact at {self._cycle.last_force_n:.3f} N",
-                limit="limits.max_depth",
-                reaction=Reaction.RETRACT,
-                remedy="the gel is softer than expected, or contact was found on something else",
-            )
+        if depth_m > self._deepest_m:
+            raise self._too_deep(depth_m)
         if reading.presses:
             speeds = [self._servo.update(p.force_n, depth_m=depth_m) for p in reading.presses]
             self._cycle.set_velocity(downward(speeds[-1]))
         return reading
+
+    def _too_deep(self, depth_m: float) -> BreachError:
+        limit_m, force_n = self._cycle.config.limits.max_depth, self._cycle.last_force_n
+        where = f"the tip is {depth_m * 1e3:.3f} mm below contact at {force_n:.3f} N"
+        if self._deepest_m < limit_m:
+            return BreachError(
+                f"witness: {where}; the stated gel needs no more than {self._deepest_m * 1e3:.3f} "
+                f"mm for {self.target_n:g} N",
+                limit="witness.depth",
+                reaction=Reaction.RETRACT,
+                remedy="the force sensor reads too little: hang a known weight on it; or the gel "
+                "is softer than sensor.name says",
+            )
+        return BreachError(
+            f"limits.max_depth {limit_m * 1e3:g} mm: {where}",
+            limit="limits.max_depth",
+            reaction=Reaction.RETRACT,
+            remedy="the gel is softer than expected, or contact was found on something else",
+        )
 
 
 def press_to_target(cycle: Cycle, drive: PressDrive) -> None:
@@ -175,11 +190,24 @@ def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
     )
 
 
-def hold(cycle: Cycle, drive: PressDrive) -> tuple[ForceWindow, float]:
-    """Hold for ``protocol.dwell_duration``: the window that counts.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """What the window that counts gave.
 
-    Returns:
-        What was felt, and the mean depth below contact [m].
+    Attributes:
+        depth_m: Mean depth below contact [m].
+        arm_force_n: Mean force as the arm feels it [N], tared; None where it does not.
+        expected_n: Between which forces the stated gel pushes at that depth [N]; None without one.
+    """
+
+    force: ForceWindow
+    depth_m: float
+    arm_force_n: float | None
+    expected_n: tuple[float, float] | None
+
+
+def hold(cycle: Cycle, drive: PressDrive) -> Held:
+    """Hold for ``protocol.dwell_duration``: the window that counts.
 
     Raises:
         BreachError: A limit was passed.
@@ -187,8 +215,17 @@ def hold(cycle: Cycle, drive: PressDrive) -> tuple[ForceWindow, float]:
     duration_ns = round(cycle.config.protocol.dwell_duration * 1e9)
     presses: list[Press] = []
     depths: list[float] = []
+    arm_n: list[float] = []
     while len(presses) < 2 or presses[-1].stamp_ns - presses[0].stamp_ns < duration_ns:
         reading = drive.turn()
         presses += reading.presses
         depths.append(drive.depth(reading))
-    return summarise(presses), sum(depths) / len(depths)
+        felt_n = cycle.witness.arm_force_n
+        arm_n += [] if felt_n is None else [felt_n]
+    depth_m = sum(depths) / len(depths)
+    return Held(
+        force=summarise(presses),
+        depth_m=depth_m,
+        arm_force_n=sum(arm_n) / len(arm_n) if arm_n else None,
+        expected_n=cycle.witness.force_bounds(depth_m),
+    )

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
 
-from protocols.control.cycle import Cycle, Reading
+from protocols.control.cycle import Cycle, Press, Reading
+from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward
+from tacauchy_rig.config.model import RigConfig
 
 AVERAGED_SAMPLES = 3
 BACK_OFF_M = 0.00015
 REFINE_RATIO = 5.0
+STILL_S = 0.3
+"""Stand still above the gel for the arm's own zero."""
+BEYOND_M = 0.0002
+"""How far below the lowest surface that is known the search goes on: the way of the softest gel to
+the contact force, and what an arm does not repeat (CB3 0.1 mm)."""
 
 
 def search_contact(cycle: Cycle) -> float:
@@ -21,43 +30,96 @@ def search_contact(cycle: Cycle) -> float:
     free surface by that force over the gel's stiffness.
 
     Raises:
-        BreachError: Nothing was touched within ``protocol.search_travel``.
+        BreachError: Nothing was touched where the gel is, or the force points elsewhere.
     """
+    listen(cycle, STILL_S)
     cycle.force_guard.contact = Contact.EXPECTED
+    cycle.witness.begin_search()
     speed = cycle.config.robot.search_speed
-    start_m = cycle.turn().arm.pose.position[2]
-    floor_m = start_m - cycle.config.protocol.search_travel
-    _descend_to_contact(cycle, speed, floor_m)
+    floor = _floor(cycle, cycle.turn().arm.pose.position[2])
+    _descend_to_contact(cycle, speed, floor)
     come_to_rest(cycle)
     _back_off(cycle, speed)
-    return _descend_to_contact(cycle, speed / REFINE_RATIO, floor_m)
+    return _descend_to_contact(cycle, speed / REFINE_RATIO, floor)
 
 
-def _descend_to_contact(cycle: Cycle, speed: float, floor_m: float) -> float:
+@dataclass(frozen=True, slots=True)
+class _Floor:
+    """How low a search may go, and which setting says so."""
+
+    z_m: float
+    limit: str
+
+
+def _floor(cycle: Cycle, start_m: float) -> _Floor:
+    """Return the highest floor that is known."""
+    protocol, sensor = cycle.config.protocol, cycle.config.sensor
+    floors = [
+        _Floor(start_m - protocol.search_travel, "protocol.search_travel"),
+        _Floor(
+            sensor.surface[2] - sensor.surface_uncertainty - BEYOND_M, "sensor.surface_uncertainty"
+        ),
+    ]
+    if cycle.contact_z_m is not None:
+        floors.append(_Floor(cycle.contact_z_m - BEYOND_M, "witness.contact_height"))
+    return max(floors, key=lambda floor: floor.z_m)
+
+
+def _descend_to_contact(cycle: Cycle, speed: float, floor: _Floor) -> float:
     reading = cycle.turn()
-    travel_m = reading.arm.pose.position[2] - floor_m
+    travel_m = reading.arm.pose.position[2] - floor.z_m
     deadline_ns = reading.now_ns + round((1.5 * travel_m / speed + 2.0) * 1e9)
-    recent: deque[float] = deque(maxlen=AVERAGED_SAMPLES)
+    recent: deque[Press] = deque(maxlen=AVERAGED_SAMPLES)
+    before_n: float | None = None
     cycle.set_velocity(downward(speed))
-    while not _is_touching(recent, cycle.config.protocol.contact_force):
+    while True:
         reading = cycle.turn()
-        _check_travel(reading, floor_m, deadline_ns)
-        recent.extend(press.force_n for press in reading.presses)
-    return reading.arm.pose.position[2]
+        recent.extend(reading.presses)
+        if len(recent) == AVERAGED_SAMPLES:
+            force_n = sum(press.force_n for press in recent) / AVERAGED_SAMPLES
+            if force_n >= cycle.config.protocol.contact_force:
+                return reading.arm.pose.position[2]
+            before_n = force_n if before_n is None else before_n
+            _check_direction(cycle.config, recent, force_n, before_n)
+        _check_travel(reading, floor, deadline_ns)
 
 
-def _is_touching(recent: deque[float], contact_force_n: float) -> bool:
-    return len(recent) == AVERAGED_SAMPLES and sum(recent) / AVERAGED_SAMPLES >= contact_force_n
-
-
-def _check_travel(reading: Reading, floor_m: float, deadline_ns: int) -> None:
-    height_m = reading.arm.pose.position[2]
-    if height_m < floor_m or reading.now_ns > deadline_ns:
+def _check_direction(
+    config: RigConfig, recent: Iterable[Press], force_n: float, before_n: float
+) -> None:
+    """Refuse a force that grows the other way, or sideways, while the tip goes down."""
+    contact_n = config.protocol.contact_force
+    if force_n - before_n <= -contact_n:
         raise BreachError(
-            f"protocol.search_travel: nothing was touched down to z = {height_m * 1e3:.2f} mm",
-            limit="protocol.search_travel",
+            f"force_sensor.compression_sign {config.force_sensor.compression_sign}: the force went "
+            f"to {force_n:.3f} N on the way down, where pressing should count as positive",
+            limit="force_sensor.compression_sign",
             reaction=Reaction.RETRACT,
-            remedy="see whether the sensor is under the indenter; check sensor.surface",
+            remedy="the sensor's sign is the other one: set force_sensor.compression_sign = "
+            f"{-config.force_sensor.compression_sign}; or its reading jumped (range, unit or axes "
+            "in its box)",
+        )
+    sideways_n = sum(press.sideways_n for press in recent) / AVERAGED_SAMPLES
+    if sideways_n > config.limits.early_contact:
+        raise BreachError(
+            f"limits.early_contact {config.limits.early_contact:g} N: the force sensor says "
+            f"{sideways_n:.3f} N sideways and {force_n:.3f} N along its axis on the way down",
+            limit="witness.sideways",
+            reaction=Reaction.RETRACT,
+            remedy="the sensor's axes are swapped, or its decoupling matrix is another cell's; or "
+            "something beside the gel was touched",
+        )
+
+
+def _check_travel(reading: Reading, floor: _Floor, deadline_ns: int) -> None:
+    height_m = reading.arm.pose.position[2]
+    if height_m < floor.z_m or reading.now_ns > deadline_ns:
+        raise BreachError(
+            f"{floor.limit}: nothing was touched down to z = {height_m * 1e3:.2f} mm",
+            limit=floor.limit,
+            reaction=Reaction.RETRACT,
+            remedy="the force sensor sticks or reads far too little: hang a known weight on it; or "
+            "the sensor is not under the indenter: check sensor.surface",
         )
 
 

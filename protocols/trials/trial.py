@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 
+from drivers.camera.touch import Look
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.control.rates import RateMeter
@@ -97,6 +98,7 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
         return
     cycle.force_guard.set_zero(tare)
     journal.enter(Phase.REFERENCE)
+    cycle.rig.camera.ask(Look.REFERENCE)
     start_ns = cycle.rig.clock.now_ns()
     listen(cycle, config.protocol.reference_duration)
     end_ns = cycle.rig.clock.now_ns()
@@ -104,25 +106,33 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     findings.reference_frame_count = cycle.rates.frame_count(start_ns, end_ns)
     journal.enter(Phase.APPROACH)
     approach(cycle)
-    journal.enter(Phase.SEARCH)
+    journal.enter(Phase.SEARCH, witnesses=cycle.witness.present())
+    cycle.rig.camera.ask(Look.TOUCH)
     contact_z_m = search_contact(cycle)
+    cycle.rig.camera.ask(Look.NOTHING)
     findings.record = replace(findings.record, contact_z_m=contact_z_m)
     journal.enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
     drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
     press_to_target(cycle, drive)
     findings.settled = settle(cycle, drive)
     journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
-    force, depth_m = hold(cycle, drive)
+    held = hold(cycle, drive)
+    force, cycle.contact_z_m = held.force, contact_z_m
     findings.record = replace(
         findings.record,
         force_measured_n=force.mean_n,
         force_deviation_n=force.deviation_n,
         force_rate_n_s=force.slope_n_s,
-        depth_measured_m=depth_m,
+        depth_measured_m=held.depth_m,
+        arm_force_n=held.arm_force_n,
+        force_expected_n=held.expected_n,
         dwell_start_ns=force.start_ns,
         dwell_end_ns=force.end_ns,
     )
     findings.dwell_frame_count = cycle.rates.frame_count(force.start_ns, force.end_ns)
+    findings.repeated_frame_count = cycle.rates.repeated_frame_count(
+        (start_ns, end_ns), (force.start_ns, force.end_ns)
+    )
     journal.enter(Phase.RETRACT, force_mean_n=force.mean_n)
     retract(cycle, contact_z_m=contact_z_m)
     journal.enter(Phase.DRIFT_CHECK)

@@ -19,12 +19,14 @@ class Findings:
         settled: Whether the force had settled before the dwell.
         dwell_frame_count: Camera frames that arrived within the dwell.
         reference_frame_count: The same of the window without contact.
+        repeated_frame_count: Frames of the dwell that are another one, byte by byte.
     """
 
     record: TrialRecord
     settled: bool = False
     dwell_frame_count: int = 0
     reference_frame_count: int = 0
+    repeated_frame_count: int = 0
 
 
 MIN_DWELL_FRAMES = 5
@@ -62,6 +64,14 @@ def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> Ite
             remedy="raise protocol.settle_timeout",
         )
         yield _frames("dwell_frames", findings.dwell_frame_count, MIN_DWELL_FRAMES)
+        yield Criterion.at_most(
+            "repeated_frames",
+            float(findings.repeated_frame_count),
+            0.0,
+            unit="frames",
+            remedy="the camera sent the same bytes twice, so its picture is an old one: unplug it "
+            "and plug it in again",
+        )
     if record.reference_start_ns is not None:
         yield _frames("reference_frames", findings.reference_frame_count, MIN_REFERENCE_FRAMES)
     if record.force_drift_n is not None:

@@ -13,6 +13,7 @@ from protocols.session import run_session
 from tacauchy_rig.config.changes import Change
 from tacauchy_rig.config.load import LoadedConfig
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.loop.expected import kept_expectation
 from tacauchy_rig.run import Criterion, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.store.free_space import check_free_space
 from tacauchy_rig.store.journal import append_event
@@ -81,8 +82,15 @@ def record_run(
         RecordError: Another program works on the run.
         DeviceError: Devices did not connect; all of them are named.
     """
+    expected = kept_expectation(store)
     with AbortWatch() as watch:
-        return run_session(store, config or store.config, on_event=on_event, abort=watch.abort)
+        return run_session(
+            store,
+            config or store.config,
+            on_event=on_event,
+            abort=watch.abort,
+            expected=expected,
+        )
 
 
 def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:

@@ -19,6 +19,7 @@ class RunPaths:
         rig_toml: The configuration as it was written.
         journal: One line for each change of state.
         force_check: How the cell read a known weight, where that was tried.
+        expected: What its presses should give, made before the first.
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
         lock: File whose lock says that a program is working on this run.
@@ -33,6 +34,7 @@ class RunPaths:
         self.rig_toml = root / "rig.toml"
         self.journal = root / "journal.jsonl"
         self.force_check = root / "force_check.json"
+        self.expected = root / "expected.json"
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
         self.lock = root / ".lock"

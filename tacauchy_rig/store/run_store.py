@@ -16,6 +16,7 @@ from typing import Any, Self
 from tacauchy_rig.config.load import LoadedConfig, restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import TrialRecord
@@ -260,6 +261,25 @@ class RunStore:
             RecordError: Missing or damaged.
         """
         return read_fields(self.paths.replay_trial(name, trial))
+
+    def save_expected(self, expected: ExpectedPress) -> None:
+        """Write what the presses of the run should give.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        write_atomically(self.paths.expected, dumps(expected))
+
+    def load_expected(self) -> ExpectedPress | None:
+        """Read what the presses of the run should give; None where it was never made.
+
+        Raises:
+            RecordError: It is damaged.
+        """
+        if not self.paths.expected.exists():
+            return None
+        expected: ExpectedPress = _read(ExpectedPress, self.paths.expected, what="the expectation")
+        return expected
 
     def load_truth(self) -> dict[str, Any] | None:
         """Return what the emulated world really was; None where a real rig was pressed.

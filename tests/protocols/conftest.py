@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from drivers.camera.touch import Look, TouchWatch
 from drivers.device.interface import StreamHealth
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
@@ -19,6 +21,7 @@ from protocols.control.record import Arm, Begin, End, Entry, Force
 from protocols.guard.abort import Abort
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
 from tacauchy_rig.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
@@ -80,10 +83,23 @@ class Watched:
 
     def __init__(self, camera: MockCamera) -> None:
         self._camera = camera
+        self._touch = TouchWatch()
+
+    def ask(self, look: Look) -> None:
+        """Look for something else."""
+        self._touch.ask(look)
 
     def poll(self) -> list[FrameMark]:
         """Return marks of new frames."""
-        return [FrameMark(frame.stamp_ns, frame.counter) for frame in self._camera.drain()]
+        return [
+            FrameMark(
+                frame.stamp_ns,
+                frame.counter,
+                digest=zlib.crc32(frame.jpeg),
+                touched=self._touch.see(frame.jpeg),
+            )
+            for frame in self._camera.drain()
+        ]
 
     def health(self) -> StreamHealth:
         """Return the camera's health."""
@@ -119,7 +135,9 @@ class Laboratory:
         self.world.when(due, action)
 
 
-def _laboratory(*overrides: str, **world_arguments: Any) -> Laboratory:
+def _laboratory(
+    *overrides: str, expected: ExpectedPress | None = None, **world_arguments: Any
+) -> Laboratory:
     config = load_config(overrides=[*MOCKS, *STRICT, *overrides]).config
     world = MockWorld(SimulatedClock(), config, **world_arguments)
     bench = MockBench.on(world)
@@ -136,7 +154,7 @@ def _laboratory(*overrides: str, **world_arguments: Any) -> Laboratory:
         bench=bench,
         sink=sink,
         abort=abort,
-        cycle=Cycle(rig, config, sink=sink, abort=abort),
+        cycle=Cycle(rig, config, sink=sink, abort=abort, expected=expected),
         journal=Journal(sink, world.clock, listener=lambda _: None),
     )
 

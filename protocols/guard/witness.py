@@ -1,0 +1,238 @@
+"""What else knows of the force while the arm presses, and whether the force sensor agrees.
+
+Three witnesses, as far as there are any: the expected press of the stated gel, the arm's own
+estimate of force, and the camera, which sees the gel being touched. None is precise; all of them
+are independent of the force sensor. Their limits follow from stated uncertainties alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from enum import StrEnum
+
+from protocols.guard.arm_estimate import WINDOW_S, ArmEstimate
+from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.press_band import PressBand
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.run import ArmSample
+
+AVERAGED_S = 0.05
+"""Samples of the force sensor are averaged over this long before the gel is asked."""
+POINT_M = 20e-6
+"""Travel between two points of a press that are remembered [m]."""
+SEEN_TRAVEL_M = 0.15e-3
+"""Travel over which the camera must go on seeing a contact: a gel as soft as the softest that is
+stated (0.1 MPa under a 5 mm punch) gives 0.2 N by then, four contact forces."""
+
+_SIGN_REMEDY = (
+    "force_sensor.compression_sign is wrong or the sensor's sign turned; or it sticks near zero"
+)
+_MUCH_REMEDY = (
+    "the force sensor reads too much (range, unit, gain or axes): hang a known weight on it; or "
+    "the arm is deeper than it says, or the gel stiffer than that of sensor.name"
+)
+
+
+class Stage(StrEnum):
+    """What the arm is doing."""
+
+    REST = "rest"
+    SEARCH = "search"
+    PRESS = "press"
+
+
+class Witness:
+    """Compares the force sensor with everything else that feels the press.
+
+    Args:
+        config: Arm, force sensor and what the drift of a trial may be.
+        expected: The stated gel's curve; None where there is none.
+
+    Attributes:
+        stage: What is judged now.
+        band: Least and most force of the gel; None without a curve.
+    """
+
+    def __init__(self, config: RigConfig, expected: ExpectedPress | None) -> None:
+        protocol = config.protocol
+        self.stage = Stage.REST
+        self.band: PressBand | None = None
+        if expected is not None:
+            self.band = PressBand(expected, contact_force_n=protocol.contact_force)
+        self._model = config.robot.model
+        self._arm = ArmEstimate(config.robot.model)
+        self._contact_force_n = protocol.contact_force
+        # A trial whose zero drifts further fails; so far it may be off.
+        self._zero_error_n = protocol.drift
+        rate_hz = config.force_sensor.rate
+        self._forces: deque[float] = deque(maxlen=max(1, round(AVERAGED_S * rate_hz)))
+        self._slow: deque[float] = deque(maxlen=max(1, round(WINDOW_S * rate_hz)))
+        self._contact_z_m = 0.0
+        self._points: list[tuple[float, float]] = []
+        self._seen_from_m: float | None = None
+
+    def begin_search(self) -> None:
+        """Judge a descent in which nothing touches yet; the arm stands still above the gel."""
+        self.stage = Stage.SEARCH
+        self._arm.zero()
+        self._seen_from_m = None
+
+    def begin_press(self, contact_z_m: float) -> None:
+        """Judge a press from the height at which the force sensor found contact [m]."""
+        self.stage = Stage.PRESS
+        self._contact_z_m = contact_z_m
+        self._points = [(0.0, self._contact_force_n)]
+
+    def rest(self) -> None:
+        """Judge nothing: the arm leaves the gel, or is far from it."""
+        self.stage = Stage.REST
+
+    @property
+    def arm_force_n(self) -> float | None:
+        """Pressing force as the arm feels it [N], tared; None where it does not."""
+        return self._arm.force_n
+
+    def force_bounds(self, depth_m: float) -> tuple[float, float] | None:
+        """Return between which forces the stated gel pushes at a depth below contact [N].
+
+        What was felt on the way does not matter here; None without a curve.
+        """
+        if self.band is None:
+            return None
+        least_n, most_n = self.band.bounds([(0.0, self._contact_force_n)], depth_m)
+        return least_n - self._zero_error_n, most_n + self._zero_error_n
+
+    def depth_bound(self, target_n: float) -> float:
+        """Return how deep below contact a target justifies [m]; infinite without a curve."""
+        if self.band is None:
+            return math.inf
+        return self.band.depth_bound(target_n + self._zero_error_n)
+
+    def check(
+        self, forces_n: Sequence[float], states: Sequence[ArmSample], *, z_m: float, seen: bool
+    ) -> None:
+        """Compare what one turn brought.
+
+        Args:
+            forces_n: New samples of the force sensor [N], tared, positive in compression.
+            states: New states of the arm.
+            z_m: Height of the tip [m].
+            seen: Whether the camera sees the gel touched.
+
+        Raises:
+            BreachError: The force sensor disagrees with a witness; the message says by how much.
+        """
+        self._forces.extend(forces_n)
+        self._slow.extend(forces_n)
+        self._arm.take(states)
+        if self.stage is Stage.REST or len(self._slow) < (self._slow.maxlen or 1):
+            return
+        self._check_arm(z_m)
+        if self.stage is Stage.SEARCH:
+            self._check_camera(z_m, seen=seen)
+        else:
+            self._check_gel(z_m)
+
+    def _check_arm(self, z_m: float) -> None:
+        arm_n = self._arm.force_n
+        if arm_n is None:
+            return
+        cell_n = sum(self._slow) / len(self._slow)
+        allowed_n = self._arm.tolerance.of(max(abs(cell_n), abs(arm_n)))
+        if abs(arm_n - cell_n) <= allowed_n:
+            return
+        raise BreachError(
+            f"witness: the force sensor says {cell_n:.3f} N, the arm ({self._model.value}) feels "
+            f"{arm_n:.2f} N, more than {allowed_n:.2f} N apart{self._gel_text(z_m)}",
+            limit="witness.arm",
+            reaction=Reaction.RETRACT,
+            remedy=self._cell_remedy(cell_n, arm_n),
+        )
+
+    def _check_camera(self, z_m: float, *, seen: bool) -> None:
+        if not seen:
+            self._seen_from_m = None
+            return
+        if self._seen_from_m is None:
+            self._seen_from_m = z_m
+        travel_m = self._seen_from_m - z_m
+        cell_n = sum(self._forces) / len(self._forces)
+        if travel_m < SEEN_TRAVEL_M or cell_n >= self._contact_force_n:
+            return
+        raise BreachError(
+            f"witness: the camera has seen the gel touched for {travel_m * 1e3:.2f} mm, the force "
+            f"sensor says {cell_n:.3f} N, less than protocol.contact_force "
+            f"{self._contact_force_n:g} N{self._arm_text()}",
+            limit="witness.camera",
+            reaction=Reaction.RETRACT,
+            remedy="the force sensor sticks or reads far too little: hang a known weight on it; "
+            "or the light on the gel changed",
+        )
+
+    def _check_gel(self, z_m: float) -> None:
+        if self.band is None:
+            return
+        depth_m, cell_n = self._contact_z_m - z_m, sum(self._forces) / len(self._forces)
+        passed = [point for point in self._points if point[0] < depth_m] or self._points[:1]
+        least_n, most_n = self.band.bounds(passed, depth_m)
+        least_n, most_n = least_n - self._zero_error_n, most_n + self._zero_error_n
+        if not least_n <= cell_n <= most_n:
+            raise self._gel_breach(self.band, depth_m, cell_n, (least_n, most_n))
+        if depth_m >= self._points[-1][0] + POINT_M:
+            self._points.append((depth_m, cell_n))
+
+    def _gel_breach(
+        self, band: PressBand, depth_m: float, cell_n: float, bounds: tuple[float, float]
+    ) -> BreachError:
+        little = cell_n < bounds[0]
+        return BreachError(
+            f"witness: the force sensor says {cell_n:.3f} N at {depth_m * 1e3:.3f} mm below "
+            f"contact, too {'little' if little else 'much'}: after what was felt so far the gel "
+            f"of {band.expected.sensor} gives {bounds[0]:.3f} to {bounds[1]:.3f} N there"
+            f"{self._arm_text()}",
+            limit="witness.gel",
+            reaction=Reaction.RETRACT,
+            remedy=self._little_remedy(cell_n) if little else _MUCH_REMEDY,
+        )
+
+    def _little_remedy(self, cell_n: float) -> str:
+        if cell_n < 0.0:
+            return _SIGN_REMEDY
+        return (
+            "the force sensor sticks, lags or reads too little (range, unit, gain or axes): hang a "
+            "known weight on it; or the gel is softer than sensor.name says"
+        )
+
+    def _cell_remedy(self, cell_n: float, arm_n: float) -> str:
+        if cell_n < -self._arm.tolerance.force_n / 2 and arm_n > 0.0:
+            return _SIGN_REMEDY
+        way = "too little" if abs(cell_n) < abs(arm_n) else "too much"
+        return (
+            f"the force sensor sticks, lags or reads {way} (range, unit, gain or axes): hang a "
+            "known weight on it; or the arm's payload and centre of gravity are set wrongly"
+        )
+
+    def _gel_text(self, z_m: float) -> str:
+        depth_m = self._contact_z_m - z_m
+        bounds = self.force_bounds(depth_m) if self.stage is Stage.PRESS else None
+        if bounds is None:
+            return ""
+        least_n, most_n = bounds
+        return (
+            f"; the stated gel gives {least_n:.2f} to {most_n:.2f} N at {depth_m * 1e3:.3f} mm "
+            "below contact"
+        )
+
+    def _arm_text(self) -> str:
+        arm_n = self._arm.force_n
+        return "" if arm_n is None else f"; the arm feels {arm_n:.2f} N"
+
+    def present(self) -> dict[str, str]:
+        """Return which witnesses there are, in words, for the journal."""
+        allowed = self._arm.tolerance
+        arm = f"{self._model.value}, to {allowed.force_n:g} N and {allowed.share:.0%}"
+        gel = "none" if self.band is None else self.band.expected.made
+        return {"arm": arm if self._arm.has_estimate else "none", "gel_curve": gel}

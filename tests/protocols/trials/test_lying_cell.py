@@ -1,0 +1,241 @@
+"""A force sensor that lies in a whole trial, and true ones that must not be called liars.
+
+The gel is a GelSight Mini under a 5 mm punch, as the simulator has it with preset fast.
+"""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+from drivers.device.faults import parse_fault
+from drivers.mock.world import Gel
+from protocols.trials.programme import fresh_plan, run_programme
+from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.run import Outcome
+
+TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
+CURVE = np.array(
+    [
+        (0.0, 0.0, 0.0),
+        (0.05, 0.0211, 0.0409),
+        (0.1, 0.031, 0.0608),
+        (0.2, 0.0481, 0.0901),
+        (0.4, 0.0815, 0.1342),
+        (0.7, 0.131, 0.1872),
+        (1.0, 0.1801, 0.2367),
+        (1.5, 0.2614, 0.3189),
+        (2.0, 0.3426, 0.4009),
+        (3.3, 0.5565, 0.616),
+        (4.73, 0.7897, 0.8587),
+        (7.2, 1.2051, 1.2363),
+    ]
+)
+"""Force [N], depth under a straight and under a 2 degrees tilted face [mm]."""
+FORCE_N, DEPTH_MM, LEANING_MM = CURVE.T
+EXPECTED = ExpectedPress(
+    sensor="gelsight-mini",
+    made="a table of this test",
+    depth_m=tuple((DEPTH_MM * 1e-3).tolist()),
+    force_n=tuple(FORCE_N.tolist()),
+    low=0.73,
+    high=1.24,
+    lean_m=84e-6,
+    depth_error_m=35e-6,
+    gel_height_m=4e-3,
+)
+SHORT = (
+    'protocol.tare_duration="0.4 s"',
+    'robot.home=["0 mm", "-400 mm", "203 mm"]',
+    'protocol.approach_height="1.1 mm"',
+    'protocol.air_press_height="1.5 mm"',
+    "protocol.attempts=1",
+)
+LIES = (
+    "scale=0.1", "scale=0.5", "stick", "stick-noisily", "sign", "swap-axes", "old-data", "scale=3"
+)  # fmt: skip
+MOMENTS = (("start", 0.0), ("search", 0.1), ("press", 0.1), ("press", 0.8))
+CAUSES = {
+    "scale=0.1": ("range, unit",),
+    "scale=0.5": ("range, unit",),
+    "scale=3": ("range, unit",),
+    "stick": ("sticks",),
+    "stick-noisily": ("sticks",),
+    "sign": ("compression_sign", "sign or axes"),
+    "swap-axes": ("axes",),
+    "old-data": ("lags", "old data", "identical"),
+}
+
+
+class MiniGel(Gel):
+    """A Mini's gel, so many times as stiff, under a face that leans by up to 2 degrees."""
+
+    def __init__(self, *, stiffness: float = 1.0, lean_share: float = 0.0) -> None:
+        super().__init__()
+        self._factor = stiffness
+        self._depth_mm = DEPTH_MM + lean_share * (LEANING_MM - DEPTH_MM)
+
+    def press(self, depth_m: float, *, duration_s: float) -> float:
+        """Relax as any mock gel does, along the table's force instead of a straight line."""
+        depth_mm = max(depth_m, 0.0) * 1e3
+        last = np.diff(FORCE_N[-2:]) / np.diff(self._depth_mm[-2:])
+        beyond = float(last[0]) * max(0.0, depth_mm - self._depth_mm[-1])
+        force_n = self._factor * (float(np.interp(depth_mm, self._depth_mm, FORCE_N)) + beyond)
+        return super().press(force_n / self.stiffness_n_m, duration_s=duration_s)
+
+
+def pressed(laboratory, lie, moment, target_n, *, stiffness, model="e-series", expected=EXPECTED):
+    """Press once with a cell that lies from a moment on; return result and the true peak [N]."""
+    lab = laboratory(
+        *SHORT,
+        f'protocol.force_targets=["{target_n} N"]',
+        f'robot.model="{model}"',
+        expected=expected,
+        gel=MiniGel(stiffness=stiffness),
+        bias=(0.0,) * 6,  # a bias would show most lies at once
+        surface_offset_m=0.9e-3,
+    )
+    peak_n = 0.0
+
+    def look(_now_ns):
+        nonlocal peak_n
+        peak_n = max(peak_n, lab.world.force_n)
+
+    lab.world.on_step(look)
+    fault = parse_fault(f"force_sensor:{lie}")
+    phase, delay_s = moment
+    if phase == "start":
+        lab.world.lies.append(fault)
+    else:
+        lab.when_phase(phase, lambda: lab.world.lies.append(fault), delay_s=delay_s)
+    return run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)), peak_n
+
+
+def assert_found(result, peak_n, lie, target_n):
+    """It did not pass, the gel was spared, and the message offers the cause."""
+    assert result.outcome is Outcome.FAULT
+    assert peak_n <= 1.5 * target_n + 0.5, result.reason
+    told = f"{result.reason} {result.remedy}"
+    assert any(cause in told for cause in CAUSES[lie]), told
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_lying_cell_is_found_before_the_gel_suffers(laboratory, lie):
+    """The lightest target leaves the least room; a stiff gel the least time."""
+    for moment in (MOMENTS[0], MOMENTS[2]):
+        result, peak_n = pressed(laboratory, lie, moment, TARGETS_N[0], stiffness=1.2)
+        assert_found(result, peak_n, lie, TARGETS_N[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target_n", TARGETS_N)
+def test_lying_cells_are_found_at_every_target(laboratory, target_n):
+    """Each lie, at each moment, in a stiff gel."""
+    for lie in LIES:
+        for moment in MOMENTS:
+            result, peak_n = pressed(laboratory, lie, moment, target_n, stiffness=1.2)
+            assert_found(result, peak_n, lie, target_n)
+
+
+@pytest.mark.parametrize("lie", ["scale=0.1", "scale=0.5", "stick-noisily"])
+def test_the_arm_alone_spares_the_gel(laboratory, lie):
+    """No curve of the gel is known, an e-Series arm feels."""
+    for moment in (MOMENTS[0], MOMENTS[2]):
+        result, peak_n = pressed(
+            laboratory, lie, moment, TARGETS_N[0], stiffness=1.2, expected=None
+        )
+        assert_found(result, peak_n, lie, TARGETS_N[0])
+        assert "the arm (e-series) feels" in result.reason
+
+
+def test_an_arm_that_hardly_feels_leaves_the_curve_and_the_camera(laboratory):
+    """A CB3: a tenth is found by the curve; a cell that sticks in the search by the camera."""
+    result, peak_n = pressed(
+        laboratory, "scale=0.1", MOMENTS[0], TARGETS_N[0], stiffness=1.2, model="cb3"
+    )
+    assert_found(result, peak_n, "scale=0.1", TARGETS_N[0])
+    assert "the gel of gelsight-mini gives" in result.reason
+    result, peak_n = pressed(
+        laboratory, "stick-noisily", MOMENTS[0], TARGETS_N[0], stiffness=1.2, model="cb3"
+    )
+    assert_found(result, peak_n, "stick-noisily", TARGETS_N[0])
+    assert "the camera has seen" in result.reason
+
+
+def true_world(laboratory, seed, targets_n):
+    """Press in a true world: any gel within 20 %, any lean to 2 degrees, 0.2 N of drift."""
+    draw = random.Random(seed)  # noqa: S311 - a world, not a secret
+    model = draw.choice(["e-series", "cb3"])
+    lab = laboratory(
+        *SHORT,
+        f"protocol.force_targets={[f'{target} N' for target in targets_n]}".replace("'", '"'),
+        f'robot.model="{model}"',
+        f"emulation.seed={seed}",
+        expected=EXPECTED,
+        gel=MiniGel(stiffness=draw.uniform(0.8, 1.2), lean_share=draw.uniform(0.0, 1.0)),
+        drift_n_s=draw.choice([-1, 1]) * 0.2 / (25.0 * len(TARGETS_N)),
+        noise_n=draw.uniform(0.004, 0.012),
+        surface_offset_m=draw.uniform(-0.9e-3, 0.9e-3),
+        motion_delay_s=draw.uniform(0.01, 0.05),
+        seed=seed,
+    )
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED, result.reason
+    for record in result.records:
+        least_n, most_n = record.force_expected_n
+        assert least_n < record.force_measured_n < most_n
+        assert abs(record.arm_force_n - record.force_measured_n) < (
+            1.2 if model == "e-series" else 9.0
+        )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_true_press_is_never_called_a_lie(laboratory, seed):
+    """Softest to stiffest, straight or leaning, on either arm."""
+    true_world(laboratory, seed, (TARGETS_N[0], TARGETS_N[-1]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_twenty_true_worlds_pass(laboratory, seed):
+    """All six targets, seeded."""
+    true_world(laboratory, seed, TARGETS_N)
+
+
+def test_frozen_images_fail_the_trial(laboratory):
+    """A loop of old pictures goes unseen by the stream's own checks."""
+    lab = laboratory(*SHORT, 'protocol.force_targets=["1.2556 N"]', expected=None)
+    lie = parse_fault("camera:repeat-image")
+    lab.when_phase("press", lambda: lab.world.lies.append(lie))
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    missed = [c for c in result.records[0].criteria if not c.passed]
+    assert [criterion.name for criterion in missed] == ["repeated_frames"]
+    assert "an old one" in missed[0].remedy
+
+
+def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
+    """From the second trial on the gel's height is known: a cell that sticks stops there."""
+    lab = laboratory(
+        *SHORT,
+        'protocol.force_targets=["1.2556 N", "1.9511 N"]',
+        'robot.model="cb3"',
+        gel=MiniGel(),
+        bias=(0.0,) * 6,
+        surface_offset_m=0.9e-3,
+    )
+    lab.cycle.rig.camera.ask = lambda _look: None  # as with a camera that sees nothing
+    lie, peaks_n = parse_fault("force_sensor:stick-noisily"), [0.0]
+
+    def second_search():
+        return [e.trial for e in lab.sink.events if e.detail.get("phase") == "search"][-1:] == [2]
+
+    def begin():
+        lab.world.lies.append(lie)
+        lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
+
+    lab.world.when(second_search, begin)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.reason.startswith("witness.contact_height: nothing was touched")
+    assert max(peaks_n) < 1.5 * 1.9511 + 0.5
