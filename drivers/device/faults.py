@@ -52,6 +52,23 @@ class FaultKind(StrEnum):
 ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
 
 STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
+LIES_OF_THE_FORCE = frozenset(
+    {
+        FaultKind.SCALE,
+        FaultKind.STICK,
+        FaultKind.STICK_NOISILY,
+        FaultKind.SIGN,
+        FaultKind.SWAP_AXES,
+        FaultKind.OLD_DATA,
+    }
+)
+LIES = LIES_OF_THE_FORCE | {
+    FaultKind.FREEZE_IMAGE,
+    FaultKind.REPEAT_IMAGE,
+    FaultKind.WRONG_POSE,
+    FaultKind.CLOCK_JUMP,
+}
+"""What passes for a measurement."""
 _ANY_DEVICE = frozenset({FaultKind.DROP, FaultKind.DELAY, FaultKind.STALL})
 _SENSORS = _ANY_DEVICE | {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE}
 
@@ -59,16 +76,7 @@ FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
     Device.ROBOT: _ANY_DEVICE
     | STOPS
     | {FaultKind.FREEZE, FaultKind.UNLOCK, FaultKind.WRONG_POSE, FaultKind.CLOCK_JUMP},
-    Device.FORCE_SENSOR: _SENSORS
-    | {
-        FaultKind.FREEZE,
-        FaultKind.SCALE,
-        FaultKind.STICK,
-        FaultKind.STICK_NOISILY,
-        FaultKind.SIGN,
-        FaultKind.SWAP_AXES,
-        FaultKind.OLD_DATA,
-    },
+    Device.FORCE_SENSOR: _SENSORS | LIES_OF_THE_FORCE | {FaultKind.FREEZE},
     Device.CAMERA: _SENSORS | {FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE},
 }
 

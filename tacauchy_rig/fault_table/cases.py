@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fnmatch import fnmatch
 
-from drivers.device.faults import FAULTS_OF_DEVICE, Device, Fault, FaultKind
+from drivers.device.faults import FAULTS_OF_DEVICE, LIES_OF_THE_FORCE, Device, Fault, FaultKind
+from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Phase
 
@@ -15,19 +16,25 @@ from tacauchy_rig.run import Phase
 class Moment(StrEnum):
     """When it goes wrong."""
 
+    START = "start"
     SEARCH = "search"
     PRESS = "press"
     DWELL = "dwell"
 
     @property
     def phase(self) -> Phase:
-        """Phase of the trial."""
-        return Phase(self.value)
+        """Phase of the trial; what was wrong from the start shows in the search first."""
+        return Phase.SEARCH if self is Moment.START else Phase(self.value)
 
     @property
     def delay_s(self) -> float:
         """From the phase's begin [s]: just before the gel; on the way down; holding."""
-        return {Moment.SEARCH: 2.0, Moment.PRESS: 0.5, Moment.DWELL: 0.4}[self]
+        return {Moment.START: 0.0, Moment.SEARCH: 2.0, Moment.PRESS: 0.5, Moment.DWELL: 0.4}[self]
+
+
+TARGET_N = 2.0
+"""What a case presses to, unless it says otherwise [N]."""
+LATER_MOMENTS = (Moment.SEARCH, Moment.PRESS, Moment.DWELL)
 
 
 class Victim(StrEnum):
@@ -45,10 +52,12 @@ class FaultCase:
 
     Attributes:
         cause: A device fails, or a process is killed as by the kernel when memory runs out.
+        target_n: What the press is to reach [N].
     """
 
     cause: Fault | Victim
     moment: Moment
+    target_n: float = TARGET_N
 
     @property
     def cause_name(self) -> str:
@@ -60,7 +69,8 @@ class FaultCase:
     @property
     def name(self) -> str:
         """Text that ``--only`` matches."""
-        return f"{self.cause_name}@{self.moment.value}"
+        target = "" if self.target_n == TARGET_N else f"-{self.target_n:g}N"
+        return f"{self.cause_name}@{self.moment.value}{target}"
 
     @property
     def slug(self) -> str:
@@ -69,7 +79,10 @@ class FaultCase:
 
 
 def all_cases() -> tuple[FaultCase, ...]:
-    """Return every fault that an emulator knows and every process, at every moment."""
+    """Return every fault that an emulator knows and every process, at the three later moments.
+
+    A force sensor that lies does so also from the start, at each target of the protocol.
+    """
     causes: list[Fault | Victim] = [
         Fault(device=device, kind=kind)
         for device in Device
@@ -77,7 +90,20 @@ def all_cases() -> tuple[FaultCase, ...]:
         if kind in FAULTS_OF_DEVICE[device] - {FaultKind.UNLOCK}
     ]
     causes += Victim
-    return tuple(FaultCase(cause, moment) for cause in causes for moment in Moment)
+    targets_n = load_config().config.protocol.force_targets
+    return tuple(
+        case
+        for cause in causes
+        for case in (
+            *(FaultCase(cause, moment) for moment in LATER_MOMENTS),
+            *(FaultCase(cause, Moment.START, target_n) for target_n in _asked(cause, targets_n)),
+        )
+    )
+
+
+def _asked(cause: Fault | Victim, targets_n: Sequence[float]) -> Sequence[float]:
+    lies = isinstance(cause, Fault) and cause.kind in LIES_OF_THE_FORCE
+    return targets_n if lies else ()
 
 
 def select_cases(

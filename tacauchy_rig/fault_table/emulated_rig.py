@@ -16,6 +16,7 @@ from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.fault_table.cases import TARGET_N
 
 EMULATION_NAME = "emulation"
 _DASHBOARD_TIMEOUT_S = 5.0
@@ -25,18 +26,27 @@ _PERSON_AT_THE_PENDANT = {
 }
 
 
-def write_case_config(folder: Path, *, host: str = "127.0.0.5", camera_port: int = 8080) -> Path:
+def write_case_config(
+    folder: Path,
+    *,
+    host: str = "127.0.0.5",
+    camera_port: int = 8080,
+    target_n: float = TARGET_N,
+) -> Path:
     """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
 
     Args:
         folder: Of the case: the emulated devices' folder and the runs lie there.
         host: Address of the robot.
         camera_port: Port of the camera's stream.
+        target_n: Force that the press is to reach [N].
     """
     path = folder / "rig.toml"
     port = folder / EMULATION_NAME / LINK_NAME
     template = resources.files("tacauchy_rig.fault_table").joinpath("rig.toml.jinja").read_text()
-    text = Template(template).render(folder=folder, host=host, port=port, camera_port=camera_port)
+    text = Template(template).render(
+        folder=folder, host=host, port=port, camera_port=camera_port, target_n=target_n
+    )
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -46,17 +56,20 @@ class EmulatedRig:
 
     Args:
         folder: Where everything of this case goes.
+        target_n: Force that the press is to reach [N].
 
     Attributes:
         rig_toml: Configuration that takes them for real devices.
         devices: To be started and stopped by whoever uses them.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, target_n: float = TARGET_N) -> None:
         self.folder = folder.resolve()
         self.folder.mkdir(parents=True, exist_ok=True)
         host, camera_port = free_loopback_host(), _free_port()
-        self.rig_toml = write_case_config(self.folder, host=host, camera_port=camera_port)
+        self.rig_toml = write_case_config(
+            self.folder, host=host, camera_port=camera_port, target_n=target_n
+        )
         self.config: RigConfig = load_config(self.rig_toml).config
         self.devices = Emulation(
             self.config,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from drivers.device.faults import LIES
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.fault_table.arm import ArmOutcome
+from tacauchy_rig.fault_table.cases import TARGET_N
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.recording.recover import open_readable
@@ -85,6 +87,9 @@ def _gaps(counters: set[int]) -> int:
 
 
 LOWERED_LIMIT_M = 1e-6
+# No fault may let the gel feel more than this share of the target and so much above it: a force
+# that a gel made for the target bears.
+MOST_OF_TARGET, MOST_ABOVE_N = 1.5, 0.5
 KILLED_EXIT_CODE = -9
 # Faults of the force sensor or camera that lose samples before they reach the program.
 WIRE_LOSSES = ("force_sensor:drop", "force_sensor:garble", "camera:drop", "camera:garble")
@@ -111,6 +116,7 @@ class Observation:
         tries: Runs that were needed to reach the moment.
         force_at_fault_n: True force at the moment [N].
         force_rise_n: Most that the true force rose after it [N].
+        force_target_n: What the press was to reach [N].
         exit_code: Of the run; negative is the signal that killed it.
         ended_after_s: From the fault until every process of the run was gone [s].
         hung: Processes that had to be ended.
@@ -132,6 +138,17 @@ class Observation:
     kept: KeptMessages
     kept_after_resume: KeptMessages
     resumed: tuple[Resumed, ...]
+    force_target_n: float = TARGET_N
+
+    @property
+    def force_most_n(self) -> float:
+        """Largest true force from the fault on [N]."""
+        return self.force_at_fault_n + self.force_rise_n
+
+    @property
+    def lies(self) -> bool:
+        """True where a device said what was not so."""
+        return self.cause.partition(":")[2] in LIES
 
     @property
     def cause(self) -> str:
@@ -145,7 +162,7 @@ class Observation:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What must not be: motion, a hang, a lost sample, silence, a session left unfinished."""
+        """What must not be: motion, a hang, a loss, silence, too much force, a lie that passes."""
         return tuple(_problems(self))
 
 
@@ -161,10 +178,19 @@ def _problems(seen: Observation) -> Iterator[str]:
     yield from _record_problems(seen)
     if not seen.told and seen.exit_code not in (0, KILLED_EXIT_CODE):
         yield "the operator was told nothing"
+    yield from _force_problems(seen)
     if seen.exit_code not in (0, 1, RigError.exit_code, 3, KILLED_EXIT_CODE):
         yield f"exit status {seen.exit_code}"
     if not seen.resumed or seen.resumed[-1].exit_code != 0:
         yield "resume did not finish the session"
+
+
+def _force_problems(seen: Observation) -> Iterator[str]:
+    most_n = MOST_OF_TARGET * seen.force_target_n + MOST_ABOVE_N
+    if seen.force_most_n > most_n:
+        yield f"the gel felt {seen.force_most_n:.2f} N; at most {most_n:.2f} N is allowed"
+    if seen.lies and seen.exit_code == 0:
+        yield "the run passed"
 
 
 def _record_problems(seen: Observation) -> Iterator[str]:

@@ -8,10 +8,11 @@ import shutil
 import time
 from pathlib import Path
 
+from drivers.device.faults import Fault
 from drivers.emulators.faults import post_fault
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
-from tacauchy_rig.fault_table.cases import FaultCase, Victim
+from tacauchy_rig.fault_table.cases import FaultCase, Moment, Victim
 from tacauchy_rig.fault_table.emulated_rig import EmulatedRig
 from tacauchy_rig.fault_table.observation import (
     KILLED_EXIT_CODE,
@@ -34,7 +35,7 @@ RESUME_TIMEOUT_S = 180.0
 RESUME_TRIES = 3
 REST_TIMEOUT_S = 5.0
 VERDICT = "passed"
-FORCE_WINDOW_NS = 20_000_000_000
+FORCE_WINDOW_NS = 60_000_000_000
 
 
 def observe_case(case: FaultCase, folder: Path) -> Observation:
@@ -48,16 +49,20 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
     """
     for number in range(1, TRIES + 1):
         shutil.rmtree(folder, ignore_errors=True)
-        rig = EmulatedRig(folder)
-        command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
+        rig = EmulatedRig(folder, target_n=case.target_n)
         try:
             rig.devices.start()
-            command.confirm(rig.config)
-            return _Case(case, rig, command).observe(tries=number)
+            if case.moment is Moment.START and isinstance(case.cause, Fault):
+                post_fault(rig.devices.folder, case.cause)
+            command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
+            try:
+                command.confirm(rig.config)
+                return _Case(case, rig, command).observe(tries=number)
+            finally:
+                command.close()
         except DeviceError as error:
             logger.warning("%s, try %d: %s", case.name, number, error)
         finally:
-            command.close()
             rig.devices.stop()
     raise DeviceError(
         f"fault case {case.name}: no run of {TRIES} reached its {case.moment.value}",
@@ -92,6 +97,7 @@ class _Case:
         resumed = self._resume(paths.root)
         return Observation(
             name=self._case.name,
+            force_target_n=self._case.target_n,
             tries=tries,
             arm=arm,
             force_at_fault_n=force_n,
@@ -109,6 +115,8 @@ class _Case:
     def _strike(self) -> int:
         """Wait for the moment and break something; return when that was [ns]."""
         moment, cause = self._case.moment, self._case.cause
+        if moment is Moment.START:
+            return self._search_or_end_ns()
         begun = self._run.wait_for_phase(moment.phase, timeout_s=PHASE_TIMEOUT_S)
         due_ns = begun.stamp_ns + round(moment.delay_s * 1e9)
         time.sleep(max(0.0, (due_ns - time.monotonic_ns()) * 1e-9))
@@ -120,6 +128,16 @@ class _Case:
         else:
             post_fault(self._rig.devices.folder, cause)
         return fault_ns
+
+    def _search_or_end_ns(self) -> int:
+        """Wait for the search, or for the end of a run that came to none; return when [ns]."""
+        try:
+            begun = self._run.wait_for_phase(Moment.START.phase, timeout_s=PHASE_TIMEOUT_S)
+        except DeviceError:
+            if self._run.command.process.poll() is None or not self._run.journal():
+                raise
+            return time.monotonic_ns()
+        return begun.stamp_ns
 
     def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
         deadline = time.monotonic() + REST_TIMEOUT_S
@@ -133,16 +151,18 @@ class _Case:
             self._rig.devices.gel(),
             rows,
             rotation=self._rig.config.robot.tool_rotation,
-            start_ns=self._search_start_ns(),
+            start_ns=self._search_start_ns(fault_ns),
             end_ns=min(now_ns, fault_ns + FORCE_WINDOW_NS),
         )
         return arm_after(rows, fault_ns, now_ns=now_ns), *force_rise(
             forces, fault_ns, until_ns=now_ns
         )
 
-    def _search_start_ns(self) -> int:
+    def _search_start_ns(self, fault_ns: int) -> int:
+        """Return when the first search began [ns]; the fault's moment where none did."""
         phases = [event for event in self._run.journal() if event.name == "phase"]
-        return next(e.stamp_ns for e in phases if e.detail["phase"] == Phase.SEARCH.value)
+        searches = (e.stamp_ns for e in phases if e.detail["phase"] == Phase.SEARCH.value)
+        return next(searches, fault_ns)
 
     def _told(self, exit_code: int) -> str:
         """Return what the operator read last.

@@ -8,8 +8,13 @@ from collections.abc import Sequence
 
 from tacauchy_rig import __version__
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.fault_table.cases import Moment
-from tacauchy_rig.fault_table.observation import KILLED_EXIT_CODE, Observation
+from tacauchy_rig.fault_table.cases import LATER_MOMENTS, TARGET_N
+from tacauchy_rig.fault_table.observation import (
+    KILLED_EXIT_CODE,
+    MOST_ABOVE_N,
+    MOST_OF_TARGET,
+    Observation,
+)
 from tacauchy_rig.page import page
 
 
@@ -28,7 +33,7 @@ def summary_line(seen: Sequence[Observation]) -> str:
         parts.append(f"slowest stop {milliseconds:.0f} ms ({worst_stop.name})")
         parts.append(f"largest rise {worst_rise.force_rise_n:.2f} N ({worst_rise.name})")
     parts += [f"acknowledged messages lost: {lost}", f"resumed to the end: {resumed}"]
-    return f"{'; '.join(parts)}; cases that ended in motion, a hang, silence or a loss: {bad}."
+    return f"{'; '.join(parts)}; cases that ended in motion, a hang, silence, a loss, a lie or too much force: {bad}."
 
 
 def fault_page(
@@ -57,7 +62,12 @@ def fault_page(
             "version": __version__,
             "machine": f"Linux on {platform.machine()}, {os.cpu_count()} processors",
             "config": config,
-            "moments": ", ".join(f"{each.delay_s:g} s into the {each.value}" for each in Moment),
+            "moments": ", ".join(
+                f"{each.delay_s:g} s into the {each.value}" for each in LATER_MOMENTS
+            ),
+            "target_n": TARGET_N,
+            "most_of_target": MOST_OF_TARGET,
+            "most_above_n": MOST_ABOVE_N,
             "repeated": sum(each.tries > 1 for each in seen),
             "groups": groups,
             "killed_exit_code": KILLED_EXIT_CODE,

@@ -39,7 +39,10 @@ def fault_table(
     again: Annotated[bool, typer.Option("--again", help="Repeat cases that are done.")] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Fail every emulated device and kill every process, at three moments; write the table."""
+    """Fail every emulated device and kill every process, at three moments; write the table.
+
+    Sensors that lie do so from the start too, at each target.
+    """
     chosen = select_cases(all_cases(), only=only or (), moments=moment or ())
     if list_only:
         for case in chosen:

@@ -13,8 +13,17 @@ def test_every_fault_and_every_process_is_there_at_every_moment():
     """Nothing that an emulator can be told to do is left out."""
     cases = all_cases()
     fault_count = sum(len(kinds) for kinds in FAULTS_OF_DEVICE.values()) - 1  # unlocking mends
-    assert len(cases) == (fault_count + len(Victim)) * len(Moment)
+    later = [case for case in cases if case.moment is not Moment.START]
+    assert len(later) == (fault_count + len(Victim)) * 3
     assert len({case.slug for case in cases}) == len(cases)
+
+
+def test_a_sensor_that_lies_does_so_from_the_start_at_each_target():
+    """Six lies at six targets, and no other fault."""
+    cases = [case for case in all_cases() if case.moment is Moment.START]
+    assert len(cases) == 36
+    assert {case.target_n for case in cases} == {1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332}
+    assert "force_sensor:scale@start-4.7332N" in {case.name for case in cases}
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,8 @@ MOVING = replace(ARM, at_rest=False, stopped_after_s=None)
         ({"resumed": ()}, "resume did not finish"),
         ({"resumed": (Resumed(exit_code=2, told="error: x"),)}, "resume did not finish"),
         ({"exit_code": -11}, "exit status -11"),
+        ({"force_rise_n": 2.6}, "the gel felt 3.60 N; at most 3.50 N is allowed"),
+        ({"name": "robot:wrong-pose@press", "exit_code": 0}, "the run passed"),
     ],
 )
 def test_what_must_not_be_is_a_problem(changes, problem):
@@ -69,7 +71,7 @@ def test_what_must_not_be_is_a_problem(changes, problem):
     seen = replace(GOOD, **changes)
     assert any(problem in text for text in seen.problems)
     assert f"**{seen.problems[0]}**" in table(seen)
-    assert summary_line([seen]).endswith("or a loss: 1.")
+    assert summary_line([seen]).endswith("or too much force: 1.")
 
 
 def test_a_fault_that_is_handled_has_no_problem():
