@@ -156,9 +156,18 @@ class LyingArm:
         self.height_m = 0.0
         self.clock_s = 0.0
 
-    def advance(self, faults: Iterable[Fault], *, duration_s: float) -> None:
-        """Let ``duration_s`` [s] pass under ``faults``; without them it is right at once."""
+    def advance(self, faults: Iterable[Fault], velocity: Vector6, *, duration_s: float) -> None:
+        """Let time pass under ``faults``; without them it is right at once.
+
+        Args:
+            faults: Those that are on.
+            velocity: Of the tool [m/s, rad/s]: what slips in an arm slips while it moves.
+            duration_s: Since the call before [s].
+        """
         active = {fault.kind: fault for fault in faults}
         wrong_pose, jump = active.get(FaultKind.WRONG_POSE), active.get(FaultKind.CLOCK_JUMP)
-        self.height_m = self.height_m + wrong_pose.size * duration_s if wrong_pose else 0.0
+        if wrong_pose is None:
+            self.height_m = 0.0
+        elif any(velocity):
+            self.height_m += wrong_pose.size * duration_s
         self.clock_s = jump.size if jump else 0.0

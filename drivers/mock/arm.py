@@ -195,7 +195,7 @@ class MockArm:
 
     def _sample(self, stamp_ns: int) -> ArmSample:
         lies = self.world.lies_of(Device.ROBOT)
-        self._lies.advance(lies, duration_s=self._period_ns * 1e-9)
+        self._lies.advance(lies, self.world.velocity, duration_s=self._period_ns * 1e-9)
         return ArmSample(
             stamp_ns=stamp_ns,
             controller_time_s=(stamp_ns - self.world.start_ns) * 1e-9 + self._lies.clock_s,

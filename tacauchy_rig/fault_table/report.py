@@ -33,7 +33,8 @@ def summary_line(seen: Sequence[Observation]) -> str:
         parts.append(f"slowest stop {milliseconds:.0f} ms ({worst_stop.name})")
         parts.append(f"largest rise {worst_rise.force_rise_n:.2f} N ({worst_rise.name})")
     parts += [f"acknowledged messages lost: {lost}", f"resumed to the end: {resumed}"]
-    return f"{'; '.join(parts)}; cases that ended in motion, a hang, silence, a loss, a lie or too much force: {bad}."
+    evils = "motion, a hang, silence, a loss, a lie or too much force"
+    return f"{'; '.join(parts)}; cases that ended in {evils}: {bad}."
 
 
 def fault_page(

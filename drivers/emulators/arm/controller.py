@@ -152,7 +152,7 @@ class UrController:
     def _lie(self, passed_s: float) -> None:
         """Drift off the true pose; where that ends, the controller learns where its arm is."""
         off_m = self._lies.height_m
-        self._lies.advance(self._active.values(), duration_s=passed_s)
+        self._lies.advance(self._active.values(), self.body.motion.velocity, duration_s=passed_s)
         if off_m and not self._lies.height_m:
             x, y, z, *turn = self.body.motion.pose
             self.body.motion.be_at((x, y, z - off_m, turn[0], turn[1], turn[2]))

@@ -109,12 +109,15 @@ def test_images_freeze_and_repeat() -> None:
 
 
 def test_an_arm_drifts_and_its_clock_jumps() -> None:
-    """The pose drifts at the speed asked for; both are right again when the fault ends."""
+    """While it moves the pose drifts as asked; both are right again when the fault ends."""
     arm = LyingArm()
+    still: Vector6 = (0.0,) * 6
+    down: Vector6 = (0.0, 0.0, -1e-3, 0.0, 0.0, 0.0)
     on = [parse_fault("robot:wrong-pose=-0.2mm/s"), parse_fault("robot:clock-jump=-3s")]
     for _ in range(100):
-        arm.advance(on, duration_s=0.008)
+        arm.advance(on, down, duration_s=0.008)
+        arm.advance(on, still, duration_s=0.008)
     assert arm.height_m == pytest.approx(-0.16e-3)
     assert arm.clock_s == -3.0
-    arm.advance([], duration_s=0.008)
+    arm.advance([], still, duration_s=0.008)
     assert (arm.height_m, arm.clock_s) == (0.0, 0.0)

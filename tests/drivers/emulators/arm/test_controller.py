@@ -114,15 +114,18 @@ def _say(text: str) -> None:
 
 
 def client_pose(host: str, model: str) -> dict[str, object]:
-    """Say that it is there, then watch the height that the arm reports."""
+    """Say that it is there, move sideways for three seconds, and watch the height it reports."""
+    control = _control(host, model)
     receiver = _receive(host, -1.0, ["actual_TCP_pose"])
     first = receiver.getActualTCPPose()[2]
+    control.speedL([0.002, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1, 0.0)
     _say("watching")
     heights, end_s = set(), time.monotonic() + 3.0
     while time.monotonic() < end_s:
         heights.add(receiver.getActualTCPPose()[2])
         time.sleep(0.002)
-    return {"first": first, "heights": sorted(heights), "model": model}
+    control.speedStop(1.0)
+    return {"first": first, "heights": sorted(heights)}
 
 
 def client_unlock(host: str, model: str) -> dict[str, object]:
