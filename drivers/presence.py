@@ -23,10 +23,7 @@ def require_devices(config: RigConfig) -> None:
     """
     errors = list(_missing(config))
     if errors:
-        raise DeviceError(
-            "\n".join(error.message for error in errors),
-            remedy="; ".join(dict.fromkeys(error.remedy for error in errors if error.remedy)),
-        )
+        raise DeviceError("\n".join(map(str, errors)))  # each with its own remedy below it
 
 
 def _missing(config: RigConfig) -> Iterator[RigError]:

@@ -26,7 +26,7 @@ from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RecordError
 from tacauchy_rig.force_check import Weight, parse_weight
-from tacauchy_rig.loop.cell import check_cell, standing_check
+from tacauchy_rig.loop.cell import check_cell, require_right_cell, standing_check
 from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
@@ -136,6 +136,8 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
 
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
+    if asked.weight is None:
+        require_right_cell(store)
     if config.moves_real_hardware:
         confirm(config)
     result = press(store, config, weight=asked.weight)

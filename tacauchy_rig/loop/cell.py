@@ -56,23 +56,29 @@ def check_cell(
     return check
 
 
-def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
-    """Return what an earlier check of the run is still worth, in words; empty where it holds.
-
-    A check that has expired is marked, so that the report says that trials were added to it.
+def require_right_cell(store: RunStore) -> None:
+    """Refuse to go on with a cell that was found wrong when it was checked last.
 
     Raises:
-        ForceCheckError: The last check found the cell wrong.
+        ForceCheckError: It was; the likely cause and how to check it again stand in the remedy.
     """
     check = store.load_force_check()
-    if check is None:
-        return "force not checked: --check-weight 200g checks the cell by a known weight first"
-    if not check.passed:
+    if check is not None and not check.passed:
         raise ForceCheckError(
             f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
             remedy=f"{check.remedy}; then repeat it: --check-weight "
             f"{check.weight.mass_kg * 1e3:g}g",
         )
+
+
+def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
+    """Return what an earlier check of the run is still worth, in words; empty where it holds.
+
+    A check that has expired is marked, so that the report says that trials were added to it.
+    """
+    check = store.load_force_check()
+    if check is None:
+        return "force not checked: --check-weight 200g checks the cell by a known weight first"
     now = now or datetime.now(UTC)
     if now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H):
         return ""

@@ -11,7 +11,7 @@ import pytest
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.force_check import Weight
 from tacauchy_rig.loop import cell
-from tacauchy_rig.loop.cell import ForceCheckError, check_cell, standing_check
+from tacauchy_rig.loop.cell import ForceCheckError, check_cell, require_right_cell, standing_check
 from tacauchy_rig.run import Tare
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
@@ -59,10 +59,11 @@ def test_a_wrong_cell_refuses_the_run_until_it_is_right(
     assert caught.value.exit_code == 2
     assert "a tenth" in caught.value.remedy
     with pytest.raises(ForceCheckError, match="wrong when it was checked last") as caught:
-        standing_check(store)
+        require_right_cell(store)
     assert "--check-weight 200g" in caught.value.remedy
     weighs(monkeypatch, 1.0)
     check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    require_right_cell(store)
     assert not standing_check(store)
     assert len(read_journal(store.paths.journal)) == 2
 
