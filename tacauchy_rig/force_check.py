@@ -152,6 +152,7 @@ def judge_weight(
         measured_n=compression_sign * z,
         change=(x, y, z),
         doubt_n=doubt_n,
+        drift_n=drift_n,
         is_frozen=all(tare.deviation[FZ] == 0.0 for tare in (before, loaded, after)),
     )
     return ForceCheck(
@@ -177,6 +178,7 @@ class _Judged:
     measured_n: float
     change: Vector3
     doubt_n: float
+    drift_n: float
     is_frozen: bool
 
     @property
@@ -201,6 +203,11 @@ class _Judged:
         elif size_n < NOTHING_SHARE * self.weight_n:
             yield "the cell felt next to nothing: did the weight hang on the tool, touching nothing"
             yield "is the cell plugged into the box; does the box read in kN"
+        elif abs(self.drift_n) > 0.5 * self.weight_n:
+            yield (
+                f"unloaded again the cell is {self.drift_n:+.3f} N off its first zero: hang the "
+                "weight after the second line and take it off before the third"
+            )
         elif self.doubt_n > UNCERTAIN_SHARE * self.weight_n:
             yield (
                 f"drift and noise leave {self.doubt_n:.3f} N open: let the cell warm up and the "

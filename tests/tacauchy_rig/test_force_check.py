@@ -115,6 +115,13 @@ def test_what_wanders_is_not_judged(doubt: dict[str, float]) -> None:
     assert check.remedy.startswith("drift and noise leave")
 
 
+@pytest.mark.parametrize("drift_n", [-1.962, 1.962])
+def test_a_weight_that_stayed_or_hung_too_early_is_told(drift_n: float) -> None:
+    """Two zeros that differ by the weight are no drift."""
+    check = judged((0.0, 0.0, -0.5 * WEIGHT.force_n), drift_n=drift_n)
+    assert check.remedy.startswith(f"unloaded again the cell is {drift_n:+.3f} N off")
+
+
 @given(scale=st.floats(0.9, 1.1), drift_n=st.floats(-0.15, 0.15))
 def test_the_tolerance_is_what_it_says(scale: float, drift_n: float) -> None:
     """A cell passes just where it is within the stated tolerance, whatever its zero drifts."""
