@@ -11,6 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.cli.app import app
+from tacauchy_rig.config.load import example_text
+from tacauchy_rig.errors import AbortedError
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -54,19 +56,39 @@ def test_unknown_key_names_field_and_remedy(tmp_path: Path) -> None:
     assert not (tmp_path / "runs").exists()
 
 
-def test_nothing_moves_without_the_sensors_name(tmp_path: Path) -> None:
-    """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
+FILLED_IN = [
+    "--set=robot.host=127.0.0.99",
+    "--set=robot.connect_timeout=2 s",
+    "--set=force_sensor.port=/dev/ttyUSB77",
+    "--set=force_sensor.calibration_sheet=no. 7 of 2026-01-01",
+    "--set=sensor.optics_calibration=",
+]
+"""The example's labels, read at a rig where nothing is plugged in."""
+
+
+def test_what_is_missing_is_told_before_a_word_is_asked_for(tmp_path: Path) -> None:
+    """Every device at once, each with its remedy; no run folder is begun."""
     assert call("config", "example", "rig.toml", cwd=tmp_path).returncode == 0
-    filled_in = {
-        "force_sensor.port": "/dev/ttyUSB0",
-        "force_sensor.calibration_sheet": "no. 7 of 2026-01-01",
-        "sensor.optics_calibration": "",
-    }
-    settings = [f"--set={field}={value}" for field, value in filled_in.items()]
-    done = call("run", "rig.toml", *settings, cwd=tmp_path, stdin="yes\n")
-    assert done.returncode == 3
-    assert "Type the sensor's name" in done.stdout
-    assert "nothing moved" in done.stderr
+    done = call("run", "rig.toml", *FILLED_IN, cwd=tmp_path, stdin="gelsight-mini\n")
+    assert done.returncode == 2
+    for name in ("robot 127.0.0.99", "/dev/ttyUSB77", "camera: no camera matches"):
+        assert name in done.stderr
+    assert done.stderr.count("->") == 3
+    assert "Type the sensor's name" not in done.stdout
+    assert not (tmp_path / "runs").exists()
+
+
+def test_nothing_moves_without_the_sensors_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tacauchy_rig.cli.session.require_devices", lambda _: None)
+    (tmp_path / "rig.toml").write_text(example_text())
+    done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN], input="yes\n")
+    assert isinstance(done.exception, AbortedError)
+    assert done.exception.exit_code == 3
+    assert "nothing moved" in done.exception.message
 
 
 @pytest.mark.parametrize("command", ["dry-run", "run", "doctor", "press", "emulate", "fault-table"])
