@@ -9,58 +9,68 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.cli import config_commands, emulate, session
-from tacauchy_rig.cli.calibrate.markers import markers
-from tacauchy_rig.cli.calibrate.optics import optics
-from tacauchy_rig.cli.calibrate.scale import scale
-from tacauchy_rig.cli.doctor import doctor
-from tacauchy_rig.cli.folders import export, recover, replay, report
+from tacauchy_rig.cli.lazy import lazy_group
 from tacauchy_rig.cli.output import complain, say
-from tacauchy_rig.cli.press import plan, press
-from tacauchy_rig.cli.studies.accuracy import accuracy
-from tacauchy_rig.cli.studies.bench import bench
-from tacauchy_rig.cli.studies.effects_check import effects_check
-from tacauchy_rig.cli.studies.fault_table import fault_table
-from tacauchy_rig.cli.studies.modes import modes
-from tacauchy_rig.cli.studies.objects import objects
-from tacauchy_rig.cli.studies.torture import torture
-from tacauchy_rig.cli.studies.verify import verify
 from tacauchy_rig.errors import AbortedError, RigError
 
+COMMANDS = {
+    "dry-run": "tacauchy_rig.cli.session:dry_run",
+    "run": "tacauchy_rig.cli.session:run",
+    "resume": "tacauchy_rig.cli.session:resume",
+    "recover": "tacauchy_rig.cli.folders:recover",
+    "replay": "tacauchy_rig.cli.folders:replay",
+    "report": "tacauchy_rig.cli.folders:report",
+    "export": "tacauchy_rig.cli.folders:export",
+    "press": "tacauchy_rig.cli.press:press",
+    "plan": "tacauchy_rig.cli.press:plan",
+    "accuracy": "tacauchy_rig.cli.studies.accuracy:accuracy",
+    "bench": "tacauchy_rig.cli.studies.bench:bench",
+    "torture": "tacauchy_rig.cli.studies.torture:torture",
+    "verify": "tacauchy_rig.cli.studies.verify:verify",
+    "effects-check": "tacauchy_rig.cli.studies.effects_check:effects_check",
+    "modes": "tacauchy_rig.cli.studies.modes:modes",
+    "objects": "tacauchy_rig.cli.studies.objects:objects",
+    "doctor": "tacauchy_rig.cli.doctor:doctor",
+    "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
+    "config": "tacauchy_rig.cli.config_commands:app",
+}
+"""Where each command is; a new one is a line here."""
+
 app = typer.Typer(
+    cls=lazy_group(COMMANDS),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="From a recorded tactile press to a force-matched replay and an honest report.",
 )
-app.command("dry-run")(session.dry_run)
-app.command("run")(session.run)
-app.command("resume")(session.resume)
-app.command("recover")(recover)
-app.command("replay")(replay)
-app.command("report")(report)
-app.command("export")(export)
-app.command("press")(press)
-app.command("plan")(plan)
-app.command("accuracy")(accuracy)
-app.command("bench")(bench)
-app.command("torture")(torture)
-app.command("verify")(verify)
-app.command("effects-check")(effects_check)
-app.command("modes")(modes)
-app.command("objects")(objects)
-app.command("doctor")(doctor)
-app.command("fault-table")(fault_table)
-calibrate = typer.Typer(
-    no_args_is_help=True,
-    help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
+app.add_typer(
+    typer.Typer(
+        cls=lazy_group(
+            {
+                "scale": "tacauchy_rig.cli.calibrate.scale:scale",
+                "markers": "tacauchy_rig.cli.calibrate.markers:markers",
+                "optics": "tacauchy_rig.cli.calibrate.optics:optics",
+            }
+        ),
+        no_args_is_help=True,
+        help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
+    ),
+    name="calibrate",
 )
-calibrate.command("scale")(scale)
-calibrate.command("markers")(markers)
-calibrate.command("optics")(optics)
-app.add_typer(calibrate, name="calibrate")
-app.add_typer(emulate.app, name="emulate")
-app.add_typer(config_commands.app, name="config")
+app.add_typer(
+    typer.Typer(
+        cls=lazy_group(
+            {
+                "start": "tacauchy_rig.cli.emulate.start:start",
+                "presses": "tacauchy_rig.cli.emulate.presses:presses",
+                "fault": "tacauchy_rig.cli.emulate.fault:fault",
+            }
+        ),
+        no_args_is_help=True,
+        help="Start emulated devices, make them fail, and write what an emulated sensor shows.",
+    ),
+    name="emulate",
+)
 
 
 def _version(value: bool) -> None:

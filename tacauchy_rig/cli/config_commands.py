@@ -18,7 +18,9 @@ from tacauchy_rig.loop.gel_limits import DEPTH_SHARE, PRESSURE_MODULI, check_gel
 from tacauchy_rig.loop.settings import check_replay
 from tacauchy_rig.page import page
 
-app = typer.Typer(no_args_is_help=True, help="Show, check and write rig.toml.")
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Show, check and write rig.toml."
+)
 
 
 @app.command()

@@ -109,6 +109,17 @@ def test_inbox_receives_without_blocking(tmp_path: Path) -> None:
     assert not control_path(folder, Device.ROBOT).exists()
 
 
+@pytest.mark.parametrize("nonsense", [b"[" * 60_000, b'{"kind":' * 8_000, b"\xff\x00", b""])
+def test_nonsense_ends_no_emulator(tmp_path: Path, nonsense: bytes) -> None:
+    """Whatever comes, the next fault is heard."""
+    inbox = FaultInbox(tmp_path, Device.ROBOT)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.sendto(nonsense, str(control_path(tmp_path, Device.ROBOT)))
+    post_fault(tmp_path, parse_fault("robot:stall"))
+    assert [fault.kind for fault in inbox.poll()] == [FaultKind.STALL]
+    inbox.close()
+
+
 def test_nobody_listens(tmp_path: Path) -> None:
     """Sending to an emulator that is not there says where it was looked for."""
     with pytest.raises(DeviceError, match=r"emulated robot: nothing listens at .*robot\.control"):

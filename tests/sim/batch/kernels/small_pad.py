@@ -8,16 +8,20 @@ from sim.arrays import FloatArray
 from sim.batch.kernels.gathering import Numbering, numbering
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
+from sim.scene.material import LawName
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
 
 BARRIER_M = 0.2e-3
 
 
-def block(order: ElementOrder = ElementOrder.P1) -> Model:
+def block(
+    order: ElementOrder = ElementOrder.P1, law_name: LawName = LawName.STABLE_NEO_HOOKEAN
+) -> Model:
     """Return 12 x 12 x 4 mm of gel whose barrier reaches far."""
     options = ContactOptions(distance_m=BARRIER_M)
-    return pad_model(brick_mesh((3, 3, 2), jitter=0.1), order=order, contact_options=options)
+    mesh = brick_mesh((3, 3, 2), jitter=0.1)
+    return pad_model(mesh, order=order, law_name=law_name, contact_options=options)
 
 
 def rows_of(model: Model, moved: FloatArray) -> tuple[Numbering, FloatArray]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -17,39 +20,45 @@ from sim.batch.kernels.element_forces import (
 )
 from sim.batch.kernels.state import zeroed
 from sim.device import Device
-from sim.material.laws.stable_neo_hookean import LAW
+from sim.material.laws.tangent import Law
 from sim.mesh.elements import ElementOrder, reference_element
+from sim.scene.material import LawName
 from sim.solve.model import Model
 from tests.sim.batch.kernels.small_pad import block, moved_at_random, rows_of
 
 REFERENCE = reference_element(ElementOrder.P1)
 NODES = REFERENCE.node_count
-element_forces, element_rates = forces_function(LAW, REFERENCE), rates_function(REFERENCE)
 
 
-@wp.kernel(enable_backward=False, module="unique")
-def evaluate(
-    gel: BatchGel,
-    displacements: wp.array(dtype=wp.float64),
-    directions: wp.array(dtype=wp.float32),
-    tangents: Tangents,
-    forces_out: wp.array3d(dtype=wp.float64),
-    rates_out: wp.array3d(dtype=wp.float32),
-):
-    """Find what every element gives its nodes; launches over [element_count]."""
-    e = wp.tid()
-    forces = element_forces(e, 0, gel, displacements, tangents)
-    rates = element_rates(e, 0, gel, directions, tangents)
-    for k in range(wp.static(NODES)):
-        for axis in range(3):
-            forces_out[e, k, axis] = forces[k, axis]
-            rates_out[e, k, axis] = rates[k, axis]
+@cache
+def kernel(law: Law) -> Any:
+    """Build the kernel; it launches over [element_count]."""
+    element_forces, element_rates = forces_function(law, REFERENCE), rates_function(REFERENCE)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def evaluate(
+        gel: BatchGel,
+        displacements: wp.array(dtype=wp.float64),
+        directions: wp.array(dtype=wp.float32),
+        tangents: Tangents,
+        forces_out: wp.array3d(dtype=wp.float64),
+        rates_out: wp.array3d(dtype=wp.float32),
+    ):
+        e = wp.tid()
+        forces = element_forces(e, 0, gel, displacements, tangents)
+        rates = element_rates(e, 0, gel, directions, tangents)
+        for k in range(wp.static(NODES)):
+            for axis in range(3):
+                forces_out[e, k, axis] = forces[k, axis]
+                rates_out[e, k, axis] = rates[k, axis]
+
+    return evaluate
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    """Return a small block."""
-    return block()
+@pytest.fixture(scope="module", params=[LawName.STABLE_NEO_HOOKEAN, LawName.NEO_HOOKEAN])
+def model(request: pytest.FixtureRequest) -> Model:
+    """Return a small block; of a tangent's terms, one law lacks b and the other c."""
+    return block(law_name=request.param)
 
 
 def nodal(model: Model, moved: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -58,12 +67,12 @@ def nodal(model: Model, moved: FloatArray, along: FloatArray) -> tuple[FloatArra
     numbered, values = rows_of(model, moved)
     _, directions = rows_of(model, along)
     materials = [(model.young_pa, model.poisson)]
-    gel = batch_gel(pad, numbered, LAW, materials, device)
+    gel = batch_gel(pad, numbered, model.law, materials, device)
     shape = (count, NODES, 3)
     out = [device.zeros(shape, kind) for kind in (wp.float64, wp.float32)]
     inputs = [gel, device.array(values, wp.float64), device.array(directions, wp.float32)]
     tangents = zeroed(Tangents, (1, TANGENT_SIZE * gel.weights.size), device)
-    device.launch(evaluate, (count,), [*inputs, tangents], out)
+    device.launch(kernel(model.law), (count,), [*inputs, tangents], out)
     sums = np.zeros((2, *model.nodes.shape))
     for total, found in zip(sums, out, strict=True):
         np.add.at(total, pad.elements, found.numpy())

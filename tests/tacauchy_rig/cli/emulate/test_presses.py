@@ -5,13 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
-from drivers.device.faults import Device, FaultKind
-from drivers.emulators.faults import FaultInbox
 from tacauchy_rig.cli.app import app
-from tacauchy_rig.errors import ConfigError
 
 
 def _run(*words: object) -> str:
@@ -41,18 +37,3 @@ def test_recorded_presses_leave_nothing_out(tmp_path: Path) -> None:
     shown = _run("presses", "--out", tmp_path / "presses", "--count", 5)
     assert "left out" not in shown
     assert (tmp_path / "presses" / "circles.csv").read_text().count("press-") == 5
-
-
-def test_a_running_device_is_told_of_a_fault(tmp_path: Path) -> None:
-    """It hears what was told, which is written as JSON; a fault that nobody knows is refused."""
-    inbox = FaultInbox(tmp_path, Device.FORCE_SENSOR)
-    words = ["--json", tmp_path / "told.json"]
-    try:
-        _run("fault", tmp_path, "force_sensor:freeze@1s+2s", *words)
-        (heard,) = inbox.poll()
-    finally:
-        inbox.close()
-    assert (heard.kind, heard.start_s, heard.duration_s) == (FaultKind.FREEZE, 1.0, 2.0)
-    assert json.loads((tmp_path / "told.json").read_text())["fault"] == "force_sensor:freeze@1s+2s"
-    with pytest.raises(ConfigError, match="melt"):
-        _run("fault", tmp_path, "force_sensor:melt@1s")

@@ -1,0 +1,1 @@
+"""Emulated devices by themselves, for a ``run`` in another terminal."""
