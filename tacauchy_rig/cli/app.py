@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import sys
 from typing import Annotated
@@ -111,11 +112,26 @@ def main() -> None:
     except Exception as error:  # the process's top: no traceback without --debug
         if debug:
             raise
-        complain(
-            f"error: {type(error).__name__}: {error}\n  -> this is a fault of the program; "
-            "`tacauchy-rig --debug ...` shows where"
-        )
+        complain(f"error: {_told(error)}")
         sys.exit(RigError.exit_code)
+
+
+def _told(error: Exception) -> RigError:
+    """Return what to tell of an error that nobody foresaw where it happened."""
+    if isinstance(error, MemoryError):
+        return RigError(
+            f"out of memory: {error or 'no more can be had'}",
+            remedy="end other programs, lift `ulimit -v`, or take a coarser replay.preset",
+        )
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return RigError(
+            f"too many open files: {error}",
+            remedy="`ulimit -n 1024` before the command admits more",
+        )
+    return RigError(
+        f"{type(error).__name__}: {error}",
+        remedy="this is a fault of the program; `tacauchy-rig --debug ...` shows where",
+    )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from tacauchy_rig.cli.progress import SessionProgress
 from tacauchy_rig.config.changes import resumed_config
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.doctor.host import descriptor_check
+from tacauchy_rig.doctor.result import CheckStatus
 from tacauchy_rig.errors import AbortedError, RecordError
 from tacauchy_rig.force_check import Weight, parse_weight
 from tacauchy_rig.loop.cell import check_cell, require_right_cell, standing_check
@@ -129,6 +132,9 @@ def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
 
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
+    descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    if descriptors.status is CheckStatus.FAIL:
+        raise RecordError(descriptors.finding, remedy=descriptors.remedy)
     check_names(config)
     check_gel(config)
     if not press_only:

@@ -26,6 +26,13 @@ class Section(BaseModel):
     )
     ceilings: ClassVar[Mapping[str, Ceiling]] = NO_CEILINGS
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _has_no_nul(cls, value: Any) -> Any:
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError(f"{json.dumps(value)} holds a NUL character, which no path can")
+        return value
+
     @field_validator("*")
     @classmethod
     def _below_its_ceiling(cls, value: Any, info: ValidationInfo) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import grp
 import os
 import platform
+import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +14,8 @@ import psutil
 
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.disk import disk_checks
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, judged, passed, skipped
+from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, judged, passed, skipped
+from tacauchy_rig.errors import RigError
 from tacauchy_rig.versions import ABSENT, installed
 
 PACKAGES = (
@@ -28,6 +30,8 @@ PACKAGES = (
 )
 _MIN_CORES = 2
 _MIN_MEMORY_BYTES = 4 * 2**30
+_MIN_DESCRIPTORS = 64
+"""The process that watches a run opens some 30 files, sockets and pipes."""
 _MAX_CLOCK_STEP_S = 1e-5
 _TIMER_PERIOD_S = 0.002
 _TIMER_COUNT = 250
@@ -42,6 +46,7 @@ def host_checks(config: RigConfig) -> list[CheckResult]:
         timer_check(),
         core_check(len(os.sched_getaffinity(0))),
         memory_check(int(psutil.virtual_memory().available)),
+        descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0]),
         *group_checks(config, groups=own_groups(), user_id=os.geteuid()),
         *disk_checks(config),
     ]
@@ -132,6 +137,16 @@ def memory_check(available_bytes: int) -> CheckResult:
         unit="GiB",
         remedy=f"end other programs; the replay wants {_MIN_MEMORY_BYTES / 2**30:.0f} GiB",
     )
+
+
+def descriptor_check(limit: int) -> CheckResult:
+    """Judge how many files this process may have open at once."""
+    name = "host.descriptors"
+    finding = f"{limit} files may be open at once"
+    if limit >= _MIN_DESCRIPTORS or limit == resource.RLIM_INFINITY:
+        return passed(name, finding, value=limit, unit="files")
+    too_few = f"only {finding}; a run needs {_MIN_DESCRIPTORS}"
+    return failed(name, RigError(too_few, remedy="`ulimit -n 1024` before the command admits more"))
 
 
 def own_groups() -> frozenset[str]:

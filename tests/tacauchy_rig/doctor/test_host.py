@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import resource
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from tacauchy_rig.doctor.disk import disk_checks, measure_disk
 from tacauchy_rig.doctor.host import (
     clock_check,
     core_check,
+    descriptor_check,
     group_checks,
     host_checks,
     memory_check,
@@ -52,6 +54,16 @@ def test_missing_package_fails() -> None:
     result = version_check(("numpy", "no-such-package"))
     assert result.status is CheckStatus.FAIL
     assert "missing: no-such-package" in result.finding
+
+
+def test_a_run_that_could_open_too_few_files_fails() -> None:
+    """The limit and what lifts it are named; no limit is none."""
+    few = descriptor_check(24)
+    assert few.status is CheckStatus.FAIL
+    assert few.finding == "only 24 files may be open at once; a run needs 64"
+    assert "ulimit -n" in few.remedy
+    assert descriptor_check(1024).status is CheckStatus.OK
+    assert descriptor_check(resource.RLIM_INFINITY).status is CheckStatus.OK
 
 
 def test_small_computers_are_warned_of() -> None:
