@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import replace
 
 from protocols.guard.abort import Abort
@@ -15,13 +15,18 @@ from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
 
 
-def plan_session(store: RunStore) -> tuple[PlannedTrial, ...]:
-    """Return what is left to do: trials without a passed attempt, numbered after earlier ones."""
+def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
+    """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
+
+    Args:
+        store: The run's folder.
+        again: Trials to press once more though they have a passed attempt.
+    """
     return tuple(
         replace(
             planned,
             next_attempt=store.next_attempt(planned.index),
-            done=store.accepted(planned.index) is not None,
+            done=planned.index not in again and store.accepted(planned.index) is not None,
         )
         for planned in fresh_plan(store.config)
     )
@@ -34,6 +39,7 @@ def run_session(
     on_event: Callable[[JournalEvent], None],
     abort: Abort,
     expected: ExpectedPress | None = None,
+    again: Set[int] = frozenset(),
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -44,6 +50,7 @@ def run_session(
             thread.
         abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
         expected: What a press should give; None where nobody knows.
+        again: Trials to press once more though they have a passed attempt.
 
     Raises:
         RecordError: Another program works on the run.
@@ -54,7 +61,7 @@ def run_session(
         Supervisor(
             store,
             config,
-            plan_session(store),
+            plan_session(store, again=again),
             on_event=on_event,
             abort=abort,
             expected=expected,

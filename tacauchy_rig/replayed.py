@@ -168,9 +168,16 @@ class ReplayModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replay:
-    """All trials of a run, replayed with one model."""
+    """All trials of a run, replayed with one model.
+
+    Attributes:
+        made_from: SHA-256 of the run's files that it was made from, and of its configuration.
+        files: SHA-256 of its own arrays and images.
+    """
 
     name: str
     trials: tuple[ReplayTrial, ...]
     model: ReplayModel
     versions: dict[str, str]
+    made_from: dict[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)

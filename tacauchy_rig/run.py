@@ -257,7 +257,7 @@ class JournalEvent:
         name: ``phase``, ``attempt-start``, ``attempt-end``, ``attempt-repeated``,
             ``fault``, ``abort``, ``process-died``, ``force-check``, ``resume-set``, ``resume``,
             ``run-start``, ``run-end``; and of the run
-            folder itself ``described``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
+            folder itself ``written``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
         detail: Plain JSON values, units in the keys.
     """
 

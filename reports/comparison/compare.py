@@ -57,7 +57,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
         for trial in evidence.trials
     )
     statistics = _statistics(trials)
-    criteria = tuple(judge_modulus(evidence.model, evidence.thresholds))
+    criteria = (*evidence.checks, *judge_modulus(evidence.model, evidence.thresholds))
     passed = all(c.passed for c in criteria) and all(trial.passed for trial in trials)
     passed = passed and bool(trials)
     return ValidationReport(

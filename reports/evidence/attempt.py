@@ -15,7 +15,6 @@ from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
-    RecordedForce,
     StreamTiming,
     TrialImages,
 )
@@ -89,22 +88,6 @@ class AttemptReading:
         return None if start_ns is None or end_ns is None else (0.0, (end_ns - start_ns) * 1e-9)
 
     @property
-    def recorded(self) -> RecordedForce | None:
-        """Tare and mean force from the raw samples; None where the protocol took no tare."""
-        tare = self.record.tare_before
-        if tare is None:
-            return None
-        unloaded = self._raw_force_n(tare.start_ns, tare.end_ns)
-        pressed = self._raw_force_n(self.record.dwell_start_ns, self.record.dwell_end_ns)
-        x, y, z = _mean(unloaded).tolist()
-        return RecordedForce(
-            tare_n=(x, y, z),
-            rise_n=float(_mean(pressed)[FZ]) - z,
-            compression_sign=self.store.config.force_sensor.compression_sign,
-            dwell_sample_count=len(pressed),
-        )
-
-    @property
     def force_curve(self) -> Curve | None:
         """The tared pressing force [N], positive in compression; None without a tare."""
         tare, sign = self.record.tare_before, self.store.config.force_sensor.compression_sign
@@ -136,13 +119,6 @@ class AttemptReading:
             stream_timing("arm", self.arm.stamp_ns),
         )
 
-    def _raw_force_n(self, start_ns: int | None, end_ns: int | None) -> FloatArray:
-        """Return raw Fx, Fy, Fz [N] of a window, both ends included, shape [n, 3]."""
-        stamp_ns = self.force.stamp_ns
-        if start_ns is None or end_ns is None:
-            return np.empty((0, 3))
-        return self.force.wrench[(stamp_ns >= start_ns) & (stamp_ns <= end_ns), :3]
-
     def _frames(self, start_ns: int | None, end_ns: int | None) -> list[ColorImage]:
         if start_ns is None or end_ns is None:
             return []
@@ -170,22 +146,17 @@ class RunReading:
         self.store = store
         self.geometry = geometry
         count = len(store.config.protocol.force_targets)
-        self.records = {
-            index: store.accepted(index) or store.latest(index) for index in range(1, count + 1)
-        }
+        self.records = {index: store.counting(index) for index in range(1, count + 1)}
         self._attempts: dict[int, AttemptReading] = {}
 
     def attempt(self, trial: int) -> AttemptReading | None:
-        """Return what is read of a trial; None where nothing was recorded.
-
-        Raises:
-            RecordError: The recording of a passed attempt is missing, or it is damaged.
-        """
+        """Return what is read of a trial; None where no recording of it can be opened."""
         record = self.records[trial]
-        if record is None:
+        try:
+            return None if record is None else self.read(record)
+        except RecordError as error:
+            logger.info("trial %d: %s", trial, error)
             return None
-        recorded = self.store.paths.recording(record.index, record.attempt).exists()
-        return self.read(record) if recorded or record.passed else None
 
     def read(self, record: TrialRecord) -> AttemptReading:
         """Return what is read of an attempt, its recording opened once.
@@ -250,10 +221,6 @@ def stream_timing(
         intervals_s=_seconds(np.diff(stamp_ns)),
         lost_count=lost,
     )
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    return values.mean(axis=0) if len(values) else np.full(values.shape[1], math.nan)
 
 
 def _seconds(duration_ns: IntArray) -> FloatArray:

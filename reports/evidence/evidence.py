@@ -13,7 +13,7 @@ from typing import Any
 from reports.arrays import ColorImage, FloatArray
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import ReplayModel, ReplayTrial
-from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.run import Criterion, TrialRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,23 +79,6 @@ class StreamTiming:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedForce:
-    """The force of an attempt, computed again from the raw samples of its recording.
-
-    Attributes:
-        tare_n: Mean raw Fx, Fy, Fz [N] over the tare before the press; NaN without a sample.
-        rise_n: Mean raw Fz [N] over the dwell minus that of the tare, signed as the sensor signs.
-        compression_sign: The sign of ``rise_n`` in compression, as the run was configured.
-        dwell_sample_count: Samples in the dwell.
-    """
-
-    tare_n: tuple[float, float, float]
-    rise_n: float
-    compression_sign: int
-    dwell_sample_count: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TruthComparison:
     """One quantity of the emulated world beside what the pipeline made of it.
 
@@ -143,7 +126,7 @@ class TrialEvidence:
         force_curve: Tared pressing force [N], positive in compression.
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
-        recorded: What the recording says of the force; ``record`` holds what the protocol said.
+        checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
     """
@@ -157,7 +140,7 @@ class TrialEvidence:
     force_curve: Curve | None = None
     depth_curve: Curve | None = None
     dwell_s: tuple[float, float] | None = None
-    recorded: RecordedForce | None = None
+    checks: tuple[Criterion, ...] = ()
     force_depth_simulated: FloatArray | None = None
     streams: tuple[StreamTiming, ...] = ()
 
@@ -220,6 +203,8 @@ class RunEvidence:
         force_check: How the cell read a known weight before the run; None where that was not tried.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
+        checks: What journal, description and replay say of each other.
+        notes: What is no fault and has to be known of how the run was recorded, in sentences.
     """
 
     trials: tuple[TrialEvidence, ...]
@@ -234,6 +219,8 @@ class RunEvidence:
     force_check: ForceCheck | None = None
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
+    checks: tuple[Criterion, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def camera(self) -> str:

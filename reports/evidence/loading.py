@@ -21,7 +21,8 @@ from reports.evidence.evidence import (
 )
 from reports.evidence.force_depth import merge_histories
 from tacauchy_rig.replayed import Replay
-from tacauchy_rig.run import JournalEvent, TrialRecord
+from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.store.check.run import RunCheck, check_run
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
 
@@ -47,6 +48,7 @@ def load_evidence(
         RecordError: A recording or a replayed image is missing or damaged.
     """
     store, config = run.store, run.store.config
+    check = check_run(store)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curve = _stated_curve(replay)
     trials = tuple(
@@ -59,6 +61,7 @@ def load_evidence(
             if simulated_images is None
             else simulated_images.get(index),
             force_depth_simulated=curve,
+            checks=_checks(check, run.records[index]),
             **_recorded(run.attempt(index)),
         )
         for index, target in enumerate(config.protocol.force_targets, start=1)
@@ -75,14 +78,33 @@ def load_evidence(
             max_force_mismatch_n=config.report.max_force_mismatch,
         ),
         geometry=run.geometry,
-        provenance=_provenance(store, replay),
+        provenance={**_provenance(store, replay), "journal_head": check.journal_head},
         journal=summarize_journal(read_journal(store.paths.journal)),
         contact_force_n=config.protocol.contact_force,
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
         force_check=store.load_force_check(),
         world=_world(store, run.records),
+        checks=check.run,
+        notes=(*check.notes, *_of_other_attempts(check, run)),
     )
+
+
+def _checks(check: RunCheck, record: TrialRecord | None) -> tuple[Criterion, ...]:
+    return () if record is None else check.attempts.get((record.index, record.attempt), ())
+
+
+def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
+    """Yield what contradicts what in attempts that do not count, in a sentence each."""
+    counting = {(r.index, r.attempt) for r in run.records.values() if r is not None}
+    for (trial, attempt), criteria in check.attempts.items():
+        missed = [c for c in criteria if not c.passed and (trial, attempt) not in counting]
+        for criterion in missed:
+            name = criterion.name.replace("_", " ")
+            yield (
+                f"Attempt {attempt} at trial {trial}, which does not count, misses {name}: asked: "
+                f"{criterion.limit}."
+            )
 
 
 def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
@@ -92,7 +114,6 @@ def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
         "images": attempt.images,
         "streams": attempt.streams,
         "dwell_s": attempt.dwell_s,
-        "recorded": attempt.recorded,
         "force_curve": attempt.force_curve,
         "depth_curve": attempt.depth_curve,
     }

@@ -13,14 +13,16 @@ from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance, parse_tolerance
 from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
-from tacauchy_rig.cli.output import say, write_json
+from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.press import cost_lines
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.replayed import MarkerMotion, Replay
+from tacauchy_rig.store.check.run import RunCheck, check_run
 from tacauchy_rig.store.recording.export import ExportKind, export_run
-from tacauchy_rig.store.recording.recover import RecoveryReport, recover_run
+from tacauchy_rig.store.recording.recover import RecoveryReport
+from tacauchy_rig.store.recovery import RunRecovery, recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 
@@ -39,6 +41,7 @@ def replay(
     """Simulate the trials of a run again and write its report."""
     run = open_run(folder)
     kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
+    complain_of(check_run(run.store, replays=False))
     replay_and_show(run, tolerance=kept)
     report_and_exit(run, json_file)
 
@@ -63,17 +66,31 @@ def export(
 
 
 def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Repair recordings that were cut off; the torn originals are kept beside them."""
-    RunStore.open(folder)
-    reports = recover_run(folder)
-    for report in reports:
-        say_recovered(report)
-    if not any(report.changed or report.problems for report in reports):
-        say(f"{folder}: every recording is whole")
-    write_json(json_file, {"recordings": reports})
+    """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole."""
+    recovery = recover_run(RunStore.open(folder))
+    say_recovered(recovery)
+    if recovery.is_whole and not any(report.changed for report in recovery.recordings):
+        say(f"{folder}: journal, results and recordings are whole and agree")
+    write_json(json_file, recovery)
+    raise typer.Exit(0 if recovery.is_whole else 1)
 
 
-def say_recovered(report: RecoveryReport) -> None:
+def say_recovered(recovery: RunRecovery) -> None:
+    """Say what was mended of a run, and what is not to be mended."""
+    for report in recovery.recordings:
+        _say_mended(report)
+    if recovery.was_cut_off:
+        say("the journal had no end: the program was cut off, or lines were taken off; noted in it")
+    complain_of(recovery.check)
+
+
+def complain_of(check: RunCheck) -> None:
+    """Say what contradicts what in a run."""
+    for line in check.missed():
+        complain(f"error: {line}")
+
+
+def _say_mended(report: RecoveryReport) -> None:
     """Say what was mended of a recording, and what could not be."""
     if report.changed:
         merged = f", {report.merged_count} of them from spills" if report.merged_count else ""

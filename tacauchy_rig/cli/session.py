@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import resource
 import shutil
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +28,7 @@ from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.host import descriptor_check
 from tacauchy_rig.doctor.result import CheckStatus
-from tacauchy_rig.errors import AbortedError, RecordError
+from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.force_check import Weight, parse_weight
 from tacauchy_rig.loop.cell import check_cell, require_right_cell, standing_check
 from tacauchy_rig.loop.gel_limits import check_gel
@@ -35,7 +36,7 @@ from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
 from tacauchy_rig.loop.settings import check_names, check_replay
 from tacauchy_rig.run import Outcome
-from tacauchy_rig.store.recording.recover import recover_run
+from tacauchy_rig.store.recovery import recover_run
 from tacauchy_rig.store.run_store import RunStore
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
@@ -93,19 +94,23 @@ def resume(
     press_only: PressOnly = False,
     check_weight: CheckWeight = None,
     overrides: Changes = None,
+    again: Annotated[
+        list[int] | None,
+        typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),
+    ] = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     asked = _asked(press_only, json_file, check_weight)
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
-    for mended in recover_run(folder):
-        say_recovered(mended)
+    trials = _trials(config, again)
+    say_recovered(recover_run(store))
     require_devices(config)
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, asked)
+    _press_and_report(store, config, replace(asked, again=trials))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +120,7 @@ class _Asked:
     press_only: bool
     json_file: Path | None
     weight: Weight | None
+    again: frozenset[int] = frozenset()
 
 
 def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -> _Asked:
@@ -141,12 +147,28 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
         check_replay(config)
 
 
+def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
+    """Return the trials that were asked for.
+
+    Raises:
+        ConfigError: The run has no such trial.
+    """
+    count = len(config.protocol.force_targets)
+    for trial in asked or ():
+        if not 1 <= trial <= count:
+            raise ConfigError(
+                f"--again {trial}: this run has the trials 1 to {count}",
+                remedy="protocol.force_targets lists them in order",
+            )
+    return frozenset(asked or ())
+
+
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     if asked.weight is None:
         require_right_cell(store)
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, weight=asked.weight)
+    result = press(store, config, weight=asked.weight, again=asked.again)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
@@ -158,13 +180,20 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
     report_and_exit(recorded, asked.json_file)
 
 
-def press(store: RunStore, config: RigConfig, *, weight: Weight | None = None) -> SessionResult:
+def press(
+    store: RunStore,
+    config: RigConfig,
+    *,
+    weight: Weight | None = None,
+    again: frozenset[int] = frozenset(),
+) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
 
     Args:
         store: The run, new or begun.
         config: Its configuration, with what was changed since it began.
         weight: Checks the cell before anything moves; None leaves that out.
+        again: Trials to press once more though they have a passed attempt.
     """
     chosen = emulated_devices(config)
     with ExitStack() as stack:
@@ -187,7 +216,7 @@ def press(store: RunStore, config: RigConfig, *, weight: Weight | None = None) -
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
         progress = stack.enter_context(SessionProgress(len(config.protocol.force_targets)))
-        return record_run(store, running, on_event=progress)
+        return record_run(store, running, on_event=progress, again=again)
 
 
 def _check_force(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 
@@ -67,6 +67,7 @@ def record_run(
     config: RigConfig | None = None,
     *,
     on_event: Callable[[JournalEvent], None],
+    again: Set[int] = frozenset(),
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
@@ -77,6 +78,7 @@ def record_run(
         config: The run's own, unless addresses are filled in or limits changed.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
+        again: Trials to press once more though they have a passed attempt.
 
     Raises:
         RecordError: Another program works on the run.
@@ -90,6 +92,7 @@ def record_run(
             on_event=on_event,
             abort=watch.abort,
             expected=expected,
+            again=again,
         )
 
 

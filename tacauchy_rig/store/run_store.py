@@ -152,10 +152,16 @@ class RunStore:
             "devices": answered,
             "simulated": self.simulated,
         }
-        content = dumps(self.description)
-        # The line first: a crash between the two leaves the file that an earlier line told of.
-        seal(self.paths.journal, Seal.DESCRIBED, run_sha256=_sha256(content))
-        write_atomically(self.paths.run_json, content)
+        self._write_sealed(self.paths.run_json, dumps(self.description))
+
+    def _write_sealed(self, path: Path, content: bytes) -> None:
+        """Write a file of the run, and its hash into the journal.
+
+        The line goes out first: a crash between the two leaves the file that an earlier line told
+        of.
+        """
+        seal(self.paths.journal, Seal.WRITTEN, file=path.name, sha256=_sha256(content))
+        write_atomically(path, content)
 
     def next_attempt(self, trial: int) -> int:
         """Return the number that the next attempt at a trial has to take."""
@@ -224,15 +230,44 @@ class RunStore:
         )
         return (result for result in results if result is not None)
 
+    def counting(self, trial: int) -> TrialRecord | None:
+        """Return the result that counts: the latest that passed, or else the latest that ended."""
+        return self.accepted(trial) or self.latest(trial)
+
     def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:
-        """Write a replay and the arrays and images of its trials.
+        """Write a replay, the arrays and images of its trials, and the hashes of all of it.
 
         Raises:
             RecordError: The disk is full or gone.
         """
+        folder = self.paths.replays / replay.name
         for trial, trial_fields in fields.items():
             write_fields(self.paths.replay_trial(replay.name, trial), trial_fields)
-        write_atomically(self.paths.replay_json(replay.name), dumps(replay))
+        files = {
+            str(path.relative_to(folder)): file_sha256(path, what="a file of the replay")
+            for trial in fields
+            for path in sorted(self.paths.replay_trial(replay.name, trial).glob("*"))
+        }
+        sources = {"config": self.config_hash, **self._recorded_hashes(replay)}
+        content = dumps(replace(replay, made_from=sources, files=files))
+        write_atomically(self.paths.replay_json(replay.name), content)
+        seal(
+            self.paths.journal,
+            Seal.REPLAYED,
+            name=replay.name,
+            replay_sha256=_sha256(content),
+        )
+
+    def _recorded_hashes(self, replay: Replay) -> dict[str, str]:
+        """Return the SHA-256 of results and recordings of the trials, by file within the run."""
+        records = [self.counting(trial.index) for trial in replay.trials]
+        keys = [(record.index, record.attempt) for record in records if record is not None]
+        paths = [p for key in keys for p in (self.paths.result(*key), self.paths.recording(*key))]
+        return {
+            str(path.relative_to(self.paths.root)): file_sha256(path, what="what was recorded")
+            for path in paths
+            if path.exists()
+        }
 
     def load_replay(self, name: str) -> Replay:
         """Read a replay.
@@ -296,7 +331,7 @@ class RunStore:
         Raises:
             RecordError: The disk is full or gone.
         """
-        write_atomically(self.paths.force_check, dumps(check))
+        self._write_sealed(self.paths.force_check, dumps(check))
 
     def load_force_check(self) -> ForceCheck | None:
         """Return the newest check of the cell, or None where none was made.

@@ -21,21 +21,21 @@ class Seal(StrEnum):
     """Events that the store writes into the journal itself.
 
     Attributes:
-        DESCRIBED: ``run.json`` is about to be written.
+        WRITTEN: A file of the run as a whole is about to be written.
         SEALED: The result of an attempt was written.
         RECOVERED: A recording was repacked.
         CUT_OFF: The session before ended without a word.
         REPLAYED: A replay was written.
     """
 
-    DESCRIBED = "described"
+    WRITTEN = "written"
     SEALED = "sealed"
     RECOVERED = "recovered"
     CUT_OFF = "cut-off"
     REPLAYED = "replayed"
 
 
-def seal(journal: Path, name: Seal, *, trial: int = 0, attempt: int = 0, **detail: Any) -> None:
+def seal(journal: Path, kind: Seal, *, trial: int = 0, attempt: int = 0, **detail: Any) -> None:
     """Write a line of the journal about a file of the run.
 
     Raises:
@@ -43,7 +43,7 @@ def seal(journal: Path, name: Seal, *, trial: int = 0, attempt: int = 0, **detai
     """
     event = JournalEvent(
         stamp_ns=time.monotonic_ns(),
-        name=name.value,
+        name=kind.value,
         trial=trial,
         attempt=attempt,
         detail=detail,

@@ -18,7 +18,6 @@ from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
     JournalSummary,
-    RecordedForce,
     RunEvidence,
     StreamTiming,
     Thresholds,
@@ -31,6 +30,7 @@ from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.replayed import Replay, ReplayTrial
 from tacauchy_rig.run import (
     ArmSample,
+    Criterion,
     ForceSample,
     ImageFrame,
     JournalEvent,
@@ -174,9 +174,6 @@ def trial_evidence(index: int, force_n: float, rng: np.random.Generator) -> Tria
         force_curve=force,
         depth_curve=depth,
         dwell_s=(0.0, 1.2),
-        recorded=RecordedForce(
-            tare_n=(0.1, -0.2, 0.3), rise_n=-measured, compression_sign=-1, dwell_sample_count=120
-        ),
         force_depth_simulated=np.stack([depths, 1.01 * STIFFNESS_N_M * depths], axis=1),
         streams=(
             StreamTiming(
@@ -340,6 +337,7 @@ def record(index: int, *, outcome: Outcome = Outcome.PASSED) -> TrialRecord:
         reference_end_ns=at(1.0),
         dwell_start_ns=at(2.0),
         dwell_end_ns=at(3.0),
+        criteria=(Criterion.at_most("force_mean", 0.0, 0.03, unit="N", remedy=""),),
     )
 
 
@@ -384,7 +382,8 @@ def write_recording(path: Path, made: SimpleNamespace) -> None:
                             device_stamp_s=None,
                             width=640,
                             height=480,
-                            jpeg=pressed if k >= 150 else unloaded,
+                            # After its end a JPEG may hold what it likes; no two are the same.
+                            jpeg=(pressed if k >= 150 else unloaded) + k.to_bytes(2, "big"),
                         )
                     ]
                 )

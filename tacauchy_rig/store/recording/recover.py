@@ -48,7 +48,7 @@ class RecoveryReport:
     problems: tuple[str, ...] = ()
 
 
-def recover_run(root: Path) -> list[RecoveryReport]:
+def recover_recordings(root: Path) -> list[RecoveryReport]:
     """Recover every recording of a run; one beyond repair is reported and left as it is."""
     reports = []
     for folder in sorted(RunPaths(root).trials.glob("*/attempt-*")):

@@ -14,7 +14,6 @@ from reports.comparison.compare import compare
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrueDwell
 from reports.evidence.loading import load_evidence, read_true_dwells, summarize_journal
-from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
@@ -72,13 +71,6 @@ def test_report_of_a_run_that_broke_off(store: RunStore, press: SimpleNamespace)
     assert names["height of the gel above the expected"].recovered == pytest.approx(-0.3)
     assert report.evidence.provenance["seed"] == 7
     assert report.evidence.journal.faults == ("trial 2, attempt 1: fault: camera: silent",)
-
-
-def test_passed_trial_without_its_recording_is_an_error(store: RunStore) -> None:
-    """A recording that should be there is missed by name, not skipped."""
-    store.paths.recording(1, 1).unlink()
-    with pytest.raises(RecordError, match=r"recording\.mcap"):
-        evidence_of(store, None)
 
 
 def test_run_that_was_not_replayed(store: RunStore) -> None:

@@ -145,7 +145,10 @@ def test_a_replay_comes_back(store: RunStore) -> None:
     store.save_replay(_replay(), {1: fields})
     opened = RunStore.open(store.paths.root)
     assert opened.replays() == ["balanced"]
-    assert opened.load_replay("balanced") == _replay()
+    loaded = opened.load_replay("balanced")
+    assert replace(loaded, made_from={}, files={}) == _replay()
+    names = ("fields.npz", "height.npz", "image.png", "surface.vtu")
+    assert sorted(loaded.files) == [f"trials/01/{name}" for name in names]
     back = opened.load_replay_fields("balanced", 1)
     assert np.array_equal(back.fields["displacement"], fields.fields["displacement"])
     assert np.array_equal(back.fields["triangles"], fields.fields["triangles"])
@@ -278,6 +281,6 @@ def test_a_result_is_sealed_in_the_journal_once(store: RunStore) -> None:
 def test_the_description_is_sealed_with_its_devices(store: RunStore) -> None:
     """Whoever answered is in the journal by the hash of run.json."""
     store.set_devices({"robot": {"simulated": False}})
-    (described,) = read_journal(store.paths.journal)
+    (written,) = read_journal(store.paths.journal)
     content = store.paths.run_json.read_bytes()
-    assert described.detail == {"run_sha256": hashlib.sha256(content).hexdigest()}
+    assert written.detail == {"file": "run.json", "sha256": hashlib.sha256(content).hexdigest()}

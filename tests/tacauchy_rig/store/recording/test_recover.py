@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.recording.reading import Recording
-from tacauchy_rig.store.recording.recover import recover_recording, recover_run
+from tacauchy_rig.store.recording.recover import recover_recording, recover_recordings
 from tacauchy_rig.store.recording.writing import RecordingWriter
 
 
@@ -148,7 +148,7 @@ def test_a_whole_run_is_recovered(finished: Path) -> None:
         paths.attempt(trial, 1).mkdir(parents=True)
         paths.recording(trial, 1).write_bytes(content)
     paths.attempt(4, 1).mkdir(parents=True)
-    reports = recover_run(root)
+    reports = recover_recordings(root)
     assert [report.changed for report in reports] == [True, False, False]
     assert reports[0].problems == ()
     assert "the recording is empty" in reports[1].problems[0]

@@ -1,0 +1,129 @@
+"""A whole run of the mock rig in simulated time, on disk as the processes of a session leave it."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Set
+from pathlib import Path
+
+from drivers.camera.touch import Look, TouchWatch
+from drivers.device.interface import StreamHealth
+from drivers.mock.streams import MockCamera
+from drivers.mock.world import MockWorld
+from drivers.rig import FrameMark, Rig
+from protocols.control.cycle import Cycle
+from protocols.control.journal import Journal
+from protocols.control.record import Entry
+from protocols.guard.abort import Abort
+from protocols.processes.record_keeper import RecordKeeper
+from protocols.session import plan_session
+from protocols.trials.programme import ProgrammeResult, run_programme
+from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.store.journal import append_event
+from tacauchy_rig.store.run_store import RunStore
+from tests.mock_bench import MockBench, SimulatedClock
+
+MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
+TWO_PRESSES = (
+    'protocol.force_targets=["1.2 N", "2 N"]',
+    'protocol.air_press_height="2 mm"',
+    'protocol.approach_height="0.5 mm"',
+    'sensor.surface_uncertainty="0.2 mm"',
+    'robot.home=["0 mm", "-400 mm", "203 mm"]',
+    'robot.search_speed="1 mm/s"',
+    'robot.press_speed="0.5 mm/s"',
+    'protocol.tare_duration="0.3 s"',
+    'protocol.reference_duration="0.3 s"',
+    'protocol.dwell_duration="1 s"',
+)
+"""Short ways: a run takes a fraction of a second of processor time."""
+
+
+class KeptOnDisk:
+    """A sink that keeps at once what it is given."""
+
+    def __init__(self, store: RunStore) -> None:
+        self.keeper = RecordKeeper(store)
+
+    def put(self, entry: Entry) -> None:
+        """Keep an entry."""
+        self.keeper.keep(entry)
+
+    def problem(self) -> str:
+        """Return that there is none."""
+        return ""
+
+    def lag_s(self) -> float:
+        """Return zero."""
+        return 0.0
+
+
+class RecordedCamera:
+    """A mock camera whose frames are kept as they come."""
+
+    def __init__(self, camera: MockCamera, sink: KeptOnDisk) -> None:
+        self._camera = camera
+        self._sink = sink
+        self._touch = TouchWatch()
+
+    def ask(self, look: Look) -> None:
+        """Look for something else."""
+        self._touch.ask(look)
+
+    def poll(self) -> list[FrameMark]:
+        """Keep new frames and return their marks."""
+        frames = self._camera.drain()
+        for frame in frames:
+            self._sink.put(frame)
+        return [
+            FrameMark(
+                frame.stamp_ns,
+                frame.counter,
+                digest=zlib.crc32(frame.jpeg),
+                touched=self._touch.see(frame.jpeg),
+            )
+            for frame in frames
+        ]
+
+    def health(self) -> StreamHealth:
+        """Return the camera's health."""
+        return self._camera.health()
+
+
+def new_run(parent: Path, *overrides: str) -> RunStore:
+    """Return an empty run folder of the mock rig."""
+    loaded = load_config(overrides=[*MOCKS, *TWO_PRESSES, *overrides])
+    return RunStore.create(
+        parent, loaded, config_text=default_text(), simulated=True, versions={"tacauchy-rig": "0"}
+    )
+
+
+def press_run(
+    store: RunStore, *, seed: int = 1, start_ns: int = 10**9, again: Set[int] = frozenset()
+) -> ProgrammeResult:
+    """Press every trial without a passed attempt, in simulated time."""
+    config = store.config
+    world = MockWorld(SimulatedClock(start_ns=start_ns), config, seed=seed)
+    bench = MockBench.on(world)
+    sink = KeptOnDisk(store)
+    rig = Rig(
+        arm=bench.arm,
+        force_sensor=bench.force_sensor,
+        camera=RecordedCamera(bench.camera, sink),
+        clock=world.clock,
+    )
+    store.set_devices({"robot": bench.arm.connect(), "camera": bench.camera.connect()})
+    note(store, world, "run-start", pids={})
+    cycle = Cycle(rig, config, sink=sink, abort=Abort(same_wish_s=0.0))
+    journal = Journal(sink, world.clock, listener=lambda _: None)
+    result = run_programme(cycle, journal, plan_session(store, again=again))
+    sink.keeper.close()
+    note(store, world, "run-end", outcome=result.outcome.value, reason=result.reason)
+    return result
+
+
+def note(store: RunStore, world: MockWorld, name: str, **detail: object) -> None:
+    """Write what the supervisor of a session writes."""
+    event = JournalEvent(stamp_ns=world.clock.now_ns(), name=name, detail=detail)
+    append_event(store.paths.journal, event)

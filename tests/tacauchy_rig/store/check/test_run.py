@@ -1,0 +1,129 @@
+"""Runs that nobody touched are never accused, whatever cut them off."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.run import Outcome
+from tacauchy_rig.store.check.run import RunCheck, check_run
+from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.recovery import recover_run
+from tacauchy_rig.store.run_store import RunStore
+from tests.recorded_run import new_run, press_run
+
+
+def found(check: RunCheck) -> list[str]:
+    """Return the names of the criteria that are missed."""
+    criteria = [*check.run, *(c for each in check.attempts.values() for c in each)]
+    return sorted({criterion.name for criterion in criteria if not criterion.passed})
+
+
+def assert_untouched(parent: Path, *, seed: int) -> None:
+    """Press a run with a seed of its own and find nothing wrong with it."""
+    store = new_run(parent, f"emulation.seed={seed}")
+    assert press_run(store, seed=seed, start_ns=10**9 * (seed + 1)).outcome is Outcome.PASSED
+    check = check_run(store)
+    assert list(check.missed()) == []
+    assert check.notes == ()
+    assert {len(criteria) for criteria in check.attempts.values()} == {16}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_untouched_run_is_not_accused(tmp_path: Path, seed: int) -> None:
+    """All criteria are there and met, and there is nothing to note."""
+    assert_untouched(tmp_path, seed=seed)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_hundred_untouched_runs_are_not_accused(tmp_path: Path) -> None:
+    """Each with its own noise and its own time."""
+    for seed in range(100, 200):
+        assert_untouched(tmp_path, seed=seed)
+
+
+def test_a_run_of_an_earlier_version_is_read_and_says_so(tmp_path: Path) -> None:
+    """Without hashes only what contradicts its content is found; that is a note, not a fault."""
+    store = _without_hashes(new_run(tmp_path))
+    check = check_run(RunStore.open(store.paths.root))
+    assert found(check) == []
+    (note,) = check.notes
+    assert "recorded without hashes" in note
+
+
+def _without_hashes(store: RunStore) -> RunStore:
+    press_run(store)
+    paths = store.paths
+    lines = [json.loads(line) for line in paths.journal.read_text().splitlines()]
+    kept = [line for line in lines if line["name"] not in ("sealed", "written")]
+    bare = [{k: v for k, v in line.items() if k not in ("number", "previous")} for line in kept]
+    paths.journal.write_text("".join(f"{json.dumps(line)}\n" for line in bare))
+    for trial, attempt in paths.attempts():
+        path = paths.result(trial, attempt)
+        result = json.loads(path.read_text())
+        del result["recording_sha256"]
+        path.write_text(json.dumps(result))
+    described = json.loads(paths.run_json.read_text())
+    for key in ("run", "rig_toml_sha256"):
+        del described[key]
+    paths.run_json.write_text(json.dumps(described))
+    return store
+
+
+def test_a_run_that_was_cut_off_is_recovered_and_not_accused(tmp_path: Path) -> None:
+    """Torn recording, no result, no end: what a loss of power in the second trial leaves."""
+    store = _cut_off(new_run(tmp_path), share=0.6)
+    assert found(check_run(store)) == ["journal_end"]
+    recovery = recover_run(store)
+    assert recovery.is_whole
+    assert recovery.was_cut_off
+    assert "cut off" in recovery.check.notes[0]
+    assert "repacked" in recovery.check.notes[1]
+    assert press_run(store, seed=2, start_ns=10**12).outcome is Outcome.PASSED
+    check = check_run(store)
+    assert list(check.missed()) == []
+    assert [record.attempt for record in map(store.accepted, (1, 2)) if record] == [1, 2]
+
+
+def _cut_off(store: RunStore, *, share: float) -> RunStore:
+    press_run(store)
+    paths = store.paths
+    recorded = paths.recording(2, 1).read_bytes()
+    paths.recording(2, 1).write_bytes(recorded[: int(share * len(recorded))])
+    paths.result(2, 1).unlink()
+    events = Recording.open(paths.recording(2, 1)).events()
+    lines = paths.journal.read_bytes().splitlines(keepends=True)
+    stamps = [json.loads(line)["stamp_ns"] for line in lines]
+    last = max(index for index, stamp in enumerate(stamps) if stamp == events[-1].stamp_ns)
+    paths.journal.write_bytes(b"".join(lines[: last + 1]) + lines[last + 1][:20])
+    return store
+
+
+def test_a_result_that_was_not_sealed_in_time_is_sealed_by_recover(tmp_path: Path) -> None:
+    """Power lost between the result and its line: recover writes the line."""
+    store = new_run(tmp_path)
+    press_run(store)
+    lines = store.paths.journal.read_bytes().splitlines(keepends=True)
+    last = max(i for i, line in enumerate(lines) if b'"sealed"' in line)
+    store.paths.journal.write_bytes(b"".join(lines[:last]))
+    assert found(check_run(store)) == ["journal_end"]
+    assert recover_run(store).is_whole
+    assert list(check_run(store).missed()) == []
+
+
+def test_a_trial_that_is_pressed_again_leaves_the_first_attempt_out(tmp_path: Path) -> None:
+    """What is wrong with an attempt that no longer counts stays told, with its number."""
+    store = new_run(tmp_path)
+    press_run(store)
+    with store.paths.recording(1, 1).open("r+b") as file:
+        file.truncate(50_000)
+    assert {"recorded_force", "recording_hash"} <= set(found(check_run(store)))
+    press_run(store, seed=3, start_ns=10**12, again={1})
+    check = check_run(store)
+    assert all("trial 1, attempt 1" in line for line in check.missed())
+    record = store.accepted(1)
+    assert record is not None
+    assert record.attempt == 2
