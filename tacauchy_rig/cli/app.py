@@ -33,6 +33,7 @@ COMMANDS = {
     "objects": "tacauchy_rig.cli.studies.objects:objects",
     "doctor": "tacauchy_rig.cli.doctor:doctor",
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
+    "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
     "config": "tacauchy_rig.cli.config_commands:app",
 }
 """Where each command is; a new one is a line here."""

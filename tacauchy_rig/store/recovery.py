@@ -48,9 +48,7 @@ def recover_run(store: RunStore) -> RunRecovery:
             for key in _unsealed(store, journal):
                 store.seal_result(*key)
             seal(store.paths.journal, Seal.CUT_OFF, lines=len(journal.lines))
-    return RunRecovery(
-        recordings=reports, was_cut_off=journal.is_open, check=check_run(store, replays=False)
-    )
+    return RunRecovery(recordings=reports, was_cut_off=journal.is_open, check=check_run(store))
 
 
 def _note(store: RunStore, report: RecoveryReport) -> None:

@@ -215,6 +215,10 @@ def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
         for key, event in in_recording.items():
             if key not in in_journal:
                 yield f"journal.jsonl lacks {_named(event)}"
+    shared = [key for key in in_journal if key in in_recording]
+    for key, wanted in zip(shared, [k for k in in_recording if k in in_journal], strict=True):
+        if key != wanted:
+            yield f"journal.jsonl has {_named(in_journal[key])} in another order"
     if attempt.is_whole:
         for key, event in in_journal.items():
             if key not in in_recording:

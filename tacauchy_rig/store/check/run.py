@@ -53,12 +53,8 @@ class RunCheck:
                     yield f"trial {trial}, attempt {attempt}: {_told(criterion)}"
 
 
-def check_run(store: RunStore, *, replays: bool = True) -> RunCheck:
+def check_run(store: RunStore) -> RunCheck:
     """Hold all that a run says of itself against its recordings, its journal and its hashes.
-
-    Args:
-        store: The run.
-        replays: Its replays too, which are to be made anew otherwise.
 
     Raises:
         RecordError: A result or the journal is no longer readable; the message names the file.
@@ -66,10 +62,7 @@ def check_run(store: RunStore, *, replays: bool = True) -> RunCheck:
     journal = JournalReading.of(store.paths.journal)
     results = {key: store.load_result(*key) for key in store.paths.attempts()}
     return RunCheck(
-        run=(
-            *_judge_run(store, journal, results),
-            *(judge_replays(store, journal) if replays else ()),
-        ),
+        run=tuple(_judge_run(store, journal, results)),
         attempts={
             (trial, number): tuple(_judge_attempt(Attempt(store, journal, trial, number, record)))
             for (trial, number), record in results.items()
@@ -92,6 +85,7 @@ def _judge_run(
         "every attempt that journal.jsonl tells of has its folder, and the other way round",
         _strangers(journal, results),
     )
+    yield from judge_replays(store, journal)
 
 
 def _strangers(
