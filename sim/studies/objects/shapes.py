@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 from sim.scene.indenter import MeshIndenter, mesh_indenter
 
 _HEIGHT_M = 4e-3
@@ -36,30 +38,16 @@ def cross() -> MeshIndenter:
 
 def ring() -> MeshIndenter:
     """Return a torus of 4.4 mm across its middle line and 1.2 mm thick: one smooth curved line."""
-    major, minor = 2.2e-3, 0.6e-3
-    u, v = np.meshgrid(_turn(_AROUND), _turn(_AROUND // 2), indexing="ij")
-    out = major + minor * np.cos(v)
-    vertices = np.stack([out * np.cos(u), out * np.sin(u), minor * np.sin(v)], axis=-1)
-    return mesh_indenter(
-        vertices.reshape(-1, 3), _quads(*u.shape, closed_rows=True), name="object ring"
+    torus = _pyvista().ParametricTorus(
+        ringradius=2.2e-3, crosssectionradius=0.6e-3, u_res=_AROUND + 1, v_res=_AROUND // 2 + 1
     )
+    return _indenter(torus, "ring")
 
 
 def ellipsoid() -> MeshIndenter:
     """Return an ellipsoid with half axes of 3, 1.8 and 2 mm: smooth, of no one radius."""
-    axes = 1e-3 * np.array([3.0, 1.8, 2.0])
-    count = _AROUND // 2
-    polar = np.linspace(0.0, np.pi, count + 1)[1:-1]
-    p, a = np.meshgrid(polar, _turn(_AROUND), indexing="ij")
-    belt = np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1)
-    vertices = np.concatenate([belt.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]) * axes
-    faces = [_quads(count - 1, _AROUND, closed_rows=False)]
-    top, last = len(vertices) - 2, (count - 2) * _AROUND
-    first = np.arange(_AROUND)
-    following = (first + 1) % _AROUND
-    faces.append(np.stack([np.full(_AROUND, top), first, following], axis=1))
-    faces.append(np.stack([np.full(_AROUND, top + 1), last + following, last + first], axis=1))
-    return mesh_indenter(vertices, np.concatenate(faces), name="object ellipsoid")
+    ball = _pyvista().Sphere(radius=1.0, theta_resolution=_AROUND, phi_resolution=_AROUND // 2 + 1)
+    return _indenter(ball.scale((3e-3, 1.8e-3, 2e-3)), "ellipsoid")
 
 
 def chisel() -> MeshIndenter:
@@ -84,34 +72,18 @@ OBJECTS: dict[str, Callable[[], MeshIndenter]] = {
 
 
 def _prism(outline: FloatArray, name: str) -> MeshIndenter:
-    """Extrude an outline that is seen whole from its middle, shape [n, 2] [m]."""
-    count = len(outline)
-    lower = np.column_stack([outline, np.zeros(count)])
-    upper = np.column_stack([outline, np.full(count, _HEIGHT_M)])
-    vertices = np.concatenate([lower, upper, [[0.0, 0.0, 0.0], [0.0, 0.0, _HEIGHT_M]]])
-    i = np.arange(count)
-    j = (i + 1) % count
-    faces = np.concatenate(
-        [
-            np.stack([i, j, j + count], axis=1),
-            np.stack([i, j + count, i + count], axis=1),
-            np.stack([np.full(count, 2 * count), j, i], axis=1),
-            np.stack([np.full(count, 2 * count + 1), i + count, j + count], axis=1),
-        ]
-    )
-    return mesh_indenter(vertices, faces, name=f"object {name}")
+    """Extrude an outline, shape [n, 2] [m]."""
+    corners = np.column_stack([outline, np.zeros(len(outline))])
+    face = _pyvista().PolyData(corners, faces=[len(outline), *range(len(outline))])
+    return _indenter(face.extrude((0.0, 0.0, _HEIGHT_M), capping=True), name)
 
 
-def _turn(count: int) -> FloatArray:
-    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+def _indenter(surface: Any, name: str) -> MeshIndenter:
+    """Return an object of pyvista's surface."""
+    triangles = surface.triangulate().clean().compute_normals(consistent_normals=True)
+    faces = triangles.faces.reshape(-1, 4)[:, 1:]
+    return mesh_indenter(triangles.points.astype(np.float64), faces, name=f"object {name}")
 
 
-def _quads(rows: int, columns: int, *, closed_rows: bool) -> IntArray:
-    """Return two triangles for each cell of a grid that closes along its columns."""
-    last = rows if closed_rows else rows - 1
-    i, j = np.meshgrid(np.arange(last), np.arange(columns), indexing="ij")
-    down, right = (i + 1) % rows, (j + 1) % columns
-    a, b = i * columns + j, down * columns + j
-    c, d = down * columns + right, i * columns + right
-    first, second = np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)
-    return np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
+def _pyvista() -> Any:
+    return importlib.import_module("pyvista")
