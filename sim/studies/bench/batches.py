@@ -15,7 +15,7 @@ from sim.batch.kernels.state import ADVANCE_SEARCH, EVALUATE, SEARCH, START
 from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
+from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames
 from sim.studies.bench.press_parts import times_of
 
 _LAUNCHES = 50
@@ -105,14 +105,12 @@ def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BatchRow:
+class BatchRow(TimedFrames):
     """What a batch took, and how good it was.
 
     Attributes:
         setup_s: The pilot press and its inverses, which all batches share [s].
-        wall_s: All frames of all environments, the least of three [s].
         evaluations: Of forces or of stiffness times a direction, for a frame of an environment.
-        force_error: F_z of the first environment over that of preset accurate, less one.
         imbalance: Base reaction against indenter force, over the latter, the largest.
         residual: Norm of the unbalanced force over the contact force, the largest.
         gap_m: The smallest [m].
@@ -123,12 +121,8 @@ class BatchRow:
 
     device: str
     environments: int
-    tet_count: int
-    unknown_count: int
     setup_s: float
-    wall_s: float
     evaluations: float
-    force_error: float
     imbalance: float
     residual: float
     gap_m: float
@@ -137,14 +131,8 @@ class BatchRow:
     parts: tuple[BatchPartsRow, ...]
 
     @property
-    def frame_ms(self) -> float:
-        """Time of a frame of all environments [ms]."""
-        return 1e3 * self.wall_s / FRAME_COUNT
-
-    @property
-    def frames_per_s(self) -> float:
-        """Frames of all environments together [1/s]."""
-        return FRAME_COUNT * (self.environments - self.failed_count) / self.wall_s
+    def _travelling(self) -> int:
+        return self.environments - self.failed_count
 
 
 def batch_device() -> str:
@@ -156,21 +144,18 @@ def measure_batches(
     scene: Scene,
     *,
     device: str,
+    exact_n: float,
     counts: Sequence[int] | None = None,
-    exact_n: float | None = None,
 ) -> Iterator[BatchRow]:
     """Press 1 mm deep in 20 frames, in more and more environments.
 
     Args:
         scene: Pad, gel and indenter; gels and depths differ from environment to environment.
+        exact_n: Force that the first environment's is compared with [N].
         counts: Environments; by default as many as the device is for.
-        exact_n: Force that the first environment's is compared with [N]; None takes
-            ``exact_force``.
     """
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
-    if exact_n is None:
-        exact_n = exact_force(scene)
     pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
     for count in counts:
         yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)

@@ -54,7 +54,38 @@ def peak_memory_mib() -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameRow:
+class TimedFrames:
+    """A travel in frames on one mesh, in one environment or many side by side.
+
+    Attributes:
+        wall_s: All frames of all environments, the least of several [s].
+        force_error: F_z of the last frame in the first environment over that of preset accurate,
+            less one.
+    """
+
+    tet_count: int
+    unknown_count: int
+    wall_s: float = float("nan")
+    force_error: float = float("nan")
+
+    @property
+    def frame_ms(self) -> float:
+        """Time of a frame of all environments [ms]."""
+        return 1e3 * self.wall_s / FRAME_COUNT
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames of all environments together [1/s]."""
+        return FRAME_COUNT * self._travelling / self.wall_s
+
+    @property
+    def _travelling(self) -> int:
+        """Environments whose frames count."""
+        return 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameRow(TimedFrames):
     """What a travel took.
 
     Attributes:
@@ -62,33 +93,17 @@ class FrameRow:
         newton_iterations: Steps towards equilibrium, all frames.
         factorisations: All frames; None where every step makes one.
         setup_s: Mesh, upload and symbolic factorisation [s].
-        wall_s: All frames, the least of ten [s].
-        cpu_s: Processor time of the same [s].
-        force_error: F_z of the last frame over that of preset accurate, less one.
+        cpu_s: Processor time of all frames [s].
         memory_mib: The process's peak so far [MiB].
     """
 
     setting: str
     device: str
-    tet_count: int
-    unknown_count: int
     newton_iterations: int
     factorisations: int | None
     setup_s: float
-    wall_s: float
     cpu_s: float
-    force_error: float
     memory_mib: float
-
-    @property
-    def frame_ms(self) -> float:
-        """Time of a frame [ms]."""
-        return 1e3 * self.wall_s / FRAME_COUNT
-
-    @property
-    def frames_per_s(self) -> float:
-        """Frames a second [1/s]."""
-        return FRAME_COUNT / self.wall_s
 
 
 def travels(
@@ -109,9 +124,7 @@ def travels(
             return
 
 
-def travel(
-    scene: Scene, setting: Setting, *, exact_n: float, device: str = "cpu", repeats: int = _REPEATS
-) -> FrameRow:
+def travel(scene: Scene, setting: Setting, *, exact_n: float, repeats: int = _REPEATS) -> FrameRow:
     """Press 1 mm deep in frames of 0.05 mm; the kernels should be warm.
 
     Raises:
@@ -120,7 +133,7 @@ def travel(
     scene = replace(setting.applied(scene), target=Target(depth_m=TRAVEL_M))
     plan = plan_effects(scene)
     started = time.perf_counter()
-    path = path_for(scene, plan, device=device)
+    path = path_for(scene, plan)
     setup_s = time.perf_counter() - started
     times = []
     for _ in range(repeats):
@@ -131,7 +144,7 @@ def travel(
     wall_s, cpu_s = min(times)
     return FrameRow(
         setting=str(setting),
-        device=device,
+        device=path.model.device,
         tet_count=len(path.model.elements),
         unknown_count=path.model.pattern.dof_count,
         newton_iterations=path.counts.newton_iterations,

@@ -50,7 +50,6 @@ def part_times(
     render: Render,
     *,
     depth_m: float,
-    device: str = "cpu",
 ) -> list[PartRow]:
     """Press a scene and time every part on what came out.
 
@@ -58,7 +57,7 @@ def part_times(
         ConvergenceError: The gel cannot be pressed that far.
     """
     scene = replace(scene, preset=preset)
-    path = path_for(scene, plan_effects(scene), device=device)
+    path = path_for(scene, plan_effects(scene))
     point = path.advance(depth_m)
     maps = height_maps(surface_state(path, point), geometry)
     parts: dict[str, Callable[[], object]] = {

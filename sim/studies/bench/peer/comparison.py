@@ -16,7 +16,7 @@ from sim.batch.pilot import batch_model
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Scene
 from sim.studies.bench.batches import BALANCE, BatchRow
-from sim.studies.bench.frames import FRAME_COUNT
+from sim.studies.bench.frames import TimedFrames
 from sim.studies.bench.peer.libuipc import press_in_libuipc
 from sim.studies.bench.peer.pad import PeerBalance, PeerMesh, PeerPad, peer_balance, peer_pad
 from sim.studies.bench.peer.task import AS_SHIPPED, LADDER, PeerFound, PeerTask, PeerTolerance
@@ -31,7 +31,7 @@ _TOTAL_S = 300.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PeerRow:
+class PeerRow(TimedFrames):
     """What libuipc took for a press, and how good it was.
 
     Attributes:
@@ -40,36 +40,25 @@ class PeerRow:
         linear_iterations: Of its conjugate gradients in a frame, likewise.
         our_error: F_z of our own solver on the same linear mesh over that of preset accurate, less
             one: what the mesh alone is off.
-        force_error: F_z of the first environment over that of preset accurate, less one.
         is_matched: Its tolerance is the one at which it is compared with ours.
     """
 
     mesh: str
     tolerance: str
     environments: int
-    tet_count: int
-    unknown_count: int
     version: str = ""
     set_up_s: float = float("nan")
-    wall_s: float = float("nan")
     newton_iterations: float = float("nan")
     linear_iterations: float = float("nan")
     our_error: float = float("nan")
-    force_error: float = float("nan")
     balance: PeerBalance | None = None
     is_matched: bool = False
     failure: str = ""
     problems: tuple[str, ...] = ()
 
     @property
-    def frame_ms(self) -> float:
-        """Time of a frame of all environments [ms]."""
-        return 1e3 * self.wall_s / FRAME_COUNT
-
-    @property
-    def frames_per_s(self) -> float:
-        """Frames of all environments together [1/s]."""
-        return FRAME_COUNT * self.environments / self.wall_s
+    def _travelling(self) -> int:
+        return self.environments
 
     @property
     def name(self) -> str:
