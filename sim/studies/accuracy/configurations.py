@@ -63,14 +63,14 @@ class Configuration:
             ),
         )
 
+    def refined(self, factor: float) -> Configuration:
+        """Return the same settings with every edge so many times shorter."""
+        return replace(self, refinement=self.refinement * factor)
+
 
 def coarser(reference: Configuration) -> Configuration:
     """Return a reference's settings with edges 1.5 times as long, for its own error."""
-    return replace(
-        reference,
-        name=f"{reference.name}, coarser",
-        refinement=reference.refinement / COARSENING,
-    )
+    return replace(reference.refined(1.0 / COARSENING), name=f"{reference.name}, coarser")
 
 
 _FILE = resources.files("sim.studies.accuracy").joinpath("configurations.toml")
@@ -99,4 +99,4 @@ def reseeded(configuration: Configuration, seed: int) -> Configuration:
     if seed == 0 or configuration.preset is Preset.PAPER:
         return configuration
     shift = ((0.618034 * seed) % 1.0 - 0.5) * 0.14
-    return replace(configuration, refinement=configuration.refinement * (1.0 + shift))
+    return configuration.refined(1.0 + shift)

@@ -10,15 +10,13 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
-from sim.effects.presets import build_model
 from sim.fields.press_fields import surface_state
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.press import contact_measures, keeps_factors
+from sim.press import contact_measures, path_for
 from sim.scene.scene import Scene
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.newton import NewtonOptions
-from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from sim.studies.accuracy.configurations import Configuration
 
 _TOUCHING_M = 6e-6
@@ -113,18 +111,14 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
     scene = configuration.applied(scene)
     force = scene.target.force_n or 0.0
     started, spent = time.perf_counter(), time.process_time()
-    plan = plan_effects(scene)
-    model = build_model(
-        scene, plan=plan, refinement=configuration.refinement, device=configuration.device
+    path = path_for(
+        scene,
+        plan_effects(scene),
+        refinement=configuration.refinement,
+        device=configuration.device,
     )
-    options = NewtonOptions(residual_relative=configuration.residual_relative)
-    path = LoadingPath(
-        model,
-        scene.indenter,
-        scene.centre_m,
-        options=options,
-        lbfgs=LbfgsOptions() if keeps_factors(scene, model) else None,
-    )
+    model = path.model
+    path.options = NewtonOptions(residual_relative=configuration.residual_relative)
     ready = time.perf_counter()
     point = path.push(force)
     solved, spent = time.perf_counter(), time.process_time() - spent

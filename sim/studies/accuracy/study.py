@@ -104,23 +104,15 @@ def _measured_chances(
 ) -> list[Row]:
     """Return the rows of the shifted settings with their chances, measured on other meshes."""
     found: list[Row] = []
+    # On edges longer, and shorter, by as much as a seed may make them.
     for row in (row for row in rows if row.configuration in shifted):
         with suppress(RigError):
             others = [
                 judge.errors(observe(scene, other, geometry))[0]
-                for other in neighbours(row.configuration)
+                for other in map(row.configuration.refined, (1.0 - EDGE_SHIFT, 1.0 + EDGE_SHIFT))
             ]
             found.append(replace(row, chances=chance_of(row.errors, others)))
     return found
-
-
-def neighbours(configuration: Configuration) -> tuple[Configuration, Configuration]:
-    """Return the same settings with all edges longer, and shorter, by as much as a seed may."""
-    longer, shorter = (
-        replace(configuration, refinement=configuration.refinement * (1.0 + shift))
-        for shift in (-EDGE_SHIFT, EDGE_SHIFT)
-    )
-    return longer, shorter
 
 
 def chance_of(own: Errors, others: Sequence[Errors]) -> dict[str, float]:

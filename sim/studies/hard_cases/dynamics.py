@@ -53,7 +53,7 @@ def time_steps() -> Outcome:
 
 def _jump(model: Model, step_s: float) -> float:
     """Return F_z [N] after the whole depth in one step, then rest in steps that grow."""
-    press = _pressing(LoadingPath(model, PUNCH, step_max_m=1.0))
+    press = _press(LoadingPath(model, PUNCH, step_max_m=1.0))
     found, held_s = press.step(_RAMP_TO_M, step_s), step_s
     while held_s < 1.0:
         held_s *= 4.0
@@ -65,7 +65,7 @@ def _ramp(model: Model, step_s: float) -> list[float]:
     """Return F_z [N] for as long as the slowest tone, after a smooth ramp in even steps."""
     path = LoadingPath(model, PUNCH)
     path.advance(_RAMP_FROM_M)
-    press, forces, time_s = _pressing(path), [], 0.0
+    press, forces, time_s = _press(path), [], 0.0
     while time_s < _RAMP_S + _LISTEN_S:
         time_s += step_s
         share = min(1.0, time_s / _RAMP_S)
@@ -76,8 +76,8 @@ def _ramp(model: Model, step_s: float) -> list[float]:
     return forces
 
 
-def _pressing(path: LoadingPath) -> DynamicPress:
-    return DynamicPress(path, density_kg_m3=DENSITY_KG_M3)
+def _press(path: LoadingPath, *, depth_m: float = 0.0) -> DynamicPress:
+    return DynamicPress(path, density_kg_m3=DENSITY_KG_M3, depth_m=depth_m)
 
 
 def impact() -> Outcome:
@@ -105,7 +105,7 @@ def impact() -> Outcome:
 
 def _driven(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], FloatArray]:
     """Drive the indenter in and hold it; return what energy exceeds work by, step by step."""
-    press, step_s = _above(path), _TRAVEL_A_STEP_M / speed_m_s
+    press, step_s = _press(path, depth_m=_IMPACT_FROM_M), _TRAVEL_A_STEP_M / speed_m_s
     steps = press.run(
         lambda time_s: min(_IMPACT_FROM_M + speed_m_s * time_s, _IMPACT_TO_M),
         step_s=step_s,
@@ -117,7 +117,7 @@ def _driven(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], Flo
 
 def _thrown(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], FloatArray]:
     """Give the gel a speed towards an indenter that stands still: nothing does any work."""
-    press = _above(path)
+    press = _press(path, depth_m=_IMPACT_FROM_M)
     shares = path.model.nodes[:, 2] / HEIGHT_M
     press.velocities[:, 2] = speed_m_s * shares
     masses = inertial_masses(path.model, DENSITY_KG_M3)
@@ -128,7 +128,3 @@ def _thrown(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], Flo
     )
     energies = [step.elastic_j + step.kinetic_j + step.contact_j for step in steps]
     return steps, np.diff([thrown_j, *energies]) / thrown_j
-
-
-def _above(path: LoadingPath) -> DynamicPress:
-    return DynamicPress(path, density_kg_m3=DENSITY_KG_M3, depth_m=_IMPACT_FROM_M)

@@ -26,23 +26,30 @@ FORCE_TOLERANCE = 0.05
 RESIDUAL_TOLERANCE = 1e-6
 SLIVER_DEG = 0.5
 ITERATION_RATIO = 3.0
-WEIGHTLESS = ((Effect.GRAVITY, False),)
+# A wide pad of linear gel without weight, as published and exact solutions have it.
+_WIDE = Scene(
+    pad=DiscPad(radius_m=40e-3, height_m=4e-3),
+    material=Material(young_pa=3e5, poisson=0.48, law=LawName.LINEAR),
+    indenter=Cylinder(diameter_m=5e-3),
+    target=Target(depth_m=10e-6),
+    preset=Preset.FAST,
+    barrier_m=1e-7,
+    effects=((Effect.GRAVITY, False),),
+)
 
 
 def nearly_incompressible() -> Outcome:
     """Press a flat punch 20 um into a wide layer at every nu that has a published force."""
-    young, radius, depth = 3e5, 2.5e-3, 20e-6
+    young, radius, depth = _WIDE.material.young_pa, 2.5e-3, 20e-6
     measured: Measured = {}
     worst = 0.0
     for poisson, factor in HAYES_FACTORS.items():
-        scene = Scene(
+        scene = replace(
+            _WIDE,
             pad=DiscPad(radius_m=40e-3, height_m=4.5e-3),
-            material=Material(young_pa=young, poisson=poisson, law=LawName.LINEAR),
-            indenter=Cylinder(diameter_m=2.0 * radius),
+            material=replace(_WIDE.material, poisson=poisson),
             target=Target(depth_m=depth),
             preset=Preset.BALANCED,
-            barrier_m=1e-7,
-            effects=WEIGHTLESS,
         )
         expected = 2.0 * radius * young * depth * factor / (1.0 - poisson**2)
         error = press(scene).force_n[2] / expected - 1.0
@@ -85,24 +92,13 @@ def stiff_layers() -> Outcome:
 
 def _laminate_press(*, ratio: float, share: float, radius_m: float, measured_as: str) -> Outcome:
     """Press 10 um into a base and a top layer ``ratio`` times as stiff."""
-    young, height, depth = 1e5 / min(1.0, ratio), 4e-3, 10e-6
-    lower, upper = (
-        Material(young_pa=modulus, poisson=0.48, law=LawName.LINEAR)
-        for modulus in (young, young * ratio)
-    )
+    young, depth = 1e5 / min(1.0, ratio), 10e-6
+    lower, upper = (replace(_WIDE.material, young_pa=each) for each in (young, young * ratio))
     layers = (Layer(share=share, material=lower), Layer(share=1.0 - share, material=upper))
-    scene = Scene(
-        pad=DiscPad(radius_m=40e-3, height_m=height),
-        material=upper,
-        layers=layers,
-        indenter=Cylinder(diameter_m=2.0 * radius_m),
-        target=Target(depth_m=depth),
-        preset=Preset.FAST,
-        barrier_m=1e-7,
-        effects=WEIGHTLESS,
-    )
+    indenter = Cylinder(diameter_m=2.0 * radius_m)
+    scene = replace(_WIDE, material=upper, layers=layers, indenter=indenter)
     result = press(scene)
-    solution = BondedLayers.of_pad(layers, height_m=height)
+    solution = BondedLayers.of_pad(layers, height_m=scene.pad.height_m)
     expected = solution.punch_force(radius_m=radius_m, depth_m=depth)
     error, residual = result.force_n[2] / expected - 1.0, _residual_relative(result)
     return Outcome(

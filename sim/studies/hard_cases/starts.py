@@ -14,7 +14,7 @@ from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.linear_solver import linear_solver
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import Equilibrium, NewtonOptions, equilibrate
+from sim.solve.newton import NewtonOptions, equilibrate
 from sim.solve.problem import Problem
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import (
@@ -54,7 +54,8 @@ def degenerate_starts() -> Outcome:
         }
         for name, positions in starts.items():
             state = _started(model, positions)
-            found = _settle(model, state)
+            problem = Problem(model, linear_solver(model.pattern), _FAR)
+            found = equilibrate(problem, state, options=_PATIENT)
             iterations[f"{order.value} {name}"] = found.iterations
             worst = max(worst, float(np.abs(state.positions - rest).max()) / HEIGHT_M)
     most = max(iterations, key=lambda name: iterations[name])
@@ -143,11 +144,6 @@ def _started(model: Model, positions: FloatArray) -> State:
 def _scattered(model: Model, seed: int) -> FloatArray:
     low, high = model.nodes.min(axis=0), model.nodes.max(axis=0)
     return np.random.default_rng(seed).uniform(low, high, size=model.nodes.shape)
-
-
-def _settle(model: Model, state: State) -> Equilibrium:
-    problem = Problem(model, linear_solver(model.pattern), _FAR)
-    return equilibrate(problem, state, options=_PATIENT)
 
 
 @dataclass(frozen=True)

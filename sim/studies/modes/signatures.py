@@ -111,13 +111,11 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
     nodal forces of a quadratic face these have the sign of what acts there.
     """
     traction = contact_traction(point)
-    corners, shares = model.faces[:, :3], model.reference.face_points
-    pressed, dragged = np.zeros((2, len(model.nodes), 3))
     pressing = traction.normal_n[..., None] * traction.normals
-    for corner in range(3):
-        share = shares[:, corner]
-        np.add.at(pressed, corners[:, corner], np.einsum("fpi,p->fi", pressing, share))
-        np.add.at(dragged, corners[:, corner], np.einsum("fpi,p->fi", traction.tangential_n, share))
+    pressed, dragged = (
+        _gathered(loads, model, model.reference.face_points)
+        for loads in (pressing, traction.tangential_n)
+    )
     touched = np.any(pressed != 0.0, axis=1)
     normals = _unit(pressed[touched])
     forces = pressed[touched] + dragged[touched]
@@ -128,6 +126,19 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
         normal_n=along,
         tangential_n=forces - along[:, None] * normals,
     )
+
+
+def _gathered(values: FloatArray, model: Model, shares: FloatArray) -> FloatArray:
+    """Sum values of contact points at the model's nodes, shape [node_count, value_count].
+
+    Args:
+        values: Shape [face_count, point_count, value_count].
+        shares: What a point gives to its face's first nodes, shape [point_count, nodes_of_a_face].
+    """
+    total = np.zeros((len(model.nodes), values.shape[2]))
+    faces = model.faces[:, : shares.shape[1]]
+    np.add.at(total, faces, np.einsum("fpi,pk->fki", values, shares))
+    return total
 
 
 def contact_signature(model: Model, point: PathPoint) -> ContactSignature:
@@ -206,13 +217,10 @@ def surface_maps(path: LoadingPath, point: PathPoint) -> SurfaceMaps:
     model = path.model
     traction = contact_traction(point)
     areas = np.linalg.norm(model.surface.area_vectors(point.state.positions), axis=2)
-    share = np.abs(model.reference.face_values)
-    loads = np.concatenate([traction.normal_n[..., None], traction.tangential_n], axis=2)
-    weight, total = np.zeros(len(model.nodes)), np.zeros((len(model.nodes), 4))
-    for k in range(model.faces.shape[1]):
-        np.add.at(weight, model.faces[:, k], areas @ share[:, k])
-        np.add.at(total, model.faces[:, k], np.einsum("fpi,p->fi", loads, share[:, k]))
-    mean = total / np.maximum(weight, 1e-300)[:, None]
+    sizes = np.stack([areas, traction.normal_n], axis=2)
+    loads = np.concatenate([sizes, traction.tangential_n], axis=2)
+    total = _gathered(loads, model, np.abs(model.reference.face_values))
+    mean = total[:, 1:] / np.maximum(total[:, :1], 1e-300)
     faces = model.faces[top_faces(model)]
     return SurfaceMaps(
         points_m=point.state.positions,
