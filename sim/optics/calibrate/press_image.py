@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -48,6 +49,14 @@ def without_shadows(
     taken = darkening(shadows, bulge, tilt, scene.geometry)
     image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
     return replace(press, image=image.astype(np.uint8))
+
+
+def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[BallPress]:
+    """Return presses that a calibration was made of with the light that their dents took away."""
+    return [
+        without_shadows(press, circle, found.scene, found.shadows)
+        for press, circle in zip(presses, found.circles, strict=True)
+    ]
 
 
 def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
-from sim.optics.calibrate.press_image import without_shadows
+from sim.optics.calibrate.fit.photometric_fit import lowest_place
+from sim.optics.calibrate.press_image import lit_presses
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
@@ -46,11 +47,7 @@ def calibrate_presses(
         found = calibrate_with_shadows(presses, scene, nominal)
     if not blurred:
         return found
-    lit = [
-        without_shadows(press, circle, found.scene, found.shadows)
-        for press, circle in zip(presses, found.circles, strict=True)
-    ]
-    return _sharpened(lit, found)
+    return _sharpened(lit_presses(presses, found), found)
 
 
 def _sharpened(presses: Sequence[BallPress], found: Calibration) -> Calibration:
@@ -104,7 +101,9 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
         pixels = scene.pixels(found.model, x, y)
         sharp = pixels.predict(circle).reshape(seen.shape)
         misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
-    return _lowest(misfit)
+    # A blur beyond those tried is larger than cameras have: something else is wrong then.
+    at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
+    return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)
 
 
 def _around(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
@@ -118,16 +117,3 @@ def _around(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
 
 def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px)) if sigma_px > 0.0 else image
-
-
-def _lowest(misfit: FloatArray) -> float:
-    """Return where a parabola through the lowest value and its neighbours is lowest [px].
-
-    It is 0 where the blur would be larger than cameras have: something else is wrong then.
-    """
-    best = int(np.argmin(misfit))
-    if best in (0, len(misfit) - 1):
-        return 0.0
-    left, middle, right = misfit[best - 1 : best + 2]
-    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
-    return float(_TRIED_PX[best] + shift * (_TRIED_PX[1] - _TRIED_PX[0]))

@@ -18,7 +18,7 @@ import numpy as np
 
 from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.press_image import pressed_surface, without_shadows
+from sim.optics.calibrate.press_image import lit_presses, pressed_surface
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.camera_geometry import CameraGeometry
@@ -63,11 +63,7 @@ def calibrate_with_shadows(
     found, shadows = calibrate_optics(presses, scene), nominal
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
-        lit = [
-            without_shadows(press, circle, found.scene, shadows)
-            for press, circle in zip(presses, found.circles, strict=True)
-        ]
-        found = calibrate_optics(lit, scene)
+        found = calibrate_optics(lit_presses(presses, replace(found, shadows=shadows)), scene)
     return replace(found, shadows=shadows)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
-from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples
+from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples, solved
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 
@@ -80,17 +80,10 @@ def _all_around(
 def _left_over(terms: ShadingTerms, samples: PhotometricSamples) -> FloatArray:
     """Return what the best coefficients leave of the samples' colours, and of their own size."""
     features = samples.features(_GENTLE, terms)
-    unknowns, count = features.shape
-    weight = np.sqrt(_RIDGE * count)
-    parts = []
-    for channel in range(samples.change.shape[1]):
-        weights = samples.weighed(channel)
-        known = features * weights
-        wanted = samples.change[:, channel] * weights
-        normal = known @ known.T + weight**2 * np.eye(unknowns)
-        coefficients = np.linalg.solve(normal, known @ wanted)
-        parts += [wanted - coefficients @ known, weight * coefficients]
-    return np.concatenate(parts)
+    weight = _RIDGE * features.shape[1]
+    coefficients = solved(*samples.normal_equations(features), weight=weight)
+    off = (samples.change - features.T @ coefficients.T) * samples.counted
+    return np.concatenate([off.ravel(), np.sqrt(weight) * coefficients.ravel()])
 
 
 def _numbers(terms: ShadingTerms) -> FloatArray:

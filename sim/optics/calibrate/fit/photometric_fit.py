@@ -75,10 +75,11 @@ class PhotometricSamples:
     weights: FloatArray | None = None
     around: tuple[SurfacePoints, ...] = ()
 
-    def weighed(self, channel: int) -> FloatArray:
-        """Return each sample's weight in the fit of one colour, zero where it does not count."""
-        counts = self.counts[:, channel].astype(np.float64)
-        return counts if self.weights is None else counts * self.weights[:, channel]
+    @property
+    def counted(self) -> FloatArray:
+        """Weights of the colours in a fit, zero where one does not count, shape [n, 3]."""
+        counts = self.counts.astype(np.float64)
+        return counts if self.weights is None else counts * self.weights
 
     def thinned(self, step: int) -> PhotometricSamples:
         """Return every ``step``-th sample."""
@@ -107,11 +108,10 @@ class PhotometricSamples:
     def normal_equations(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the matrix and the load of each colour's fit, shapes [3, n, n] and [3, n]."""
         normal, load = [], []
-        for channel in range(self.change.shape[1]):
-            weights = self.weighed(channel)
+        for weights, change in zip(self.counted.T, self.change.T, strict=True):
             known = features * weights
             normal.append(known @ known.T)
-            load.append(known @ (self.change[:, channel] * weights))
+            load.append(known @ (change * weights))
         return np.stack(normal), np.stack(load)
 
     def _values(
@@ -181,13 +181,7 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    coefficients = np.empty((unknowns, 3))
-    for channel in range(3):
-        counts, weights = samples.counts[:, channel], samples.weighed(channel)
-        known = features[:, counts] * weights[counts]
-        wanted = samples.change[counts, channel] * weights[counts]
-        normal = known @ known.T + ridge * count * np.eye(unknowns)
-        coefficients[:, channel] = np.linalg.solve(normal, known @ wanted)
+    coefficients = solved(*samples.normal_equations(features), weight=ridge * count).T
     return PhotometricModel(
         exponents=exponents,
         coefficients=coefficients[: len(exponents)],
@@ -199,6 +193,18 @@ def fit_photometric(
         reference=reference,
         provenance=dict(provenance or {}),
     )
+
+
+def solved(normal: FloatArray, load: FloatArray, *, weight: float) -> FloatArray:
+    """Return each colour's coefficients with so much weight on their squares, shape [3, n].
+
+    Args:
+        normal: Matrix of each fit, shape [3, n, n].
+        load: Shape [3, n].
+        weight: Keeps coefficients small that the samples do not tell.
+    """
+    held = normal + weight * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(held, load[..., None])[..., 0])
 
 
 def fit_ridge(
@@ -235,8 +241,7 @@ def _misfit_left_out(
     normal: FloatArray, load: FloatArray, own: FloatArray, seen: FloatArray, weight: float
 ) -> float:
     """Return the squared misfit of presses by a fit to the others, less what is always there."""
-    held = normal + weight * np.eye(normal.shape[-1])
-    found = np.linalg.solve(held, load[..., None])[..., 0]
+    found = solved(normal, load, weight=weight)
     squares = np.einsum("ci,cij,cj->", found, own, found)
     return float(squares - 2.0 * np.sum(found * seen))
 
@@ -260,9 +265,20 @@ def fit_response(
         return Response()
     if best == 0:
         return Response(knee=_KNEES[0])
+    return Response(knee=lowest_place(_KNEES, misfit))
+
+
+def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:
+    """Return where a parabola through the lowest misfit and its neighbours is lowest.
+
+    Args:
+        places: Evenly spaced; the lowest misfit is neither at the first nor at the last.
+        misfit: At each of them.
+    """
+    best = int(np.argmin(misfit))
     left, middle, right = misfit[best - 1 : best + 2]
     shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
-    return Response(knee=float(_KNEES[best] + shift * (_KNEES[best] - _KNEES[best - 1])))
+    return float(places[best] + shift * (places[best] - places[best - 1]))
 
 
 def _misfit(samples: PhotometricSamples, exponents: IntArray, terms: ShadingTerms | None) -> float:
@@ -272,6 +288,4 @@ def _misfit(samples: PhotometricSamples, exponents: IntArray, terms: ShadingTerm
     features = few.features(exponents, terms)
     coefficients: FloatArray = np.concatenate([model.coefficients, model.term_coefficients])
     off = few.change - features.T @ coefficients
-    weights = np.stack([few.weighed(channel) for channel in range(3)], axis=1)
-    told = np.sum(few.counts)
-    return float(np.sum((off * weights) ** 2) / told)
+    return float(np.sum((off * few.counted) ** 2) / np.sum(few.counts))

@@ -5,8 +5,9 @@ ChArUco boards, ArUco grids and grids of dots: ``charuco:columns=8,rows=6,square
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -20,13 +21,11 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 GreyArray = NDArray[np.uint8]
 _ENLARGE = 3
 _SMALLEST_IMAGE_PX = 1200
-_LENGTHS = {"charuco": ("square", "marker"), "aruco": ("marker", "gap"), "dots": ("pitch",)}
 _EXAMPLES = {
     "charuco": "charuco:columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50",
     "aruco": "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50",
     "dots": "dots:columns=7,rows=5,pitch=2mm",
 }
-_DEFAULT_DICTIONARY = "4X4_50"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,15 +76,7 @@ class CharucoTarget:
         large, factor = _enlarged(image)
         corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(large)
         wanted = (self.columns - 1) * (self.rows - 1)
-        if found is None or len(found) == 0:
-            return _nothing(wanted)
-        known = np.asarray(board.getChessboardCorners(), dtype=np.float64)[np.ravel(found), :2]
-        middle = 0.5 * np.array([self.columns, self.rows])
-        return TargetPoints(
-            positions_m=(known - middle) * self.square_m,
-            pixels=_in_original(np.asarray(corners, dtype=np.float64).reshape(-1, 2), factor),
-            wanted=wanted,
-        )
+        return _matched(board, corners, found, factor, unit_m=self.square_m, wanted=wanted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,18 +104,7 @@ class ArucoTarget:
         detector = cv2.aruco.ArucoDetector(_dictionary(self.dictionary), parameters)
         corners, found, _ = detector.detectMarkers(large)
         wanted = 4 * self.columns * self.rows
-        if found is None or len(found) == 0:
-            return _nothing(wanted)
-        kept = np.ravel(found) < self.columns * self.rows
-        known = np.asarray(board.getObjPoints(), dtype=np.float64)[np.ravel(found)[kept], :, :2]
-        pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 2)[kept]
-        pitch = 1.0 + self.gap_m / self.marker_m
-        middle = 0.5 * (np.array([self.columns, self.rows]) * pitch - pitch + 1.0)
-        return TargetPoints(
-            positions_m=(known.reshape(-1, 2) - middle) * self.marker_m,
-            pixels=_in_original(pixels.reshape(-1, 2), factor),
-            wanted=wanted,
-        )
+        return _matched(board, corners, found, factor, unit_m=self.marker_m, wanted=wanted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,12 +174,39 @@ def _enlarged(image: GreyArray) -> tuple[GreyArray, int]:
     return np.asarray(enlarged, dtype=np.uint8), factor
 
 
-def _in_original(pixels: FloatArray, factor: int) -> FloatArray:
-    return (pixels + 0.5) / factor - 0.5
+def _matched(
+    board: cv2.aruco.Board, corners: Any, found: Any, factor: int, *, unit_m: float, wanted: int
+) -> TargetPoints:
+    """Return the points of a board that a detector found in an enlarged image.
+
+    Args:
+        board: In its own units.
+        corners: As the detector gives them.
+        found: Their numbers on the board; None is no corner.
+        factor: By which the image was enlarged.
+        unit_m: Of the board [m].
+        wanted: How many points the board has.
+    """
+    known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
+    if known is None or pixels is None:
+        return _nothing(wanted)
+    middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
+    return TargetPoints(
+        positions_m=(known.reshape(-1, 3)[:, :2].astype(np.float64) - middle) * unit_m,
+        pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
+        wanted=wanted,
+    )
 
 
 def _nothing(wanted: int) -> TargetPoints:
     return TargetPoints(positions_m=np.empty((0, 2)), pixels=np.empty((0, 2)), wanted=wanted)
+
+
+_KINDS: dict[str, tuple[Callable[..., ScaleTarget], tuple[str, ...]]] = {
+    "charuco": (CharucoTarget, ("square", "marker")),
+    "aruco": (ArucoTarget, ("marker", "gap")),
+    "dots": (DotTarget, ("pitch",)),
+}
 
 
 def parse_target(text: str) -> ScaleTarget:
@@ -209,12 +216,13 @@ def parse_target(text: str) -> ScaleTarget:
         ConfigError: No such target, or a number that is missing, unknown or without its unit.
     """
     kind, _, terms = text.partition(":")
-    if kind not in _LENGTHS:
+    if kind not in _KINDS:
         raise ConfigError(
             f"--target {text!r}: no such target", remedy=f"write {', '.join(_EXAMPLES.values())}"
         )
+    made, lengths = _KINDS[kind]
     given = dict(part.partition("=")[::2] for part in terms.split(",") if part)
-    needed = {"columns", "rows", *_LENGTHS[kind]}
+    needed = {"columns", "rows", *lengths}
     optional = set() if kind == "dots" else {"dictionary"}
     wrong = sorted((needed - set(given)) | (set(given) - needed - optional))
     if wrong:
@@ -222,24 +230,15 @@ def parse_target(text: str) -> ScaleTarget:
             f"--target {kind}: missing or unknown: {', '.join(wrong)}",
             remedy=f"write {_EXAMPLES[kind]}",
         )
-    columns, rows = (_count(given[key], f"--target {key}") for key in ("columns", "rows"))
-    first, *rest = (_length(given[key], f"--target {key}") for key in _LENGTHS[kind])
-    dictionary = given.get("dictionary", _DEFAULT_DICTIONARY)
-    if kind == "dots":
-        return DotTarget(columns=columns, rows=rows, pitch_m=first)
-    if kind == "aruco":
-        return ArucoTarget(
-            columns=columns, rows=rows, marker_m=first, gap_m=rest[0], dictionary=dictionary
-        )
-    if not rest[0] < first:
+    counts = {key: _count(given[key], f"--target {key}") for key in ("columns", "rows")}
+    sizes = {f"{key}_m": _length(given[key], f"--target {key}") for key in lengths}
+    if kind == "charuco" and not sizes["marker_m"] < sizes["square_m"]:
         raise ConfigError(
             f"--target charuco: marker {given['marker']} is not smaller than square "
             f"{given['square']}",
             remedy="give both as printed",
         )
-    return CharucoTarget(
-        columns=columns, rows=rows, square_m=first, marker_m=rest[0], dictionary=dictionary
-    )
+    return made(**counts, **sizes, **{key: given[key] for key in optional & set(given)})
 
 
 def _count(text: str, field: str) -> int:
