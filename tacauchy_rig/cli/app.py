@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,6 +14,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.cli.lazy import lazy_group
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.errors import AbortedError, RigError
+from tacauchy_rig.store.durable import write_error
 
 COMMANDS = {
     "dry-run": "tacauchy_rig.cli.session:dry_run",
@@ -113,11 +115,15 @@ def main() -> None:
     except Exception as error:  # the process's top: no traceback without --debug
         if debug:
             raise
-        complain(f"error: {_told(error)}")
+        complain(f"error: {foreseen(error)}")
         sys.exit(RigError.exit_code)
 
 
-def _told(error: Exception) -> RigError:
+UNWRITABLE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT)
+"""A disk that takes nothing: no fault of the program, wherever it was met."""
+
+
+def foreseen(error: Exception) -> RigError:
     """Return what to tell of an error that nobody foresaw where it happened."""
     if isinstance(error, MemoryError):
         return RigError(
@@ -129,6 +135,8 @@ def _told(error: Exception) -> RigError:
             f"too many open files: {error}",
             remedy="`ulimit -n 1024` before the command admits more",
         )
+    if isinstance(error, OSError) and error.errno in UNWRITABLE and error.filename:
+        return write_error(Path(error.filename), error)
     return RigError(
         f"{type(error).__name__}: {error}",
         remedy="this is a fault of the program; `tacauchy-rig --debug ...` shows where",

@@ -41,6 +41,8 @@ def replay(
     """Simulate the trials of a run again and write its report."""
     run = open_run(folder)
     kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
+    with run.store.lock():  # told before the simulation, not after it
+        pass
     complain_of(check_run(run.store))
     replay_and_show(run, tolerance=kept)
     report_and_exit(run, json_file)

@@ -104,6 +104,8 @@ def resume(
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
+    with store.lock():  # nobody is asked for a word on a run that cannot be written, or is busy
+        pass
     trials = _trials(config, again)
     say_recovered(recover_run(store))
     require_devices(config)

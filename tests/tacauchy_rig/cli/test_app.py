@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tacauchy_rig.cli.app import app
+from tacauchy_rig.cli.app import app, foreseen
 from tacauchy_rig.config.load import example_text
 from tacauchy_rig.errors import AbortedError
 
@@ -95,3 +96,22 @@ def test_nothing_moves_without_the_sensors_name(
 def test_every_command_has_help(command: str) -> None:
     """Help costs no device."""
     assert CliRunner().invoke(app, [command, "--help"]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "remedy"),
+    [
+        (MemoryError("Unable to allocate 8 GiB"), "out of memory: Unable", "ulimit -v"),
+        (OSError(errno.EMFILE, "Too many open files"), "too many open files", "ulimit -n"),
+        (OSError(errno.EROFS, "Read-only", "/a/b"), "/a/b: no permission", "output_directory"),
+        (OSError(errno.ENOSPC, "No space", "/a/b"), "/a/b: no space left", "free some space"),
+        (ValueError("odd"), "ValueError: odd", "fault of the program"),
+    ],
+)
+def test_what_the_computer_refuses_is_no_fault_of_the_program(
+    error: Exception, message: str, remedy: str
+) -> None:
+    """Memory, files and disks have their own words; the rest is called what it is."""
+    told = foreseen(error)
+    assert told.message.startswith(message)
+    assert remedy in told.remedy
