@@ -75,10 +75,14 @@ def _changed(path: Path, told: Sequence[JournalEvent], *, is_last: bool) -> Iter
 
 
 def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield fields of a recorded configuration that read otherwise now; new fields are none."""
+    """Yield fields of a recorded configuration that read otherwise now.
+
+    A field that only one version of the program knows says nothing.
+    """
     if isinstance(kept, dict) and isinstance(read, dict):
-        for name, value in kept.items():
-            yield from _differing(value, read.get(name), f"{prefix}.{name}" if prefix else name)
+        for name in kept.keys() & read.keys():
+            where = f"{prefix}.{name}" if prefix else name
+            yield from _differing(kept[name], read[name], where)
     elif kept != read:
         yield prefix, kept, read
 
