@@ -169,5 +169,6 @@ class ForceGuard:
                 f"limits.force_rate {self._limits.force_rate:g} N/s: measured {slope:.1f} N/s",
                 limit="limits.force_rate",
                 reaction=Reaction.RETRACT,
-                remedy="something hit the tool or the table; lower the speeds if it was the arm",
+                remedy="something hit the tool or the table; or the force sensor's reading jumped "
+                "(range, unit, sign or axes in its box)",
             )

@@ -101,5 +101,5 @@ def _stuck(how: str, wrench: Wrench) -> BreachError:
         limit="witness.noise",
         reaction=Reaction.RETRACT,
         remedy="the sensor's amplifier or box hangs: switch it off and on, then "
-        "`tacauchy-rig doctor`",
+        "`tacauchy-rig doctor`; or its range, unit or gain changed",
     )

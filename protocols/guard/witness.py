@@ -199,7 +199,7 @@ class Witness:
         )
 
     def _little_remedy(self, cell_n: float) -> str:
-        if cell_n < 0.0:
+        if min(cell_n, self._forces[-1] + self._contact_force_n) < 0.0:
             return _SIGN_REMEDY
         return (
             "the force sensor sticks, lags or reads too little (range, unit, gain or axes): hang a "
