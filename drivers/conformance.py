@@ -68,7 +68,7 @@ def arm_tells_fresh_states(make: Callable[[], Arm]) -> None:
         first = arm.state()
         _live(arm, 10 * FEED_S)
         last = arm.state()
-        numbers = (*last.pose.as_vector(), *last.velocity)
+        numbers = (*last.pose.as_vector(), *last.velocity, *(last.tcp_force or ()))
         _require(all(map(math.isfinite, numbers)), "a state holds only finite numbers")
         _require(last.stamp_ns > first.stamp_ns, "the host's stamp moves on")
         _require(last.controller_time_s > first.controller_time_s, "the controller's time moves on")

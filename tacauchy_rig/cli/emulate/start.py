@@ -50,10 +50,14 @@ def start(
         say(f"emulation folder  {place}")
         if found.robot_host:
             say(f'[robot]           driver = "ur5"     host = "{found.robot_host}"')
+            say(f'                  model = "{config.robot.model}"')
         if found.force_sensor_port:
             say(f'[force_sensor]    driver = "m3733c"  port = "{found.force_sensor_port}"')
         if found.camera_url:
+            camera = config.camera
             say(f'[camera]          driver = "uvc"     device = "{found.camera_url}"')
+            say(f"                  width = {camera.width}  height = {camera.height}")
+            say(f'                  rate = "{camera.rate:g} Hz"')
         pids = {name: process.process.pid for name, process in emulation.processes.items()}
         write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
         say("a whole rig.toml around these lines: docs/drivers.md")
