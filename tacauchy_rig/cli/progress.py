@@ -6,6 +6,7 @@ from rich.live import Live
 from rich.text import Text
 
 from tacauchy_rig.cli.output import console, say
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent, Outcome
 
 PROGRESS = "progress"
@@ -27,11 +28,17 @@ _PHASES = {
 }
 
 
+_JUDGED = (Outcome.PASSED, Outcome.FAILED)
+"""Outcomes of attempts that ran to their end; what cut another off is an event of its own."""
+
+
 class SessionProgress:
     """Says what the arm is doing and what the gel feels; a context."""
 
-    def __init__(self, trial_count: int) -> None:
-        self._trial_count = trial_count
+    def __init__(self, config: RigConfig) -> None:
+        self._trial_count = len(config.protocol.force_targets)
+        self._soft_force_n = config.limits.soft_force
+        self._target_n: float | None = None
         self._live = Live(console=console, refresh_per_second=8, transient=True)
         self._phase = ""
 
@@ -51,10 +58,10 @@ class SessionProgress:
             case "phase":
                 self._enter(event)
             case "attempt-start":
-                target = detail["force_target_n"]
+                target = self._target_n = detail["force_target_n"]
                 tries = f", attempt {event.attempt}" if event.attempt > 1 else ""
                 say(f"trial {event.trial} of {self._trial_count}{tries}: target {target:.4f} N")
-            case "attempt-end":
+            case "attempt-end" if detail["outcome"] in _JUDGED:
                 say(_ended(event))
             case "fault" | "abort":
                 during = f" while {detail['during']}" if detail.get("during") else ""
@@ -83,9 +90,11 @@ class SessionProgress:
         force, height = detail.get("force_n"), detail.get("height_m", detail.get("z_m"))
         parts = [f"  {self._phase}"]
         if force is not None:
-            parts.append(f"force {force:7.3f} N")
+            target = "" if self._target_n is None else f" of {self._target_n:.4f}"
+            parts.append(f"force {force:7.3f}{target} N (stops at {self._soft_force_n:g} N)")
         if height is not None:
             parts.append(f"tip at z = {height * 1e3:.3f} mm")
+        parts.append("any key stops")
         self._live.update(Text("   ".join(parts)))
 
 
@@ -97,7 +106,6 @@ def _ended(event: JournalEvent) -> str:
         text += f": mean {force:.4f} N"
     if depth is not None:
         text += f" at {depth * 1e3:.3f} mm below contact"
-    # What cut an attempt off has been told by the event before.
-    if detail.get("reason") and detail["outcome"] == Outcome.FAILED:
+    if detail.get("reason"):
         text += f" ({detail['reason']})"
     return text

@@ -30,7 +30,7 @@ from tacauchy_rig.doctor.host import descriptor_check
 from tacauchy_rig.doctor.result import CheckStatus
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.force_check import Weight, parse_weight
-from tacauchy_rig.loop.cell import check_cell, require_right_cell, standing_check
+from tacauchy_rig.loop.cell import check_cell, mark_expired, require_right_cell, standing_check
 from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
@@ -168,6 +168,8 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     if asked.weight is None:
         require_right_cell(store)
+        if note := standing_check(store):
+            say(note)
     if config.moves_real_hardware:
         confirm(config)
     result = press(store, config, weight=asked.weight, again=asked.again)
@@ -217,17 +219,16 @@ def press(
             shutil.copyfile(store.paths.emulation / TRUTH_FILE, store.paths.truth)
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
-        progress = stack.enter_context(SessionProgress(len(config.protocol.force_targets)))
+        progress = stack.enter_context(SessionProgress(config))
         return record_run(store, running, on_event=progress, again=again)
 
 
 def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
-    """Check the cell by the weight; without one, say what an earlier check is still worth."""
+    """Check the cell by the weight; without one, mark an earlier check that has expired."""
     if weight is None:
-        if note := standing_check(store):
-            say(note)
+        mark_expired(store)
         return
     if emulation is not None and config.force_sensor.is_emulated:
         ask = hang_emulated(weight, emulation)

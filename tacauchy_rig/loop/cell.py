@@ -72,18 +72,24 @@ def require_right_cell(store: RunStore) -> None:
 
 
 def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
-    """Return what an earlier check of the run is still worth, in words; empty where it holds.
-
-    A check that has expired is marked, so that the report says that trials were added to it.
-    """
+    """Return why the force of what is pressed now is not checked; empty where it is."""
     check = store.load_force_check()
     if check is None:
         return "force not checked: --check-weight 200g checks the cell by a known weight first"
-    now = now or datetime.now(UTC)
-    if now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H):
+    if _is_current(check, now or datetime.now(UTC)):
         return ""
-    store.save_force_check(replace(check, expired=now.isoformat(timespec="seconds")))
     return (
         f"force not checked: the check of {check.checked} has expired after {EXPIRY_H:g} h; "
         f"--check-weight {check.weight.mass_kg * 1e3:g}g repeats it"
     )
+
+
+def mark_expired(store: RunStore, *, now: datetime | None = None) -> None:
+    """Note in a check that has expired that trials are added to it, for the report to say so."""
+    check, now = store.load_force_check(), now or datetime.now(UTC)
+    if check is not None and not _is_current(check, now):
+        store.save_force_check(replace(check, expired=now.isoformat(timespec="seconds")))
+
+
+def _is_current(check: ForceCheck, now: datetime) -> bool:
+    return now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H)

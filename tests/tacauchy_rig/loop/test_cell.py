@@ -11,7 +11,13 @@ import pytest
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.force_check import Weight
 from tacauchy_rig.loop import cell
-from tacauchy_rig.loop.cell import ForceCheckError, check_cell, require_right_cell, standing_check
+from tacauchy_rig.loop.cell import (
+    ForceCheckError,
+    check_cell,
+    mark_expired,
+    require_right_cell,
+    standing_check,
+)
 from tacauchy_rig.run import Tare
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
@@ -39,13 +45,17 @@ def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
     monkeypatch.setattr(cell, "weigh", lambda _config, **_: readings)
 
 
+def _journalled(store: RunStore) -> int:
+    return [event.name for event in read_journal(store.paths.journal)].count("force-check")
+
+
 def test_a_right_cell_is_kept_and_stands(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file, the journal and a resume agree."""
     assert "force not checked" in standing_check(store)
     weighs(monkeypatch, 1.01)
     check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
     assert store.load_force_check() == check
-    assert [event.name for event in read_journal(store.paths.journal)] == ["force-check"]
+    assert _journalled(store) == 1
     assert not standing_check(store)
 
 
@@ -65,7 +75,7 @@ def test_a_wrong_cell_refuses_the_run_until_it_is_right(
     check_cell(store, store.config, WEIGHT, ask=lambda _: None)
     require_right_cell(store)
     assert not standing_check(store)
-    assert len(read_journal(store.paths.journal)) == 2
+    assert _journalled(store) == 2
 
 
 def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,4 +86,7 @@ def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> No
     assert not standing_check(store, now=made + timedelta(hours=23.9))
     later = made + timedelta(hours=24.1)
     assert "has expired" in standing_check(store, now=later)
+    mark_expired(store, now=made)
+    assert store.load_force_check() == check
+    mark_expired(store, now=later)
     assert store.load_force_check() == replace(check, expired=later.isoformat(timespec="seconds"))
