@@ -51,16 +51,14 @@ class PressedPath:
     cpu_s: float
 
 
-def pressed_path(
-    scene: Scene, depths_m: Sequence[float], *, refinement: float = 1.0
-) -> PressedPath:
+def pressed_path(scene: Scene, depths_m: Sequence[float]) -> PressedPath:
     """Mesh a scene and press to several depths in ascending order [m].
 
     Raises:
         RigError: It cannot be meshed or solved.
     """
     started = time.process_time()
-    path = path_for(scene, plan_effects(scene), refinement=refinement)
+    path = path_for(scene, plan_effects(scene))
     forces = tuple(float(path.advance(depth).force_n[2]) for depth in depths_m)
     return PressedPath(forces_n=forces, cpu_s=time.process_time() - started)
 

@@ -145,7 +145,7 @@ def check_tolerances(
         RigError: A press does not go through.
     """
     for preset in (Preset.FAST, Preset.PAPER):  # compiles the kernels, which no time should hold
-        pressed_path(replace(scenes[0].scene, preset=preset), [1e-5], refinement=0.5)
+        pressed_path(Setting(preset, 0.5).applied(scenes[0].scene), [1e-5])
     found = []
     for asked in scenes:
         on_progress(asked.name)

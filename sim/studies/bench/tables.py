@@ -34,7 +34,7 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _batches: found.batches,
         _stress: found.batches,
         _launches: found.batches,
-        _peers: found.peers,
+        lambda found: peer_table(found.batches, found.peers): found.peers,
         _parts: found.phases,
         _rendering: found.rendering,
         _replays: found.replays,
@@ -164,10 +164,6 @@ def _launches(found: Benchmark) -> Table:
         },
         **_prose("launches"),
     )
-
-
-def _peers(found: Benchmark) -> Table:
-    return peer_table(found.batches, found.peers)
 
 
 def _parts(found: Benchmark) -> Table:
