@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from protocols.control.rates import lateness_ms
+from drivers.device.interface import StreamHealth
+from drivers.rig import FrameMark
+from protocols.control.rates import RateMeter, lateness_ms
 
 
 def test_lateness_is_that_of_the_late_samples_alone() -> None:
@@ -22,3 +24,20 @@ def test_lateness_is_that_of_the_late_samples_alone() -> None:
 def test_too_few_samples_are_not_late(count: int) -> None:
     """Nothing is said of a stream that has not moved."""
     assert lateness_ms([1] * count, [1] * count).tolist() == [0.0] * count
+
+
+@pytest.mark.parametrize(
+    ("before", "window", "count"),
+    [
+        ((1, 2, 3), (4, 5, 6, 7), 0),
+        ((1, 2, 3), (4, 5, 4, 6), 2),  # two that are one another
+        ((1, 2, 3), (4, 2, 5, 6), 1),  # one of before contact
+        ((1, 1, 1), (4, 5, 6, 7), 0),  # before contact is not judged
+    ],
+)
+def test_frames_that_repeat_are_counted(before, window, count) -> None:
+    """By the digests of their bytes, within the window and against the one before."""
+    meter = RateMeter()
+    marks = [FrameMark(number, number, digest=d) for number, d in enumerate((*before, *window))]
+    meter.frames(marks, StreamHealth())
+    assert meter.repeated_frame_count((0, 2), (3, 6)) == count
