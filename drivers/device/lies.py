@@ -9,7 +9,7 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 from drivers.device.faults import OLDEST_S, Fault, FaultKind
@@ -55,12 +55,17 @@ class LyingWrench:
         sticks = active.keys() & {FaultKind.FREEZE, FaultKind.STICK, FaultKind.STICK_NOISILY}
         if not sticks:
             self._held = None
+        if not sticks or self._knows_no_noise(sticks):
             self._said.append(said)
             return said
         if self._held is None:
             self._said.append(said)
             self._held = _Held(said, _mean(list(self._said)[-_MEAN_SAMPLES:]), _noise(self._said))
         return self._stuck(FaultKind(min(sticks)), self._held)
+
+    def _knows_no_noise(self, sticks: Set[FaultKind]) -> bool:
+        """Return whether it is too early to stick noisily: its noise is not known yet."""
+        return FaultKind.STICK_NOISILY in sticks and len(self._said) < _NOISE_SAMPLES
 
     def _remember(self, felt: Vector6, stamp_ns: int) -> None:
         self._past.append((stamp_ns, felt))

@@ -65,6 +65,15 @@ def test_a_sensor_that_sticks_noisily_keeps_its_mean_and_its_noise() -> None:
     assert np.std(said[:, 1]) == pytest.approx(NOISE_N, rel=0.25)
 
 
+def test_one_that_sticks_noisily_from_its_first_sample_has_noise_too() -> None:
+    """It sticks after a second, when it knows its noise: without any it would be found at once."""
+    felt, said = _played("force_sensor:stick-noisily", before=0, during=400)
+    np.testing.assert_array_equal(said[:100], felt[:100])
+    assert len(np.unique(said[:, 2])) == 400
+    assert np.mean(said[100:, 2]) == pytest.approx(felt[100, 2], abs=0.03)
+    assert np.std(said[100:, 2]) == pytest.approx(NOISE_N, rel=0.25)
+
+
 def test_old_data_are_those_of_before() -> None:
     """What is said is what was felt two seconds ago."""
     felt, said = _played("force_sensor:old-data=2s")
