@@ -6,11 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.comparison.model_criteria import MARGIN, OFFSET, PREDICTION, RESIDUAL
+from reports.comparison.model_criteria import (
+    MARGIN,
+    MODULUS,
+    MODULUS_TRIALS,
+    OFFSET,
+    PREDICTION,
+    RESIDUAL,
+)
 from reports.comparison.results import TrialResult
 from tacauchy_rig.run import Criterion
 
 COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
+COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
 """Criteria that a wrong model can miss; what holds by construction is not among them."""
 
 
@@ -41,7 +49,8 @@ def headline_of(
 ) -> tuple[HeadlineRow, ...]:
     """Return what counts: of the trials first, then of the run as a whole."""
     by_trial = [[c for t in trials for c in t.criteria if c.name == name] for name in COUNTS]
-    return tuple(_row(found) for found in (*by_trial, *([c] for c in run_criteria)) if found)
+    of_run = [[c] for c in run_criteria if c.name in COUNTS_OF_RUN]
+    return tuple(_row(found) for found in (*by_trial, *of_run) if found)
 
 
 def worst_of(criteria: Sequence[Criterion]) -> Criterion:

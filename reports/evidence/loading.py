@@ -50,7 +50,7 @@ def load_evidence(
     store, config = run.store, run.store.config
     check = check_run(store)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    curve = _stated_curve(replay)
+    curve = stated_curve(replay)
     trials = tuple(
         TrialEvidence(
             index=index,
@@ -119,7 +119,7 @@ def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
     }
 
 
-def _stated_curve(replay: Replay | None) -> FloatArray | None:
+def stated_curve(replay: Replay | None) -> FloatArray | None:
     """Return what the replay's model gives with the modulus that is stated: (depth, force)."""
     if replay is None:
         return None

@@ -36,6 +36,7 @@ COMMANDS = {
     "doctor": "tacauchy_rig.cli.doctor:doctor",
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
+    "verdict-check": "tacauchy_rig.cli.studies.verdict_check:verdict_check",
     "config": "tacauchy_rig.cli.config_commands:app",
 }
 """Where each command is; a new one is a line here."""

@@ -98,10 +98,12 @@ def test_the_report_says_that_the_gel_was_fitted(
     )
 
 
-def test_force_is_interpolated_and_never_extrapolated() -> None:
-    """Between two depths linear; outside of what was simulated nothing is said."""
+def test_force_goes_on_by_a_quarter_of_the_depth() -> None:
+    """Between two depths linear, so a little below the last; further off nothing is said."""
     assert force_at_depth(CURVE, 1.5e-4) == pytest.approx(2.0)
-    assert force_at_depth(CURVE, 2.1e-4) is None
+    assert force_at_depth(CURVE, 2.1e-4) == pytest.approx(3.2)
+    assert force_at_depth(CURVE, 2.5e-4) == pytest.approx(4.0)
+    assert force_at_depth(CURVE, 2.6e-4) is None
     assert force_at_depth(CURVE, -1e-6) is None
     assert force_at_depth(CURVE[:1], 0.0) is None
 

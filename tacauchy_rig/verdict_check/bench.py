@@ -1,0 +1,137 @@
+"""A run's true replay, kept in memory, and the evidence of replays that differ from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from reports.arrays import ColorImage
+from reports.evidence.attempt import RunReading
+from reports.evidence.evidence import RunEvidence
+from reports.evidence.loading import load_evidence, stated_curve
+from sim.fields.press_fields import TrialFields
+from sim.fields.surface import SurfaceState
+from sim.replay import replay_forces
+from tacauchy_rig.loop.optics import OpticalCalibration
+from tacauchy_rig.loop.replay import ReplayInputs, press_again, render_again, stiffer
+from tacauchy_rig.replayed import Replay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pressed:
+    """A replay of which nothing is rendered yet, and the fields by trial."""
+
+    replay: Replay
+    fields: Mapping[int, TrialFields]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """What every wrong model starts from; nothing is written into the run's folder.
+
+    Attributes:
+        inputs: What the run is truly replayed with.
+        optics: What it is truly rendered with.
+        recorded: What was read of the run, its checks with it.
+        pressed: The true replay.
+        images: Its images by trial.
+    """
+
+    run: RunReading
+    inputs: ReplayInputs
+    optics: OpticalCalibration
+    recorded: RunEvidence
+    pressed: Pressed
+    images: Mapping[int, ColorImage]
+
+    @property
+    def trials(self) -> Sequence[int]:
+        """Trials that were replayed, the smallest force first."""
+        forces = {trial.index: trial.force_measured_n for trial in self.pressed.replay.trials}
+        return sorted(forces, key=forces.__getitem__)
+
+    def press(self, inputs: ReplayInputs) -> Pressed:
+        """Press all trials otherwise, with the modulus that the run's depths then tell."""
+        return pressed_with(self.run, inputs)
+
+    def press_first(self, inputs: ReplayInputs) -> Pressed:
+        """Press the smallest force otherwise, with the true replay's modulus, and keep the rest.
+
+        For what takes long to press: if one trial is caught, the run is.
+        """
+        first = self.trials[0]
+        factor = self.pressed.replay.model.modulus_factor or 1.0
+        inputs = replace(inputs, sensor=stiffer(inputs.sensor, factor))
+        force_n = [t.force_measured_n for t in self.pressed.replay.trials if t.index == first]
+        replay, fields = replay_forces(inputs.scene(force_n), force_n)
+        trials = tuple(
+            replace(replay.trials[0], index=first) if trial.index == first else trial
+            for trial in self.pressed.replay.trials
+        )
+        return Pressed(
+            replay=replace(self.pressed.replay, trials=trials),
+            fields={**self.pressed.fields, first: fields[0]},
+        )
+
+    def evidence(
+        self, pressed: Pressed | None = None, *, optics: OpticalCalibration | None = None
+    ) -> RunEvidence:
+        """Return what a report is made from, the replay otherwise pressed or rendered."""
+        pressed = pressed or self.pressed
+        return self.seen(*rendered(self.run, self.inputs, pressed, optics or self.optics))
+
+    def evidence_with(self, images: Mapping[int, ColorImage]) -> RunEvidence:
+        """Return what a report is made from with other images of the true replay."""
+        return self.seen(self.pressed.replay, images)
+
+    def seen(self, replay: Replay, images: Mapping[int, ColorImage]) -> RunEvidence:
+        """Return the true evidence with another replay; recordings are not read again."""
+        curve = stated_curve(replay)
+        replayed = {trial.index: trial for trial in replay.trials}
+        trials = tuple(
+            replace(
+                trial,
+                record=self.run.records[trial.index],
+                replay=replayed.get(trial.index),
+                simulated_image=images.get(trial.index),
+                force_depth_simulated=curve,
+            )
+            for trial in self.recorded.trials
+        )
+        return replace(self.recorded, trials=trials, model=replay.model)
+
+    def reshaped(self, reshape: Callable[[SurfaceState], SurfaceState]) -> Pressed:
+        """Return the true replay with surfaces of another shape."""
+        fields = {
+            index: replace(found, surface=reshape(found.surface))
+            for index, found in self.pressed.fields.items()
+        }
+        return replace(self.pressed, fields=fields)
+
+
+def bench_of(run: RunReading, inputs: ReplayInputs, optics: OpticalCalibration) -> Bench:
+    """Replay a run truly."""
+    pressed = pressed_with(run, inputs)
+    replay, images = rendered(run, inputs, pressed, optics)
+    return Bench(
+        run=run,
+        inputs=inputs,
+        optics=optics,
+        recorded=load_evidence(run, None),
+        pressed=replace(pressed, replay=replay),
+        images=images,
+    )
+
+
+def pressed_with(run: RunReading, inputs: ReplayInputs) -> Pressed:
+    """Press the trials of a run."""
+    replay, fields = press_again(run, inputs)
+    return Pressed(replay=replay, fields=fields)
+
+
+def rendered(
+    run: RunReading, inputs: ReplayInputs, pressed: Pressed, optics: OpticalCalibration
+) -> tuple[Replay, dict[int, ColorImage]]:
+    """Render what was pressed: the replay as the camera sees it, and images by trial."""
+    replay, kept = render_again(run, inputs.sensor, pressed.replay, pressed.fields, optics)
+    return replay, {i: found.image for i, found in kept.items() if found.image is not None}

@@ -1,0 +1,240 @@
+"""Replays that are wrong on purpose, most of them by as much as one likes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from reports.evidence.attempt import RunReading
+from reports.evidence.evidence import RunEvidence
+from sim.fields.surface import SurfaceState
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.height.contact import indenter_height
+from sim.scene.indenter import Cylinder
+from sim.scene.pad import BoxPad
+from sim.scene.scene import Motion, Preset
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
+from tacauchy_rig.loop.replay import stiffer
+from tacauchy_rig.verdict_check.bench import Bench, pressed_with
+
+SEED = 20261122
+"""Of what is shuffled, and of which colour of the lamps aged how."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrongModel:
+    """One way of being wrong.
+
+    Attributes:
+        name: In a few words; ``{}`` is its size.
+        evidence: What the report then sees; the size is in ``unit``.
+        size: The wrong model's own; None for one that is a matter of kind.
+        unit: Of the size.
+        largest: Up to here a size is looked for that is caught.
+        hides: Why less is not caught, in a clause.
+        halvings: Of the interval between a size that passes and one that is caught.
+    """
+
+    name: str
+    evidence: Callable[[Bench, float], RunEvidence]
+    hides: str
+    size: float | None = None
+    unit: str = ""
+    largest: float = math.nan
+    halvings: int = 3
+
+
+def _stiffer_gel(bench: Bench, percent: float) -> RunEvidence:
+    sensor = stiffer(bench.inputs.sensor, 1.0 + 0.01 * percent)
+    return bench.evidence(bench.press(replace(bench.inputs, sensor=sensor)))
+
+
+def _weak_cell(bench: Bench, percent: float) -> RunEvidence:
+    """Let the cell read less than is there."""
+    share = 1.0 - 0.01 * percent
+    run = RunReading(bench.run.store, bench.run.geometry)
+    for index, record in run.records.items():
+        if record is not None and record.force_measured_n is not None:
+            less = replace(record, force_measured_n=share * record.force_measured_n)
+            run.records[index] = less
+    return replace(bench, run=run).evidence(pressed_with(run, bench.inputs))
+
+
+def _rounder(bench: Bench, added_mm: float) -> RunEvidence:
+    indenter = bench.inputs.indenter
+    if not isinstance(indenter, Cylinder):
+        raise ConfigError("a ball has no fillet", remedy="take a run with a cylinder")
+    other = replace(indenter, fillet_m=indenter.fillet_m + 1e-3 * added_mm)
+    return bench.evidence(bench.press(replace(bench.inputs, indenter=other)))
+
+
+def _thicker(bench: Bench, percent: float) -> RunEvidence:
+    sensor = bench.inputs.sensor
+    pad = sensor.pad
+    if not isinstance(pad, BoxPad):
+        raise ConfigError("only a box has a height to change", remedy="take another sensor")
+    pad = replace(pad, height_m=pad.height_m * (1.0 + 0.01 * percent))
+    return bench.evidence(bench.press(replace(bench.inputs, sensor=replace(sensor, pad=pad))))
+
+
+def _tilted(bench: Bench, degrees: float) -> RunEvidence:
+    motion = Motion(tilt_rad=(math.radians(degrees), 0.0))
+    return bench.evidence(bench.press_first(replace(bench.inputs, motion=motion)))
+
+
+def _aside(bench: Bench, off_mm: float) -> RunEvidence:
+    view = bench.optics.geometry
+    moved = replace(view, centre_x_px=view.centre_x_px + 1e-3 * off_mm / view.scale_x_m)
+    return bench.evidence(optics=replace(bench.optics, geometry=moved))
+
+
+def _aged(bench: Bench, percent: float) -> RunEvidence:
+    """Let each colour of the lamps have changed, by so much in the root mean square."""
+    drawn = np.random.default_rng(SEED).standard_normal(3)
+    gain = 1.0 + 0.01 * percent * drawn / math.sqrt(float(np.mean(drawn**2)))
+    return bench.evidence(optics=_with_gain(bench.optics, gain))
+
+
+def _with_gain(optics: OpticalCalibration, gain: np.ndarray) -> OpticalCalibration:
+    model = optics.model
+    if not isinstance(model, PhotometricModel):
+        raise ConfigError("only coloured lamps age by colour", remedy="take another sensor")
+    aged = replace(
+        model,
+        coefficients=model.coefficients * gain,
+        term_coefficients=model.term_coefficients * gain,
+    )
+    return replace(optics, model=aged)
+
+
+def _uncalibrated(bench: Bench, _: float) -> RunEvidence:
+    return bench.evidence(optics=nominal_optics(bench.inputs.sensor))
+
+
+def _penetrated(bench: Bench, percent: float) -> RunEvidence:
+    """Blend the gel's surface with that of a renderer that cuts the indenter out of it."""
+
+    def cut(surface: SurfaceState) -> SurfaceState:
+        rest = surface.positions_rest
+        bottom = indenter_height(surface, rest[:, 0], rest[:, 1])
+        rigid = rest.copy()
+        rigid[:, 2] = np.fmin(rest[:, 2], bottom)
+        share = 0.01 * percent
+        return replace(surface, positions=(1.0 - share) * surface.positions + share * rigid)
+
+    return bench.evidence(bench.reshaped(cut))
+
+
+def _papers_mesh(bench: Bench, _: float) -> RunEvidence:
+    return bench.evidence(bench.press(replace(bench.inputs, preset=Preset.PAPER, tolerance=None)))
+
+
+def _no_contact(bench: Bench, _: float) -> RunEvidence:
+    unloaded = {index: bench.run.attempt(index) for index in bench.trials}
+    return bench.evidence_with(
+        {
+            index: attempt.reference
+            for index, attempt in unloaded.items()
+            if attempt is not None and attempt.reference is not None
+        }
+    )
+
+
+def _shuffled(bench: Bench, _: float) -> RunEvidence:
+    trials = list(bench.trials)
+    order = np.random.default_rng(SEED).permutation(len(trials))
+    return bench.evidence_with(
+        {index: bench.images[trials[other]] for index, other in zip(trials, order, strict=True)}
+    )
+
+
+def _swapped(bench: Bench, _: float) -> RunEvidence:
+    """Exchange the images of the two largest forces, which are hardest to tell apart."""
+    second, last = bench.trials[-2:]
+    swapped = {second: bench.images[last], last: bench.images[second]}
+    return bench.evidence_with({**bench.images, **swapped})
+
+
+_STATED = (
+    "the sensor's file states the modulus to {uncertainty}; one flat punch tells modulus, height"
+    " and the cell's scale only together, and images are the same after the fit"
+)
+
+WRONG_MODELS = (
+    WrongModel(
+        name="gel stiffer than it is",
+        evidence=_stiffer_gel,
+        size=10.0,
+        unit="%",
+        largest=80.0,
+        hides=_STATED,
+    ),
+    WrongModel(
+        name="force sensor reads less than there is",
+        evidence=_weak_cell,
+        size=50.0,
+        unit="%",
+        largest=80.0,
+        hides=_STATED,
+    ),
+    WrongModel(
+        name="gel thicker than it is",
+        evidence=_thicker,
+        size=10.0,
+        unit="%",
+        largest=80.0,
+        hides=_STATED,
+    ),
+    WrongModel(
+        name="fillet larger than it is",
+        evidence=_rounder,
+        size=0.1,
+        unit="mm",
+        largest=0.4,
+        hides="the rim's image changes by less than what the renderer leaves unexplained",
+    ),
+    WrongModel(
+        name="press beside its place",
+        evidence=_aside,
+        size=0.1,
+        unit="mm",
+        largest=0.4,
+        hides="an arm repeats a pose to 0.03 mm, and the limit is twice that",
+    ),
+    WrongModel(
+        name="indenter tilted (smallest force only)",
+        evidence=_tilted,
+        size=2.0,
+        unit="deg",
+        largest=4.0,
+        halvings=1,  # each takes minutes
+        hides="the rim's rise is small beside the depth",
+    ),
+    WrongModel(
+        name="optics of last year: each colour of the lamps changed",
+        evidence=_aged,
+        size=20.0,
+        unit="%",
+        largest=80.0,
+        hides="colours that change against one another are no force; only the residual sees them",
+    ),
+    WrongModel(
+        name="renderer of rigid penetration, blended with the gel's surface",
+        evidence=_penetrated,
+        size=100.0,
+        unit="%",
+        largest=100.0,
+        hides="the skirt is a little too steep",
+    ),
+    WrongModel(name="optics never calibrated", evidence=_uncalibrated, hides=""),
+    WrongModel(
+        name="the paper's mesh", evidence=_papers_mesh, hides="the modulus that is fitted hides it"
+    ),
+    WrongModel(name="no contact in any image", evidence=_no_contact, hides=""),
+    WrongModel(name="images of the trials shuffled", evidence=_shuffled, hides=""),
+    WrongModel(name="images of the two largest forces exchanged", evidence=_swapped, hides=""),
+)
