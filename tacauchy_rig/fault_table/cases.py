@@ -28,8 +28,8 @@ class Moment(StrEnum):
 
     @property
     def delay_s(self) -> float:
-        """From the phase's begin [s]: just before the gel; on the way down; holding."""
-        return {Moment.START: 0.0, Moment.SEARCH: 2.0, Moment.PRESS: 0.5, Moment.DWELL: 0.4}[self]
+        """From the phase's begin [s]: under way; just before the gel; on the way down; holding."""
+        return {Moment.START: 1.0, Moment.SEARCH: 2.0, Moment.PRESS: 0.5, Moment.DWELL: 0.4}[self]
 
 
 TARGET_N = 2.0

@@ -137,7 +137,8 @@ class _Case:
             if self._run.command.process.poll() is None or not self._run.journal():
                 raise
             return time.monotonic_ns()
-        return begun.stamp_ns
+        # At its very begin the arm still stands, which is no stop.
+        return begun.stamp_ns + round(Moment.START.delay_s * 1e9)
 
     def _look_at_arm(self, fault_ns: int) -> tuple[ArmOutcome, float, float]:
         deadline = time.monotonic() + REST_TIMEOUT_S
