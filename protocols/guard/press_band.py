@@ -58,21 +58,20 @@ class PressBand:
             points: Depths below contact [m] and the force at each [N], at least one.
             depth_m: Depth below contact now [m].
         """
-        least_n = max(force + self._least_rise(at, depth_m) for at, force in points)
-        most_n = min(force + self._most_rise(at, depth_m) for at, force in points)
+        at_m, felt_n = np.array(points).T
+        least_n = float(np.max(felt_n + self._least_rise(at_m, depth_m)))
+        most_n = float(np.min(felt_n + self._most_rise(at_m, depth_m)))
         return (1.0 - CREEP_SHARE) * least_n, most_n
 
-    def _least_rise(self, shallow_m: float, deep_m: float) -> float:
-        nearer_m = deep_m - self.expected.depth_error_m
-        if nearer_m <= shallow_m:
-            return 0.0
-        low_n, high_n = np.interp((shallow_m, nearer_m), self._grid, self._leaning)
-        return self.expected.low * float(high_n - low_n)
+    def _least_rise(self, from_m: FloatArray, to_m: float) -> FloatArray:
+        nearer_m = np.maximum(to_m - self.expected.depth_error_m, from_m)
+        rise_n = self._lean_force(nearer_m) - self._lean_force(from_m)
+        return np.asarray(self.expected.low * rise_n)
 
-    def _most_rise(self, shallow_m: float, deep_m: float) -> float:
-        further_m = max(deep_m, shallow_m) + self.expected.depth_error_m
-        low_n, high_n = self._straight(np.array((shallow_m, further_m)) + self._begin_m)
-        return (1.0 + CREEP_SHARE) * self.expected.high * float(high_n - low_n)
+    def _most_rise(self, from_m: FloatArray, to_m: float) -> FloatArray:
+        further_m = np.maximum(to_m, from_m) + self.expected.depth_error_m
+        rise_n = self._straight(further_m + self._begin_m) - self._straight(from_m + self._begin_m)
+        return np.asarray((1.0 + CREEP_SHARE) * self.expected.high * rise_n)
 
     def depth_bound(self, force_n: float) -> float:
         """Return how deep below contact a force may lie [m]: in the softest, most leaning gel."""
@@ -81,6 +80,9 @@ class PressBand:
             return self.deepest_m
         depth_m = float(np.interp(needed_n, self._leaning, self._grid))
         return min(depth_m + self.expected.depth_error_m, self.deepest_m)
+
+    def _lean_force(self, depth_m: FloatArray) -> FloatArray:
+        return np.asarray(np.interp(depth_m, self._grid, self._leaning))
 
     def _straight(self, depth_m: FloatArray) -> FloatArray:
         """Return the curve's force [N]; beyond its end it goes on as steep as there."""

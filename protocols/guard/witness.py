@@ -30,6 +30,10 @@ stated (0.1 MPa under a 5 mm punch) gives 0.2 N by then, four contact forces."""
 _SIGN_REMEDY = (
     "force_sensor.compression_sign is wrong or the sensor's sign turned; or it sticks near zero"
 )
+_ARM_SIGN_REMEDY = (
+    "the force sensor's reading jumped (range, unit, gain or axes): hang a known weight on it; or "
+    "the controller counts a push on its tool the other way (actual_TCP_force)"
+)
 _MUCH_REMEDY = (
     "the force sensor reads too much (range, unit, gain or axes): hang a known weight on it; or "
     "the arm is deeper than it says, or the gel stiffer than that of sensor.name"
@@ -209,6 +213,8 @@ class Witness:
     def _cell_remedy(self, cell_n: float, arm_n: float) -> str:
         if cell_n < -self._arm.tolerance.force_n / 2 and arm_n > 0.0:
             return _SIGN_REMEDY
+        if cell_n > 0.0 and arm_n < -self._arm.tolerance.force_n / 2:
+            return _ARM_SIGN_REMEDY
         way = "too little" if abs(cell_n) < abs(arm_n) else "too much"
         return (
             f"the force sensor sticks, lags or reads {way} (range, unit, gain or axes): hang a "

@@ -200,6 +200,7 @@ class RemoteCamera:
         self._channel = channel
         self._health = StreamHealth()
         self._newest_ns: int | None = None
+        self._asked: Look | None = None
 
     def poll(self) -> list[FrameMark]:
         """Return the marks that arrived.
@@ -207,6 +208,7 @@ class RemoteCamera:
         Raises:
             DeviceError: The camera is gone, or its process is.
         """
+        self._say()
         marks: list[FrameMark] = []
         for message in self._channel.receive():
             if isinstance(message, Failed):
@@ -224,8 +226,13 @@ class RemoteCamera:
         return marks
 
     def ask(self, look: Look) -> None:
-        """Tell the camera process what to look for."""
-        self._channel.send(look)
+        """Tell the camera process what to look for; said again until it is taken."""
+        self._asked = look
+        self._say()
+
+    def _say(self) -> None:
+        if self._asked is not None and self._channel.send(self._asked):
+            self._asked = None
 
     def health(self) -> StreamHealth:
         """Return counts and rate as last reported, and the age as it is now."""

@@ -19,7 +19,7 @@ from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import RigConfig, RobotModel
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.errors import ConfigError, ConvergenceError
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.loop.settings import indenter_of, sensor_of
 from tacauchy_rig.store.run_store import RunStore
@@ -87,18 +87,18 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
     """Return what a run's presses should give: read from its folder, or made and kept there.
 
     Returns:
-        None where the simulator does not get there; the run goes on with the other witnesses.
+        None where there is no such sensor or the simulator does not get there; the run goes on
+        with the other witnesses, and its journal says so.
 
     Raises:
         RecordError: The disk is full or gone, or the file is damaged.
-        ConfigError: There is no such sensor.
     """
     known = store.load_expected()
     if known is not None:
         return known
     try:
         made = expected_press(store.config)
-    except ConvergenceError as error:
+    except (ConfigError, ConvergenceError) as error:
         logger.warning("no expected press: %s", error)
         return None
     store.save_expected(made)

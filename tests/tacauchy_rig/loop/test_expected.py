@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.errors import ConvergenceError
 from tacauchy_rig.loop import expected as loop_expected
 from tacauchy_rig.loop.expected import expected_press, kept_expectation
 from tacauchy_rig.store.run_store import RunStore
@@ -64,3 +65,18 @@ def test_it_is_made_once_a_run(mini, tmp_path, monkeypatch):
     assert kept_expectation(store) == mini
     monkeypatch.setattr(loop_expected, "expected_press", lambda _config: None)
     assert kept_expectation(store) == mini
+
+
+def test_a_press_that_cannot_be_simulated_leaves_the_other_witnesses(tmp_path, monkeypatch):
+    """The run goes on, and keeps no expectation."""
+    loaded = load_config()
+    store = RunStore.create(
+        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
+    )
+
+    def fail(_config):
+        raise ConvergenceError("no equilibrium")
+
+    monkeypatch.setattr(loop_expected, "expected_press", fail)
+    assert kept_expectation(store) is None
+    assert not store.paths.expected.exists()
