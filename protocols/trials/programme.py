@@ -105,7 +105,13 @@ def _try(
                 error.remedy = ALWAYS_LATE
             if attempt == last or not may_repeat(cycle, error):
                 raise error
-            journal.write("attempt-repeated", reason="only images came late; they are back")
+            journal.trial = journal.attempt = 0  # its recording is closed
+            journal.write(
+                "attempt-repeated",
+                of_trial=planned.index,
+                of_attempt=attempt,
+                reason="only images came late; they are back",
+            )
         if records[planned.index].passed:
             break
 

@@ -30,7 +30,8 @@ def test_a_gap_between_images_is_tried_again(laboratory, phase):
     assert [r.outcome for r in lab.sink.records] == [Outcome.FAULT, *[Outcome.PASSED] * 2]
     assert lab.sink.records[0].reason.startswith("limits.stale_image")
     (told,) = [event for event in lab.sink.events if event.name == "attempt-repeated"]
-    assert (told.trial, told.attempt) == (1, 1)
+    assert (told.trial, told.attempt) == (0, 0)  # in no recording
+    assert (told.detail["of_trial"], told.detail["of_attempt"]) == (1, 1)
 
 
 def test_attempts_are_not_endless(laboratory):
