@@ -303,7 +303,7 @@ class RunStore:
         Raises:
             RecordError: The disk is full or gone.
         """
-        write_atomically(self.paths.expected, dumps(expected))
+        self._write_sealed(self.paths.expected, dumps(expected))
 
     def load_expected(self) -> ExpectedPress | None:
         """Read what the presses of the run should give; None where it was never made.
