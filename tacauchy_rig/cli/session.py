@@ -107,12 +107,13 @@ def resume(
     with store.lock():  # nobody is asked for a word on a run that cannot be written, or is busy
         pass
     trials = _trials(config, again)
-    say_recovered(recover_run(store))
+    recovery = recover_run(store)
+    say_recovered(recovery)
     require_devices(config)
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, replace(asked, again=trials))
+    _press_and_report(store, config, replace(asked, again=trials, is_whole=recovery.is_whole))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +124,7 @@ class _Asked:
     json_file: Path | None
     weight: Weight | None
     again: frozenset[int] = frozenset()
+    is_whole: bool = True
 
 
 def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -> _Asked:
@@ -178,7 +180,7 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
     _tell_missed(store, result)
     if asked.press_only:
         say(f"recorded in {store.paths.root}")
-        raise typer.Exit(result.exit_code)
+        raise typer.Exit(result.exit_code or int(not asked.is_whole))
     recorded = open_run(store.paths.root)
     replay_and_show(recorded)
     report_and_exit(recorded, asked.json_file)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -209,7 +209,7 @@ def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
 
 def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
     in_recording = {dumps(event, indent=None): event for event in recording.events()}
-    told = attempt.journal.of_attempt(*_key(attempt))
+    told = _until_its_end(attempt.journal.of_attempt(*_key(attempt)))
     in_journal = {dumps(event, indent=None): event for event in told}
     if attempt.journal.exists:
         for key, event in in_recording.items():
@@ -223,6 +223,12 @@ def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
         for key, event in in_journal.items():
             if key not in in_recording:
                 yield f"the recording lacks {_named(event)}"
+
+
+def _until_its_end(events: Sequence[JournalEvent]) -> Sequence[JournalEvent]:
+    """Leave out what is told of an attempt after its recording was closed."""
+    ends = [place for place, event in enumerate(events) if event.name == "attempt-end"]
+    return events[: ends[-1] + 1] if ends else events
 
 
 def _named(event: JournalEvent) -> str:

@@ -19,8 +19,10 @@ from protocols.guard.abort import Abort
 from protocols.session import plan_session, run_session
 from tacauchy_rig.errors import DeviceError, RecordError
 from tacauchy_rig.run import Outcome
+from tacauchy_rig.store.check.run import check_run
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.recovery import recover_run
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 
@@ -94,6 +96,7 @@ def test_a_killed_process_ends_the_session_and_loses_nothing_acknowledged(make_s
     assert readable(store) >= sum(result.acknowledged.values()) > 0
     assert store.next_attempt(1) == 2
     assert_all_gone(watcher.pids)
+    assert recover_run(store).is_whole
 
 
 def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
@@ -121,6 +124,8 @@ def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
     assert result.outcome is Outcome.PASSED
     assert [(record.index, record.attempt) for record in result.records] == [(2, 2)]
     assert store.paths.recording(2, 1).read_bytes() == torn
+    assert list(check_run(store).missed()) == []
+    assert recover_run(store).is_whole
 
 
 def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):

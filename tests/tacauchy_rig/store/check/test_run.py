@@ -39,9 +39,9 @@ def test_an_untouched_run_is_not_accused(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_hundred_untouched_runs_are_not_accused(tmp_path: Path) -> None:
-    """Each with its own noise and its own time."""
-    for seed in range(100, 200):
+def test_twenty_untouched_runs_are_not_accused(tmp_path: Path) -> None:
+    """Each with its own noise and its own time; a hundred take some minutes."""
+    for seed in range(100, 120):
         assert_untouched(tmp_path, seed=seed)
 
 
