@@ -12,6 +12,8 @@ from tacauchy_rig.tampering.observe import Observation
 
 _SHOWN = 3
 """Criteria that a cell names; one edit often breaks many."""
+_FOLLOWS = "replay_files"
+"""Missed whenever anything is that a replay was made from; named last."""
 
 
 def summary_line(seen: Sequence[Observation]) -> str:
@@ -77,6 +79,7 @@ def _cell(seen: Observation | None) -> str:
     if not names:
         judged = ", ".join(seen.judged)
         return f"verdict: {judged}" if judged else "nothing"
+    names = tuple(sorted(names, key=lambda name: name == _FOLLOWS))
     shown = ", ".join(names[:_SHOWN])
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     unseen = f"; not by {', '.join(seen.unseen_by)}" if seen.unseen_by else ""

@@ -6,9 +6,12 @@ from collections.abc import Iterable
 
 from tacauchy_rig.run import Criterion
 
+TRIAL = "TRIAL"
+"""In a remedy, where the trial's number goes."""
+
 SET_ASIDE = (
     "the file was edited, exchanged or damaged after it was written. "
-    "`tacauchy-rig resume RUN --again TRIAL` presses the trial once more"
+    f"`tacauchy-rig resume RUN --again {TRIAL}` presses the trial once more"
 )
 _TOLD = 3
 """Contradictions that are written out; one edit often breaks many lines."""

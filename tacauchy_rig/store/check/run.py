@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import Criterion, TrialRecord
 from tacauchy_rig.store.check.attempt import Attempt, judge_events, judge_files
-from tacauchy_rig.store.check.contradiction import agreement
+from tacauchy_rig.store.check.contradiction import TRIAL, agreement
 from tacauchy_rig.store.check.description import judge_description
 from tacauchy_rig.store.check.journal import JournalReading, judge_journal
 from tacauchy_rig.store.check.press import judge_contact, judge_press
@@ -64,7 +64,10 @@ def check_run(store: RunStore) -> RunCheck:
     return RunCheck(
         run=tuple(_judge_run(store, journal, results)),
         attempts={
-            (trial, number): tuple(_judge_attempt(Attempt(store, journal, trial, number, record)))
+            (trial, number): tuple(
+                replace(c, remedy=c.remedy.replace(TRIAL, str(trial)))
+                for c in _judge_attempt(Attempt(store, journal, trial, number, record))
+            )
             for (trial, number), record in results.items()
         },
         notes=tuple(_notes(store, journal, results)),

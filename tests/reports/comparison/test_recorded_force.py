@@ -101,5 +101,5 @@ def test_a_recording_that_is_gone_is_a_criterion_missed(store: RunStore, tmp_pat
     report = report_of(store)
     found = missed(report)["recording_whole"]
     assert "recording.mcap: the recording is missing" in found.limit
-    assert "--again TRIAL" in found.remedy
+    assert "--again 1`" in found.remedy
     write_report(report, tmp_path / "report")
