@@ -31,6 +31,7 @@ from tacauchy_rig.doctor.result import CheckStatus
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.force_check import Weight, parse_weight
 from tacauchy_rig.loop.cell import check_cell, mark_expired, require_right_cell, standing_check
+from tacauchy_rig.loop.expected import kept_expectation
 from tacauchy_rig.loop.gel_limits import check_gel
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
@@ -172,6 +173,11 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
         require_right_cell(store)
         if note := standing_check(store):
             say(note)
+    expected = kept_expectation(store)  # here, so that what is confirmed moves at once
+    made = (
+        "unknown; the arm's estimate and the camera are left" if expected is None else expected.made
+    )
+    say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
     result = press(store, config, weight=asked.weight, again=asked.again)
