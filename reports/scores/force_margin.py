@@ -18,6 +18,7 @@ from reports.scores.contact import contact_footprint, contact_region, image_chan
 from reports.scores.floors import press_over
 
 MIN_REPEATS = 2  # presses to one force that have a scatter
+PER_MEDIAN = 1.4826  # standard deviation over the median of the sizes, of normal noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,19 +74,24 @@ def force_margins(trials: Sequence[TrialEvidence]) -> Mapping[int, ForceMargin]:
     A trial tells its own noise only once, by the two halves of its dwell. So all trials together
     tell how much noise there is, and each margin's sensitivity what it does there. The difference
     of two halves scatters by twice the variance of either, which covers the whole dwell (half of
-    it) and the no-contact frame (of fewer frames).
+    it) and the no-contact frame (of fewer frames). The median over the trials tells it, so that a
+    dwell whose images changed blinds none of the others; its own halves count for itself.
     """
     readings = {
         trial.index: _read(trial.images, trial.simulated_image, trial, trials)
         for trial in trials
         if trial.images is not None and trial.simulated_image is not None
     }
-    noise = _root_mean_square([r.noise for r in readings.values()])
+    noise = _deviation([r.noise for r in readings.values()])
     repeated = _root_mean_square(_repeat_deviations(list(readings.values())))
     return {
         index: ForceMargin(
             value=r.value,
-            spread=_largest(repeated, None if noise is None else noise * r.sensitivity),
+            spread=_largest(
+                repeated,
+                None if noise is None else noise * r.sensitivity,
+                None if math.isnan(r.change) else abs(r.change),
+            ),
             rival=r.rival,
         )
         for index, r in readings.items()
@@ -159,6 +165,12 @@ def _repeat_deviations(readings: Sequence[_Reading]) -> list[float]:
     return [
         float(np.std(values, ddof=1)) for values in by_force.values() if len(values) >= MIN_REPEATS
     ]
+
+
+def _deviation(values: Sequence[float]) -> float | None:
+    """Return the standard deviation about zero, from the median so that one value hardly counts."""
+    known = [abs(value) for value in values if math.isfinite(value)]
+    return PER_MEDIAN * float(np.median(known)) if known else None
 
 
 def _root_mean_square(values: Sequence[float]) -> float | None:

@@ -76,3 +76,17 @@ def test_no_contact_is_never_in_front(evidence: RunEvidence) -> None:
     for margin in force_margins(trials).values():
         assert margin.value == 0.0
         assert margin.in_spreads == 0.0
+
+
+def test_a_dwell_whose_images_changed_blinds_no_other(made: SimpleNamespace) -> None:
+    """One trial whose camera showed an older press first: its own margin is lost, no other."""
+    rng = np.random.default_rng(0)
+    trials = [shot(made, force, rng) for force in made.FORCES_N[:5]]
+    third = trials[2]
+    stale = SimpleNamespace(**vars(third.images))
+    stale.first_half = trials[1].images.real  # type: ignore[union-attr]
+    trials[2] = replace(third, images=stale)  # type: ignore[arg-type]
+    after = force_margins(trials)
+    assert after[third.index].in_spreads < 3.0
+    for trial in (*trials[:2], *trials[3:]):
+        assert after[trial.index].in_spreads > 10.0
