@@ -88,14 +88,15 @@ class SessionProgress:
             return
         detail = event.detail
         force, height = detail.get("force_n"), detail.get("height_m", detail.get("z_m"))
+        # What matters most stands first: a narrow terminal cuts the end off.
         parts = [f"  {self._phase}"]
         if force is not None:
-            target = "" if self._target_n is None else f" of {self._target_n:.4f}"
-            parts.append(f"force {force:7.3f}{target} N (stops at {self._soft_force_n:g} N)")
-        if height is not None:
-            parts.append(f"tip at z = {height * 1e3:.3f} mm")
+            target = "" if self._target_n is None else f"/{self._target_n:.3f}"
+            parts.append(f"{force:.3f}{target} N (limit {self._soft_force_n:g} N)")
         parts.append("any key stops")
-        self._live.update(Text("   ".join(parts)))
+        if height is not None:
+            parts.append(f"z {height * 1e3:.3f} mm")
+        self._live.update(Text("  ".join(parts)))
 
 
 def _ended(event: JournalEvent) -> str:
