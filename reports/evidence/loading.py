@@ -79,7 +79,7 @@ def load_evidence(
         ),
         geometry=run.geometry,
         provenance={**_provenance(store, replay), "journal_head": check.journal_head},
-        journal=summarize_journal(read_journal(store.paths.journal)),
+        journal=summarize_journal(_events(store)),
         contact_force_n=config.protocol.contact_force,
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
@@ -105,6 +105,12 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
                 f"Attempt {attempt} at trial {trial}, which does not count, misses {name}: asked: "
                 f"{criterion.limit}."
             )
+
+
+def _events(store: RunStore) -> list[JournalEvent]:
+    """Return the journal; one that is gone is a criterion missed, not the end of a report."""
+    journal = store.paths.journal
+    return read_journal(journal) if journal.exists() else []
 
 
 def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:

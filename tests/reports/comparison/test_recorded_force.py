@@ -103,3 +103,11 @@ def test_a_recording_that_is_gone_is_a_criterion_missed(store: RunStore, tmp_pat
     assert "recording.mcap: the recording is missing" in found.limit
     assert "--again 1`" in found.remedy
     write_report(report, tmp_path / "report")
+
+
+def test_a_journal_that_is_gone_is_a_criterion_missed(store: RunStore) -> None:
+    """The report is made without it and does not pass."""
+    store.paths.journal.unlink()
+    chain = next(c for c in report_of(store).criteria if c.name == "journal_chain")
+    assert not chain.passed
+    assert "journal.jsonl is missing" in chain.limit
