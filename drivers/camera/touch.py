@@ -2,7 +2,7 @@
 
 Judged at down to an eighth of the size, in grey, in the middle half of the picture, where the
 indenter comes down. A change of light as a whole is no touch. It is a witness, not a measurement: a
-light touch stays unseen, of an emulated gel one below about 1 N.
+light touch stays unseen.
 """
 
 from __future__ import annotations

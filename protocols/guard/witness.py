@@ -23,10 +23,10 @@ AVERAGED_S = 0.05
 """Samples of the force sensor are averaged over this long before the gel is asked."""
 POINT_M = 20e-6
 """Travel between two points of a press that are remembered [m]."""
-SEEN_TRAVEL_M = 0.15e-3
-"""Travel over which the camera must go on seeing a contact: a gel as soft as the softest that is
-stated (0.1 MPa under a 5 mm punch) gives 0.2 N by then, four contact forces."""
-
+SEEN_TRAVEL_M = 0.1e-3
+"""Travel over which the camera must go on seeing a contact: five frames at 25 fps and 0.5 mm/s.
+Within it a gel of 0.1 MPa under a 5 mm punch (1.4 N/mm) passes a contact force of 0.05 N, and so
+does a Mini's under a face that leans by 2 degrees (0.04 mm)."""
 _SIGN_REMEDY = (
     "force_sensor.compression_sign is wrong or the sensor's sign turned; or it sticks near zero"
 )
@@ -172,8 +172,8 @@ class Witness:
             f"{self._contact_force_n:g} N{self._arm_text()}",
             limit="witness.camera",
             reaction=Reaction.RETRACT,
-            remedy="the force sensor sticks or reads far too little: hang a known weight on it; "
-            "or the light on the gel changed",
+            remedy="the force sensor sticks or reads far too little (range, unit, gain or axes): "
+            "hang a known weight on it; or the light on the gel changed",
         )
 
     def _check_gel(self, z_m: float) -> None:

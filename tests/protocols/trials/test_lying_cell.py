@@ -153,7 +153,7 @@ def test_the_arm_alone_spares_the_gel(laboratory, lie):
 def test_an_arm_that_hardly_feels_leaves_the_curve_and_the_camera(laboratory):
     """A CB3: a tenth is found by the curve; a cell that sticks in the search by the camera."""
     result, peak_n = pressed(
-        laboratory, "scale=0.1", MOMENTS[0], TARGETS_N[0], stiffness=1.2, model="cb3"
+        laboratory, "scale=0.1", MOMENTS[2], TARGETS_N[0], stiffness=1.2, model="cb3"
     )
     assert_found(result, peak_n, "scale=0.1", TARGETS_N[0])
     assert "the gel of gelsight-mini gives" in result.reason
