@@ -77,8 +77,8 @@ class ArmSample:
         tcp_force: What the arm itself takes for force [N] and moment [N m] on its tool, axes of the
             base frame, not tared; None where it has no such estimate. Of UR's controllers this is
             RTDE's actual_TCP_force: a pressed tool is pushed up, +Fz. UR's guide does not state the
-            sign; the check of the cell shows it. An e-Series arm may refer the moments to its
-            flange.
+            sign: ``robot.force_sign`` is -1 where it is the other. An e-Series arm may refer the
+            moments to its flange.
     """
 
     stamp_ns: int

@@ -75,9 +75,11 @@ class ForceEstimate:
     Args:
         model: Generation of the arm.
         seed: Draws its zero, drift and gain, and its noise.
+        sign: 1 where the controller counts a push on its tool as positive, -1 where as negative.
     """
 
-    def __init__(self, model: RobotModel, *, seed: int) -> None:
+    def __init__(self, model: RobotModel, *, seed: int, sign: int = 1) -> None:
+        self._sign = sign
         self._coarseness = coarseness = COARSENESS[model]
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
         self._scales = (1.0,) * 3 + (_LEVER_M,) * 3
@@ -106,7 +108,7 @@ class ForceEstimate:
         )
         off = [zero + drift * self._elapsed_s + noise + rub for zero, drift, noise, rub in errors]
         a, b, c, d, e, f = (
-            self._gain * true + scale * error
+            self._sign * (self._gain * true + scale * error)
             for true, scale, error in zip(wrench, self._scales, off, strict=True)
         )
         return (a, b, c, d, e, f)

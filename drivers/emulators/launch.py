@@ -211,6 +211,7 @@ class Emulation:
         settings = ControllerSettings(
             host=host,
             model=robot.model,
+            force_sign=robot.force_sign,
             home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
             **self._gel_settings(),
         )

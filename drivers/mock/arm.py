@@ -45,9 +45,11 @@ class MockArm:
         self._kicked_ns = world.now_ns
         self._locked = False
         self._states: list[ArmSample] = []
-        model = world.config.robot.model
-        self._period_ns = round(1e9 / model.rate_hz)
-        self._estimate = ForceEstimate(model, seed=world.config.emulation.seed)
+        robot = world.config.robot
+        self._period_ns = round(1e9 / robot.model.rate_hz)
+        self._estimate = ForceEstimate(
+            robot.model, seed=world.config.emulation.seed, sign=robot.force_sign
+        )
         self._lies = LyingArm()
         self._newest = self._sample(world.now_ns)
         self._next_ns = world.now_ns

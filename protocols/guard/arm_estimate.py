@@ -44,10 +44,16 @@ TOLERANCE = {
 
 
 class ArmEstimate:
-    """Mean of the newest estimates, from a zero of its own."""
+    """Mean of the newest estimates, from a zero of its own.
 
-    def __init__(self, model: RobotModel) -> None:
+    Args:
+        model: Generation of the arm.
+        sign: 1 where the controller counts a push on its tool as positive, -1 where as negative.
+    """
+
+    def __init__(self, model: RobotModel, *, sign: int = 1) -> None:
         self.tolerance = TOLERANCE[model]
+        self._sign = sign
         self._recent: deque[tuple[int, float]] = deque()
         self._zero_n: float | None = None
 
@@ -55,7 +61,7 @@ class ArmEstimate:
         """Take new states; those without an estimate say nothing."""
         for state in states:
             if state.tcp_force is not None:
-                self._recent.append((state.stamp_ns, state.tcp_force[FZ]))
+                self._recent.append((state.stamp_ns, self._sign * state.tcp_force[FZ]))
         while self._recent and self._recent[-1][0] - self._recent[0][0] > WINDOW_S * 1e9:
             self._recent.popleft()
 

@@ -30,10 +30,6 @@ does a Mini's under a face that leans by 2 degrees (0.04 mm)."""
 _SIGN_REMEDY = (
     "force_sensor.compression_sign is wrong or the sensor's sign turned; or it sticks near zero"
 )
-_ARM_SIGN_REMEDY = (
-    "the force sensor's reading jumped (range, unit, gain or axes): hang a known weight on it; or "
-    "the controller counts a push on its tool the other way (actual_TCP_force)"
-)
 _MUCH_REMEDY = (
     "the force sensor reads too much (range, unit, gain or axes): hang a known weight on it; or "
     "the arm is deeper than it says, or the gel stiffer than that of sensor.name"
@@ -67,7 +63,8 @@ class Witness:
         if expected is not None:
             self.band = PressBand(expected, contact_force_n=protocol.contact_force)
         self._model = config.robot.model
-        self._arm = ArmEstimate(config.robot.model)
+        self._force_sign = config.robot.force_sign
+        self._arm = ArmEstimate(config.robot.model, sign=self._force_sign)
         self._contact_force_n = protocol.contact_force
         # A trial whose zero drifts further fails; so far it may be off.
         self._zero_error_n = protocol.drift
@@ -213,8 +210,12 @@ class Witness:
     def _cell_remedy(self, cell_n: float, arm_n: float) -> str:
         if cell_n < -self._arm.tolerance.force_n / 2 and arm_n > 0.0:
             return _SIGN_REMEDY
-        if cell_n > 0.0 and arm_n < -self._arm.tolerance.force_n / 2:
-            return _ARM_SIGN_REMEDY
+        if cell_n > 0.0 and arm_n < -cell_n / 2:
+            return (
+                "the force sensor's reading jumped (range, unit, gain or axes): hang a known "
+                "weight on it; or the controller counts a push on its tool the other way "
+                f"(actual_TCP_force): set robot.force_sign = {-self._force_sign}"
+            )
         way = "too little" if abs(cell_n) < abs(arm_n) else "too much"
         return (
             f"the force sensor sticks, lags or reads {way} (range, unit, gain or axes): hang a "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Self
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from tacauchy_rig.config.ceilings import CEILINGS
 from tacauchy_rig.config.fields import (
@@ -39,6 +39,15 @@ def _driver(kind: Kind) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
+
+
+def _is_sign(value: int) -> int:
+    if value not in (-1, 1):
+        raise ValueError(f"{value} is neither 1 nor -1")
+    return value
+
+
+Sign = Annotated[int, AfterValidator(_is_sign)]
 
 
 class DeviceSection(Section):
@@ -110,7 +119,8 @@ class RobotSection(DeviceSection):
 
     ``home`` is the tip's position (x, y, z) in the base frame, above the gel, and
     ``tool_rotation`` its rotation vector there: the indenter points straight down. The controller
-    stops the arm when this program is not heard from at the rate ``watchdog``.
+    stops the arm when this program is not heard from at the rate ``watchdog``. ``force_sign`` times
+    its own estimate of force, Fz in the base frame, rises while the indenter is pressed.
     """
 
     ceilings = CEILINGS["robot"]
@@ -129,6 +139,7 @@ class RobotSection(DeviceSection):
     acceleration: Acceleration = Field(gt=0)
     watchdog: Frequency = Field(ge=2, le=50)
     connect_timeout: Time = Field(gt=0, le=60)
+    force_sign: Sign = 1
 
 
 class ForceSensorSection(DeviceSection):
@@ -144,16 +155,10 @@ class ForceSensorSection(DeviceSection):
     baud_rate: int = Field(ge=9600, le=4_000_000)
     rate: Frequency = Field(ge=50, le=1000)
     checksum: Checksum
-    compression_sign: int
+    compression_sign: Sign
     capacity: Force = Field(gt=0)
     calibration_sheet: str
     connect_timeout: Time = Field(gt=0, le=60)
-
-    @model_validator(mode="after")
-    def _sign_is_one(self) -> Self:
-        if self.compression_sign not in (-1, 1):
-            raise ValueError(f"compression_sign = {self.compression_sign}; it is either 1 or -1")
-        return self
 
 
 class CameraSection(DeviceSection):

@@ -44,12 +44,14 @@ class ControllerSettings(GelSettings):
         model: cb3 or e-series.
         home: Pose of the tip at the start: x,y,z,rx,ry,rz [m, rad].
         remote_control: False when the pendant is in local control.
+        force_sign: Of a push on the tool in actual_TCP_force.
     """
 
     host: str = "127.0.0.5"
     model: RobotModel = RobotModel.E_SERIES
     home: Vector6 = (0.3, -0.3, 0.2, 3.14159265, 0.0, 0.0)
     remote_control: bool = True
+    force_sign: int = 1
 
 
 class UrController:
@@ -65,7 +67,7 @@ class UrController:
         world = settings.world or settings.folder / WORLD_FILE
         self._world = SharedWorld.create(world)
         self._gel = settings.plant() if settings.world is not None else None
-        self._estimate = ForceEstimate(settings.model, seed=settings.seed)
+        self._estimate = ForceEstimate(settings.model, seed=settings.seed, sign=settings.force_sign)
         self._trace = ArmTrace(settings.folder)
         self._active: dict[FaultKind, Fault] = {}
         self._lies = LyingArm()

@@ -48,6 +48,15 @@ def test_the_force_is_a_mean_less_the_zero():
     assert estimate.force_n == pytest.approx(2.0)
 
 
+def test_a_controller_may_count_a_push_the_other_way():
+    """The zero is turned with it: 3 N of offset, then 2 N of force."""
+    estimate = ArmEstimate(RobotModel.E_SERIES, sign=-1)
+    estimate.take([state(0.0, -3.0)])
+    estimate.zero()
+    estimate.take([state(1.0, -5.0)])
+    assert estimate.force_n == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("model", RobotModel)
 def test_the_tolerance_holds_five_deviations_of_what_an_arm_does(model):
     """Noise of a mean, friction that turns round, gain, and two deviations of a trial's drift."""

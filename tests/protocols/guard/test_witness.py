@@ -37,11 +37,12 @@ CONTACT_N = 0.05
 class Descent:
     """Presses a spring, and lets a witness see what a cell and an arm say of it."""
 
-    def __init__(self, witness, *, stiffness=1.0, arm_error_n=0.0, feels=True):
+    def __init__(self, witness, *, stiffness=1.0, arm_error_n=0.0, feels=True, arm_sign=1):
         self.witness = witness
         self.stiffness_n_m = stiffness * STIFFNESS_N_M
         self.arm_error_n = arm_error_n
         self.feels = feels
+        self.arm_sign = arm_sign
         self.depth_m = -0.1e-3
         self.time_s = 0.0
         self.true_n = 0.0
@@ -67,7 +68,7 @@ class Descent:
             runtime_state=2,
             safety_bits=1,
             robot_mode=7,
-            tcp_force=(0.0, 0.0, force_n, 0.0, 0.0, 0.0) if self.feels else None,
+            tcp_force=(0.0, 0.0, self.arm_sign * force_n, 0.0, 0.0, 0.0) if self.feels else None,
         )
 
 
@@ -77,9 +78,10 @@ def press_on(descent, cell, count):
         descent.step(cell, PRESS_M)
 
 
-def witness_of(model=RobotModel.E_SERIES, *, expected=EXPECTED):
+def witness_of(model=RobotModel.E_SERIES, *, expected=EXPECTED, force_sign=1):
     """Return a witness of the default rig."""
-    config = load_config(overrides=[f'robot.model="{model.value}"']).config
+    settings = [f'robot.model="{model.value}"', f"robot.force_sign={force_sign}"]
+    config = load_config(overrides=settings).config
     return Witness(config, expected)
 
 
@@ -222,6 +224,32 @@ def test_a_turned_sign_is_named():
     with pytest.raises(BreachError) as caught:
         press_on(descent, lambda force_n: -force_n, 200)
     assert "compression_sign" in caught.value.remedy
+
+
+@pytest.mark.parametrize("counted", [1, -1])
+@pytest.mark.parametrize("error_n", [-0.15, 0.0, 0.15])
+def test_an_arm_that_counts_the_other_way_names_its_setting(counted, error_n):
+    """A true press is refused until the sign is that of the controller."""
+    pressed_n = {}
+    for force_sign in (1, -1):
+        witness = witness_of(force_sign=force_sign)
+        descent = Descent(witness, arm_sign=counted, arm_error_n=error_n)
+        for _ in range(30):
+            descent.step(lambda force_n: force_n, 0.0)
+        witness.begin_search()
+        while descent.step(lambda force_n: force_n, 5e-6) < CONTACT_N:
+            pass
+        witness.begin_press(-descent.depth_m)
+        if force_sign == counted:
+            press_on(descent, lambda force_n: force_n, 150)
+        else:
+            with pytest.raises(BreachError) as caught:
+                press_on(descent, lambda force_n: force_n, 150)
+            assert f"set robot.force_sign = {counted}" in caught.value.remedy
+        pressed_n[force_sign] = descent.true_n
+    assert pressed_n[counted] > 2.0
+    # Refused where 2 F - 0.15 N > 0.6 N + 0.1 F; the mean of 0.2 s at 0.3 mm/s lags by 0.18 N.
+    assert pressed_n[-counted] < 0.75 / 1.9 + 0.18 + 0.05
 
 
 def test_at_rest_nothing_is_judged():

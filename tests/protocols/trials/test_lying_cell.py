@@ -86,7 +86,14 @@ class MiniGel(Gel):
         return super().press(force_n / self.stiffness_n_m, duration_s=duration_s)
 
 
-def pressed(laboratory, lie, moment, target_n, *, stiffness, model="e-series", expected=EXPECTED):
+def see_nothing(lab):
+    """Blind the camera's witness."""
+    lab.cycle.rig.camera.ask = lambda _look: None
+
+
+def pressed(
+    laboratory, lie, moment, target_n, *, stiffness, model="e-series", expected=EXPECTED, sees=True
+):
     """Press once with a cell that lies from a moment on; return result and the true peak [N]."""
     lab = laboratory(
         *SHORT,
@@ -97,6 +104,8 @@ def pressed(laboratory, lie, moment, target_n, *, stiffness, model="e-series", e
         bias=(0.0,) * 6,  # a bias would show most lies at once
         surface_offset_m=0.9e-3,
     )
+    if not sees:
+        see_nothing(lab)
     peak_n = 0.0
 
     def look(_now_ns):
@@ -141,10 +150,10 @@ def test_lying_cells_are_found_at_every_target(laboratory, target_n):
 
 @pytest.mark.parametrize("lie", ["scale=0.1", "scale=0.5", "stick-noisily"])
 def test_the_arm_alone_spares_the_gel(laboratory, lie):
-    """No curve of the gel is known, an e-Series arm feels."""
+    """No curve of the gel is known, the camera sees nothing, an e-Series arm feels."""
     for moment in (MOMENTS[0], MOMENTS[2]):
         result, peak_n = pressed(
-            laboratory, lie, moment, TARGETS_N[0], stiffness=1.2, expected=None
+            laboratory, lie, moment, TARGETS_N[0], stiffness=1.2, expected=None, sees=False
         )
         assert_found(result, peak_n, lie, TARGETS_N[0])
         assert "the arm (e-series) feels" in result.reason
@@ -204,6 +213,21 @@ def test_twenty_true_worlds_pass(laboratory, seed):
     true_world(laboratory, seed, (TARGETS_N[0], TARGETS_N[-1]))
 
 
+def test_a_true_press_passes_on_an_arm_of_either_sign(laboratory):
+    """The mock arm counts a push as the configuration says, as another controller may."""
+    lab = laboratory(
+        *SHORT,
+        "robot.force_sign=-1",
+        f'protocol.force_targets=["{TARGETS_N[-1]} N"]',
+        expected=EXPECTED,
+        gel=MiniGel(),
+    )
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED, result.reason
+    assert min(state.tcp_force[2] for state in lab.sink.states) < -3.0
+    assert result.records[0].arm_force_n == pytest.approx(TARGETS_N[-1], abs=1.2)
+
+
 def test_frozen_images_fail_the_trial(laboratory):
     """A loop of old pictures goes unseen by the stream's own checks."""
     lab = laboratory(*SHORT, 'protocol.force_targets=["1.2556 N"]', expected=None)
@@ -225,7 +249,7 @@ def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
         bias=(0.0,) * 6,
         surface_offset_m=0.9e-3,
     )
-    lab.cycle.rig.camera.ask = lambda _look: None  # as with a camera that sees nothing
+    see_nothing(lab)
     lie, peaks_n = parse_fault("force_sensor:stick-noisily"), [0.0]
 
     def second_search():

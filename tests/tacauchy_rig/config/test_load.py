@@ -207,8 +207,9 @@ def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
         ),
         (
             "force_sensor.compression_sign=2",
-            "force_sensor: compression_sign = 2; it is either 1 or -1",
+            "force_sensor.compression_sign: 2 is neither 1 nor -1",
         ),
+        ("robot.force_sign=0", "robot.force_sign: 0 is neither 1 nor -1"),
         (
             'limits.soft_force="1e999 N"',
             'limits.soft_force: "1e999 N" is not a finite number; write for example "5 N"',
