@@ -22,14 +22,18 @@ def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[Pla
         store: The run's folder.
         again: Trials to press once more though they have a passed attempt.
     """
-    return tuple(
-        replace(
-            planned,
-            next_attempt=store.next_attempt(planned.index),
-            done=planned.index not in again and store.accepted(planned.index) is not None,
+    plan = []
+    for planned in fresh_plan(store.config):
+        passed = store.accepted(planned.index)
+        plan.append(
+            replace(
+                planned,
+                next_attempt=store.next_attempt(planned.index),
+                done=planned.index not in again and passed is not None,
+                contact_z_m=None if passed is None else passed.contact_z_m,
+            )
         )
-        for planned in fresh_plan(store.config)
-    )
+    return tuple(plan)
 
 
 def run_session(

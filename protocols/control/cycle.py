@@ -70,7 +70,8 @@ class Cycle:
         workspace: Limits on where the arm is and goes.
         rates: What arrived since the attempt began.
         last_force_n: Newest pressing force [N].
-        contact_z_m: Height of contact of the last trial of this session [m]; None before.
+        contact_z_m: Height of contact of the last trial [m]; before the first of a session the
+            lowest of those that passed in earlier ones; None where there was none.
         observers: Called at each turn, whatever it finds; they must not block.
     """
 

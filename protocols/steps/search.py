@@ -119,7 +119,8 @@ def _check_travel(reading: Reading, floor: _Floor, deadline_ns: int) -> None:
             limit=floor.limit,
             reaction=Reaction.RETRACT,
             remedy="the force sensor sticks or reads far too little: hang a known weight on it; or "
-            "the sensor is not under the indenter: check sensor.surface",
+            "the sensor is not under the indenter: check sensor.surface, and whether it was moved "
+            "since an earlier trial (then begin a new run)",
         )
 
 

@@ -45,8 +45,13 @@ def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
 
 
 def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) -> ProgrammeResult:
-    """Preflight, air press, then each trial that is not done. Ends with the arm at rest."""
+    """Preflight, air press, then each trial that is not done. Ends with the arm at rest.
+
+    The lowest height at which an earlier session found the gel bounds the first search.
+    """
     records: dict[int, TrialRecord] = {}
+    found_m = [planned.contact_z_m for planned in plan if planned.contact_z_m is not None]
+    cycle.contact_z_m = min(found_m, default=None)
     try:
         _prepare(cycle, journal)
         for planned in plan:

@@ -32,13 +32,15 @@ class PlannedTrial:
     Attributes:
         index: Counts from 1.
         next_attempt: Number of its next attempt; attempts are never overwritten.
-        done: True when an earlier run has an attempt that passed.
+        done: True when an earlier session has an attempt that passed.
+        contact_z_m: Height at which an earlier session's passed attempt found the gel [m].
     """
 
     index: int
     force_target_n: float
     next_attempt: int = 1
     done: bool = False
+    contact_z_m: float | None = None
 
 
 def run_trial(

@@ -119,6 +119,8 @@ def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
     torn = store.paths.recording(2, 1).read_bytes()
     plan = plan_session(store)
     assert [(p.index, p.done, p.next_attempt) for p in plan] == [(1, True, 2), (2, False, 2)]
+    assert [p.contact_z_m for p in plan] == [store.accepted(1).contact_z_m, None]
+    assert plan_session(store, again={1})[0].contact_z_m == plan[0].contact_z_m
 
     result = run_session(store, store.config, on_event=Watcher(), abort=Abort())
     assert result.outcome is Outcome.PASSED

@@ -6,12 +6,14 @@ The gel is a GelSight Mini under a 5 mm punch, as the simulator has it with pres
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from drivers.device.faults import parse_fault
 from drivers.mock.world import Gel
+from protocols.steps.search import BEYOND_M
 from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import Outcome
@@ -263,3 +265,28 @@ def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.reason.startswith("witness.contact_height: nothing was touched")
     assert max(peaks_n) < 1.5 * 1.9511 + 0.5
+
+
+def test_a_resumed_search_goes_no_deeper_than_what_earlier_sessions_found(laboratory):
+    """Two trials passed before, 20 um apart: the first search of this session knows the lower."""
+    lab = laboratory(
+        *SHORT,
+        'protocol.force_targets=["1.2556 N", "1.9511 N", "2.6466 N"]',
+        'robot.model="cb3"',
+        gel=MiniGel(),
+        bias=(0.0,) * 6,
+        surface_offset_m=0.9e-3,
+    )
+    see_nothing(lab)
+    top_m = lab.config.sensor.surface[2] + 0.9e-3
+    first, second, third = fresh_plan(lab.config)
+    plan = (
+        replace(first, done=True, contact_z_m=top_m - 40e-6),
+        replace(second, done=True, contact_z_m=top_m - 20e-6),
+        third,
+    )
+    lab.world.lies.append(parse_fault("force_sensor:stick-noisily"))
+    result = run_programme(lab.cycle, lab.journal, plan)
+    assert result.reason.startswith("witness.contact_height: nothing was touched")
+    searched_m = [state.pose.position[2] for state in lab.sink.states]
+    assert min(searched_m) == pytest.approx(top_m - 40e-6 - BEYOND_M, abs=50e-6)
