@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import resource
-import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -224,7 +223,8 @@ def press(
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")
             addresses = emulation.start()
-            shutil.copyfile(store.paths.emulation / TRUTH_FILE, store.paths.truth)
+            with store.lock():
+                store.save_truth((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
         progress = stack.enter_context(SessionProgress(config))

@@ -316,6 +316,14 @@ class RunStore:
         expected: ExpectedPress = _read(ExpectedPress, self.paths.expected, what="the expectation")
         return expected
 
+    def save_truth(self, written: bytes) -> None:
+        """Keep what the emulated world really is, as its emulators wrote it.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        self._write_sealed(self.paths.truth, written)
+
     def load_truth(self) -> dict[str, Any] | None:
         """Return what the emulated world really was; None where a real rig was pressed.
 

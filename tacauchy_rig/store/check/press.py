@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from tacauchy_rig.run import FZ, Criterion, Tare, TrialRecord
+from tacauchy_rig.run import FZ, Criterion, JournalEvent, Tare, TrialRecord
 from tacauchy_rig.store.check.attempt import RECOVER, Attempt
 from tacauchy_rig.store.check.streams import within
-from tacauchy_rig.store.recording.reading import FloatArray
+from tacauchy_rig.store.recording.reading import FloatArray, IntArray
 
 Z = 2  # of a position
 _MM = 1e3  # in a metre; depths are read in millimetres
@@ -29,11 +29,18 @@ CONTACT_DEPTH_M = 5e-5
 """From the turn that found contact to the line that says so the arm runs on, at a fifth of the
 search's speed, for a few turns and until it has come to rest."""
 
+ARM_WINDOW_S = 0.2
+"""The protocol takes the arm's estimate as a mean over this long (protocols.guard.arm_estimate)."""
+
+ARM_STILL_S = 0.3
+"""So long after the search began, the arm still standing, it makes that mean its zero
+(protocols.steps.search)."""
+
 REMEDY = f"recording.mcap and result.json tell of different presses. {RECOVER}"
 
 
 def judge_press(attempt: Attempt, record: TrialRecord) -> Iterator[Criterion]:
-    """Yield tare, mean force, sign, drift and depth, each against what the protocol said.
+    """Yield tare, mean force, sign, drift, depth and the arm's force, against what was said.
 
     Both sides average the same raw samples between the same stamps, unfiltered, so on a whole
     recording they agree to rounding. One that lost up to half of them in a crash still has their
@@ -55,6 +62,8 @@ def judge_press(attempt: Attempt, record: TrialRecord) -> Iterator[Criterion]:
         yield _same("recorded_drift", drift_n, record.force_drift_n, ROUNDING_N, "N")
     if record.depth_measured_m is not None and record.contact_z_m is not None:
         yield _depth(attempt, record, record.contact_z_m, record.depth_measured_m)
+    if record.arm_force_n is not None and attempt.is_whole:
+        yield from _arm_force(attempt, record, record.arm_force_n)
 
 
 def _force(
@@ -103,19 +112,55 @@ def _depth(attempt: Attempt, record: TrialRecord, contact_z_m: float, depth_m: f
     return _same("recorded_depth", found_m * _MM, depth_m * _MM, limit_m * _MM, "mm")
 
 
+def _arm_force(attempt: Attempt, record: TrialRecord, said_n: float) -> Iterator[Criterion]:
+    """Judge the force that the arm felt in the dwell, less what it felt before the search.
+
+    The protocol averages at its turns, the check at every state: on a busy computer the means of
+    dwell and zero are both of other windows, by what such means scatter.
+    """
+    begun = _entered(attempt, record, "search")
+    if begun is None or record.dwell_start_ns is None or record.dwell_end_ns is None:
+        return
+    stamp_ns, felt_n = _arm_means(attempt)
+    dwell_n = felt_n[within(stamp_ns, record.dwell_start_ns, record.dwell_end_ns)]
+    zero_n = felt_n[stamp_ns >= begun.stamp_ns + round(ARM_STILL_S * 1e9)]
+    found_n, limit_n = math.nan, ROUNDING_N
+    if len(dwell_n) and len(zero_n):
+        sign = attempt.store.config.robot.force_sign
+        found_n = sign * float(dwell_n.mean() - zero_n[0])
+        limit_n += STANDARD_ERRORS * math.sqrt(2.0) * float(dwell_n.std())
+    yield _same("recorded_arm_force", found_n, said_n, limit_n, "N")
+
+
+def _arm_means(attempt: Attempt) -> tuple[IntArray, FloatArray]:
+    """Return stamps of the arm's estimates and the mean [N] of each window that ends there."""
+    has_estimate = np.isfinite(attempt.arm.tcp_force[:, FZ])
+    stamp_ns = attempt.arm.stamp_ns[has_estimate]
+    total_n = np.concatenate([[0.0], np.cumsum(attempt.arm.tcp_force[has_estimate, FZ])])
+    ends = np.arange(1, len(total_n))
+    starts = np.searchsorted(stamp_ns, stamp_ns - round(ARM_WINDOW_S * 1e9))
+    return stamp_ns, (total_n[ends] - total_n[starts]) / (ends - starts)
+
+
 def judge_contact(attempt: Attempt, record: TrialRecord) -> Iterator[Criterion]:
     """Yield whether the arm was at the height of contact when that was found."""
-    told = attempt.journal.of_attempt(record.index, record.attempt)
-    found = [e for e in told if e.name == "phase" and e.detail.get("phase") == "press"]
-    if record.contact_z_m is None or not found:
+    found = _entered(attempt, record, "press")
+    if record.contact_z_m is None or found is None:
         return
-    stamp_ns, arm = found[-1].stamp_ns, attempt.arm
+    stamp_ns, arm = found.stamp_ns, attempt.arm
     before = np.flatnonzero(arm.stamp_ns <= stamp_ns)
     height_m = float(arm.pose[before[-1], Z]) if len(before) else math.nan
-    said_m = found[-1].detail.get("contact_z_m", record.contact_z_m)
+    said_m = found.detail.get("contact_z_m", record.contact_z_m)
     limit_m = ROUNDING_N if said_m != record.contact_z_m else CONTACT_DEPTH_M
     said = record.contact_z_m * _MM
     yield _same("recorded_contact", height_m * _MM, said, limit_m * _MM, "mm")
+
+
+def _entered(attempt: Attempt, record: TrialRecord, phase: str) -> JournalEvent | None:
+    """Return the journal's last word of a phase of the attempt; None where it has none."""
+    told = attempt.journal.of_attempt(record.index, record.attempt)
+    found = [e for e in told if e.name == "phase" and e.detail.get("phase") == phase]
+    return found[-1] if found else None
 
 
 def _mean_force_n(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> FloatArray:
@@ -175,16 +220,3 @@ def _judged(name: str, measured: float, *, passed: bool, limit: str, unit: str) 
         unit=unit,
         remedy="" if passed else REMEDY,
     )
-
-
-MEASURED: Sequence[str] = (
-    "recorded_tare",
-    "recorded_force",
-    "recorded_sign",
-    "recorded_deviation",
-    "recorded_tare_after",
-    "recorded_drift",
-    "recorded_depth",
-    "recorded_contact",
-)
-"""Criteria whose measured value says more than their name."""

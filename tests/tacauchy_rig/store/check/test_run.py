@@ -28,7 +28,7 @@ def assert_untouched(parent: Path, *, seed: int) -> None:
     check = check_run(store)
     assert list(check.missed()) == []
     assert check.notes == ()
-    assert {len(criteria) for criteria in check.attempts.values()} == {16}
+    assert {len(criteria) for criteria in check.attempts.values()} == {17}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -127,3 +127,31 @@ def test_a_trial_that_is_pressed_again_leaves_the_first_attempt_out(tmp_path: Pa
     record = store.accepted(1)
     assert record is not None
     assert record.attempt == 2
+
+
+@pytest.mark.parametrize(("model", "more_n"), [("e-series", 0.6), ("cb3", 3.0)])
+def test_what_the_arm_felt_is_computed_again(tmp_path: Path, model: str, more_n: float) -> None:
+    """Of an arm that counts a push as negative; a force that it never felt is found."""
+    store = new_run(tmp_path, f'robot.model="{model}"', "robot.force_sign=-1")
+    press_run(store)
+    assert list(check_run(store).missed()) == []
+    _edit(store.paths.result(1, 1), "arm_force_n", more_n)
+    assert found(check_run(store)) == ["recorded_arm_force", "result_hash"]
+
+
+def test_an_edited_truth_is_found(tmp_path: Path) -> None:
+    """What the emulated world was is sealed as the run's other files are."""
+    store = new_run(tmp_path)
+    store.save_truth(b'{"young_pa": 440000.0}\n')
+    press_run(store)
+    assert list(check_run(store).missed()) == []
+    _edit(store.paths.truth, "young_pa", 1e3)
+    (line,) = check_run(store).missed()
+    assert "run_description" in line
+    assert "truth.json has the hash" in line
+
+
+def _edit(path: Path, field: str, more: float) -> None:
+    content = json.loads(path.read_text())
+    content[field] += more
+    path.write_text(json.dumps(content))
