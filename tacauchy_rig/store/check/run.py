@@ -27,7 +27,8 @@ class RunCheck:
         run: Of the run as a whole.
         attempts: By trial and attempt.
         notes: What is no contradiction and should be known: sessions and attempts that were cut
-            off, recordings that were repaired, and what was never sealed.
+            off, settings that were changed for a session, recordings that were repaired, and what
+            was never sealed.
         journal_head: SHA-256 of the journal's last line. It stands for all that is sealed: written
             down elsewhere, it shows any later change.
     """
@@ -135,6 +136,7 @@ def _notes(
         )
     if journal.was_cut:
         yield "A session of this run was cut off; what was on the disk then was kept."
+    yield from _changed_settings(journal)
     for (trial, attempt), record in results.items():
         at = Attempt(store, journal, trial, attempt, record)
         for event in at.seals(Seal.RECOVERED):
@@ -142,6 +144,21 @@ def _notes(
                 f"The recording of trial {trial}, attempt {attempt} was repacked by recover: it "
                 f"was {event.detail.get('before')}."
             )
+
+
+def _changed_settings(journal: JournalReading) -> Iterator[str]:
+    """Yield a sentence for each field that a session went on with changed."""
+    since = "before the first attempt"
+    for event in journal.events:
+        if event.name == "attempt-start":
+            since = f"after trial {event.trial}, attempt {event.attempt}"
+        elif event.name == "resume-set":
+            for change in event.detail.get("changes", ()):
+                old = change.get("old") or "nothing"
+                yield (
+                    f"`resume --set` changed {change.get('field')} from {old} to "
+                    f"{change.get('new')} for one session, {since}."
+                )
 
 
 def _told(criterion: Criterion) -> str:

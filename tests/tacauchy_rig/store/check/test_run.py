@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tacauchy_rig.config.changes import resumed_config
+from tacauchy_rig.loop.record import note_changes
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.check.run import RunCheck, check_run
 from tacauchy_rig.store.recording.reading import Recording
@@ -149,6 +151,24 @@ def test_an_edited_truth_is_found(tmp_path: Path) -> None:
     (line,) = check_run(store).missed()
     assert "run_description" in line
     assert "truth.json has the hash" in line
+
+
+def test_what_was_changed_for_a_session_is_noted(tmp_path: Path) -> None:
+    """Each field with both values, and which attempts were pressed before."""
+    store = new_run(tmp_path)
+    press_run(store)
+    _, changes = resumed_config(
+        store.description["written"], ["limits.stale_image=300 ms", "camera.device=another"]
+    )
+    note_changes(store, changes)
+    press_run(store, seed=2, start_ns=10**12, again={1})
+    check = check_run(store)
+    assert list(check.missed()) == []
+    ending = "for one session, after trial 2, attempt 1."
+    assert check.notes == (
+        f"`resume --set` changed limits.stale_image from 500 ms to 300 ms {ending}",
+        f"`resume --set` changed camera.device from nothing to another {ending}",
+    )
 
 
 def _edit(path: Path, field: str, more: float) -> None:
