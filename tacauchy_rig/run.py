@@ -155,6 +155,20 @@ class Criterion:
     remedy: str = ""
 
     @classmethod
+    def judged(
+        cls, name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
+    ) -> Criterion:
+        """Return a criterion; one that is met needs no remedy."""
+        return cls(
+            name=name,
+            passed=passed,
+            measured=measured,
+            limit=limit,
+            unit=unit,
+            remedy="" if passed else remedy,
+        )
+
+    @classmethod
     def at_most(
         cls, name: str, measured: float, limit: float, *, unit: str = "", remedy: str
     ) -> Criterion:

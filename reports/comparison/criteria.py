@@ -25,18 +25,6 @@ def _protocol(trial: TrialEvidence) -> Criterion:
         )
     passed = record is not None and record.passed
     limit = "the attempt ran to its end and met every check of the protocol"
-    return criterion("press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy)
-
-
-def criterion(
-    name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
-) -> Criterion:
-    """Return a criterion; one that is met needs no remedy."""
-    return Criterion(
-        name=name,
-        passed=passed,
-        measured=measured,
-        limit=limit,
-        unit=unit,
-        remedy="" if passed else remedy,
+    return Criterion.judged(
+        "press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from reports.comparison.criteria import NOT_THERE, criterion
+from reports.comparison.criteria import NOT_THERE
 from reports.evidence.evidence import Thresholds, TrialEvidence
 from reports.scores.contact import ContactScores
 from reports.scores.correction import Corrections
@@ -59,7 +59,7 @@ def _margin(thresholds: Thresholds, margin: ForceMargin | None) -> Criterion:
             f"the image of {margin.rival} explains this press as well: the replay's images are of"
             " other presses or of none, or the targets are closer than images can tell"
         )
-    return criterion(
+    return Criterion.judged(
         MARGIN,
         value,
         passed=value >= limit,
@@ -73,7 +73,7 @@ def _margin(thresholds: Thresholds, margin: ForceMargin | None) -> Criterion:
 def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterion:
     value = math.nan if contact is None else contact.relative_residual
     limit = thresholds.max_contact_residual
-    return criterion(
+    return Criterion.judged(
         RESIDUAL,
         value,
         passed=value <= limit,
@@ -91,7 +91,7 @@ def _offset(thresholds: Thresholds, corrections: Corrections | None) -> Criterio
     known = pose is not None and pose.x_mm is not None and pose.y_mm is not None
     value = math.hypot(pose.x_mm or 0.0, pose.y_mm or 0.0) if pose and known else math.nan
     limit = thresholds.max_contact_offset_m * 1e3
-    return criterion(
+    return Criterion.judged(
         OFFSET,
         value,
         passed=value <= limit,
@@ -106,7 +106,7 @@ def _prediction(thresholds: Thresholds, force: ForceAgreement) -> Criterion:
     error, known = force.prediction_error_n, force.known_uncertainty_n
     value = math.nan if error is None or not known else error / known
     limit = thresholds.coverage_factor
-    return criterion(
+    return Criterion.judged(
         PREDICTION,
         value,
         passed=abs(value) <= limit,
@@ -128,7 +128,7 @@ def _mismatch(trial: TrialEvidence, thresholds: Thresholds) -> Criterion:
     if measured is not None and trial.replay is not None:
         mismatch = trial.replay.force_simulated_n - measured
     limit = thresholds.max_force_mismatch_n
-    return criterion(
+    return Criterion.judged(
         "force_mismatch",
         mismatch,
         passed=abs(mismatch) <= limit,
@@ -150,7 +150,7 @@ def judge_modulus(model: ReplayModel | None, thresholds: Thresholds) -> Iterator
         return
     stated, trials = model.young_uncertainty_relative, model.modulus_trials or 0
     limit = math.nan if stated is None else thresholds.coverage_factor * stated
-    yield criterion(
+    yield Criterion.judged(
         MODULUS,
         model.modulus_factor,
         passed=abs(model.modulus_factor - 1.0) <= limit,
@@ -163,7 +163,7 @@ def judge_modulus(model: ReplayModel | None, thresholds: Thresholds) -> Iterator
         " modulus and height in the sensor's file, and the indenter's sizes",
     )
     fewest = thresholds.min_modulus_trials
-    yield criterion(
+    yield Criterion.judged(
         MODULUS_TRIALS,
         float(trials),
         passed=trials >= fewest,

@@ -76,13 +76,14 @@ def _force(
     error_n = 0.0 if attempt.is_whole else _force_error_n(attempt, record, tare)
     limit_n = ROUNDING_N + STANDARD_ERRORS * error_n
     yield _same("recorded_force", sign * rise_n, measured, limit_n, "N")
-    yield _judged(
+    yield Criterion.judged(
         "recorded_sign",
         rise_n,
         passed=math.copysign(1.0, measured) * sign * rise_n > limit_n,
         limit=f"raw Fz moves to {'plus' if sign * measured > 0.0 else 'minus'} where result.json"
         f" says {measured:.6g} N with compression_sign {sign:+d}",
         unit="N",
+        remedy=REMEDY,
     )
     deviation_n = record.force_deviation_n
     if deviation_n is not None and attempt.is_whole:
@@ -202,21 +203,11 @@ def _standard_error(deviation: float, sample_count: int) -> float:
 def _same(
     name: str, found: float, said: float, limit: float, unit: str, *, what: str = ""
 ) -> Criterion:
-    return _judged(
+    return Criterion.judged(
         name,
         found,
         passed=abs(found - said) <= limit,
         limit=f"within {limit:.2g} {unit} of {said:.6g} {unit}, as result.json says{what}",
         unit=unit,
-    )
-
-
-def _judged(name: str, measured: float, *, passed: bool, limit: str, unit: str) -> Criterion:
-    return Criterion(
-        name=name,
-        passed=passed,
-        measured=measured,
-        limit=limit,
-        unit=unit,
-        remedy="" if passed else REMEDY,
+        remedy=REMEDY,
     )
