@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from sim.effects.estimates import expected_force
@@ -13,6 +12,7 @@ from sim.scene.indenter import describe
 from sim.scene.material import LawName, Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import ContactMode, Drive, Motion, Output, Preset, Scene, Target
+from sim.scene.scene_terms import SceneTerms
 from sim.scene.terms import (
     pad_text,
     parse_contact,
@@ -30,37 +30,6 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 # Options that are no text, and those that may stand several times.
 _READERS = {"poisson": float, "preset": Preset, "drive": Drive, "output": Output}
 _REPEATED = {"layer", "effect", "output"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneTerms:
-    """The words of a press: each field is the value of the option of its name.
-
-    Attributes:
-        output: What is asked for besides the force; no option of every command.
-    """
-
-    indenter: str
-    sensor: str | None = None
-    pad: str | None = None
-    depth: str | None = None
-    force: str | None = None
-    at: str | None = None
-    shift: str | None = None
-    twist: str | None = None
-    tilt: str | None = None
-    young: str | None = None
-    poisson: float | None = None
-    layer: list[str] | None = None
-    law: str = LawName.STABLE_NEO_HOOKEAN
-    contact: str = "frictionless"
-    duration: str | None = None
-    preset: Preset | None = None
-    mesh: str | None = None
-    tolerance: str | None = None
-    effect: list[str] | None = None
-    drive: Drive = Drive.LOAD
-    output: Sequence[Output] = ()
 
 
 def scene_from(words: str) -> Scene:

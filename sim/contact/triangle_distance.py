@@ -14,7 +14,7 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import MeshIndenter
-from sim.scene.triangle_surface import unit_tree
+from sim.scene.triangle_rays import unit_tree
 
 _FACE = wp.constant(0)
 _EDGE = wp.constant(1)

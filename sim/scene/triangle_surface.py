@@ -9,25 +9,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import scipy.sparse
-import scipy.spatial
-import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.device import start_warp
 from tacauchy_rig.errors import ConfigError
-
-start_warp()
 
 # Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6
 # A face that rises more steeply than by this z of its unit normal is a wall.
 _UPRIGHT = 1e-3
-# Rays start below a surface of size one about z = 0.
-_RAY_START = -2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +87,9 @@ def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     """Make one of vertices that are the same up to rounding; drop faces that this collapses."""
     vertices, inverse = np.unique(vertices, axis=0, return_inverse=True)
     reach = _MERGE_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    import scipy.sparse  # noqa: PLC0415 - a third of a second, for indenters from triangles only
+    import scipy.spatial  # noqa: PLC0415
+
     pairs = scipy.spatial.cKDTree(vertices).query_pairs(reach, output_type="ndarray")
     links = scipy.sparse.coo_matrix(
         (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2
@@ -160,37 +154,6 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-@wp.kernel(enable_backward=False, module="unique")
-def _first_face(
-    # Model:
-    mesh: wp.uint64,
-    start_z: wp.float32,
-    # Data in:
-    plan: wp.array(dtype=wp.vec2f),
-    # Data out:
-    face_out: wp.array(dtype=wp.int32),
-):
-    """Find the first face above every point of the plan, -1 where there is none."""
-    i = wp.tid()
-    start = wp.vec3f(plan[i][0], plan[i][1], start_z)
-    hit = wp.mesh_query_ray(mesh, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
-    face_out[i] = -1
-    if hit.result:
-        face_out[i] = hit.face
-
-
-def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, float]:
-    """Return Warp's tree of a surface in unit size, its centre and its largest extent.
-
-    Of unit size, so that single precision and Warp's own thresholds meet numbers near one.
-    """
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    centre, size = 0.5 * (low + high), float((high - low).max())
-    points: Any = wp.array((surface.vertices - centre) / size, dtype=wp.vec3f, device=device)
-    corners: Any = wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device)
-    return wp.Mesh(points=points, indices=corners), centre, size
-
-
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the lowest height of a surface over points of the plan, inf beside it.
 
@@ -201,19 +164,11 @@ def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatAr
         x: Any shape.
         y: Shape that broadcasts with that of ``x``.
     """
+    from sim.scene.triangle_rays import first_faces  # noqa: PLC0415 - Warp, where rays are cast
+
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
-    mesh, centre, scale = unit_tree(surface, "cpu")
-    faces = wp.empty(len(plan), dtype=wp.int32, device="cpu")
-    rays: Any = wp.array((plan - centre[:2]) / scale, dtype=wp.vec2f, device="cpu")
-    wp.launch(
-        _first_face,
-        dim=len(plan),
-        inputs=[mesh.id, _RAY_START, rays],
-        outputs=[faces],
-        device="cpu",
-    )
-    found = faces.numpy()
+    found = first_faces(surface, plan)
     heights = np.full(len(plan), np.inf)
     hit = found >= 0
     heights[hit] = _height_on(surface, found[hit], plan[hit])

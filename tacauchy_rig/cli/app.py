@@ -37,7 +37,6 @@ COMMANDS = {
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
     "verdict-check": "tacauchy_rig.cli.studies.verdict_check:verdict_check",
-    "config": "tacauchy_rig.cli.config_commands:app",
 }
 """Where each command is; a new one is a line here."""
 
@@ -75,6 +74,20 @@ app.add_typer(
         help="Start emulated devices, make them fail, and write what an emulated sensor shows.",
     ),
     name="emulate",
+)
+app.add_typer(
+    typer.Typer(
+        cls=lazy_group(
+            {
+                "show": "tacauchy_rig.cli.config_commands:show",
+                "example": "tacauchy_rig.cli.config_commands:example",
+                "ceilings": "tacauchy_rig.cli.config_commands:show_ceilings",
+            }
+        ),
+        no_args_is_help=True,
+        help="Show, check and write rig.toml.",
+    ),
+    name="config",
 )
 
 

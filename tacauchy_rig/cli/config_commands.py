@@ -11,25 +11,19 @@ from rich.table import Table
 from tacauchy_rig import tables
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import console, say, write_json
-from tacauchy_rig.config.ceilings import ceilings
-from tacauchy_rig.config.load import example_text, load_config
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.gel_limits import DEPTH_SHARE, PRESSURE_MODULI, check_gel
-from tacauchy_rig.loop.settings import check_replay
-from tacauchy_rig.page import page
-
-app = typer.Typer(
-    no_args_is_help=True, add_completion=False, help="Show, check and write rig.toml."
-)
 
 
-@app.command()
 def show(
     path: ConfigFile = None,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
     """List every field, its value and where it came from; refuse what no replay is made with."""
+    from tacauchy_rig.config.load import load_config
+    from tacauchy_rig.loop.gel_limits import check_gel
+    from tacauchy_rig.loop.settings import check_replay
+
     loaded = load_config(path, overrides=overrides or ())
     table = Table("field", "value", "from", box=None)
     for field, value in loaded.written.items():
@@ -45,7 +39,6 @@ def show(
     write_json(json_file, {"config_hash": loaded.config_hash, "fields": fields})
 
 
-@app.command()
 def example(
     out: Annotated[
         Path | None, typer.Argument(help="File to write; standard output if absent.")
@@ -53,6 +46,8 @@ def example(
     json_file: JsonFile = None,
 ) -> None:
     """Write the commented example for a real rig."""
+    from tacauchy_rig.config.load import example_text
+
     if out is None:
         say(example_text())
     else:
@@ -60,9 +55,12 @@ def example(
     write_json(json_file, {"file": out, "text": example_text()})
 
 
-@app.command("ceilings")
 def show_ceilings(json_file: JsonFile = None) -> None:
     """Write docs/ceilings.md: how far each value may go on any rig, and why."""
+    from tacauchy_rig.config.ceilings import ceilings
+    from tacauchy_rig.loop.gel_limits import DEPTH_SHARE, PRESSURE_MODULI
+    from tacauchy_rig.page import page
+
     table = tables.table_of(
         ceilings(),
         {
@@ -78,6 +76,8 @@ def show_ceilings(json_file: JsonFile = None) -> None:
 
 
 def _write_example(out: Path) -> None:
+    from tacauchy_rig.config.load import example_text
+
     try:
         with out.open("x", encoding="utf-8") as file:
             file.write(example_text())

@@ -6,14 +6,9 @@ from typing import Annotated
 
 import typer
 
-from drivers.checks import device_checks
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.doctor.host import host_checks
 from tacauchy_rig.doctor.result import CheckResult, CheckStatus
-from tacauchy_rig.loop.gel_limits import gel_check
-from tacauchy_rig.loop.settings import replay_check
 
 _MARKS = {
     CheckStatus.OK: "ok  ",
@@ -32,6 +27,12 @@ def doctor(
     ] = False,
 ) -> None:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves."""
+    from drivers.checks import device_checks
+    from tacauchy_rig.config.load import load_config
+    from tacauchy_rig.doctor.host import host_checks
+    from tacauchy_rig.loop.gel_limits import gel_check
+    from tacauchy_rig.loop.settings import replay_check
+
     config = load_config(path, overrides=overrides or ()).config
     checks = [*host_checks(config), gel_check(config), replay_check(config)]
     for check in checks:

@@ -5,25 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from reports.evidence.attempt import RunReading
-from sim.error.tolerance import Tolerance, parse_tolerance
-from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import complain, say, write_json
-from tacauchy_rig.cli.press import cost_lines
-from tacauchy_rig.loop.opening import open_run
-from tacauchy_rig.loop.replay import replay_run
-from tacauchy_rig.loop.report import report_run
-from tacauchy_rig.replayed import MarkerMotion, Replay
-from tacauchy_rig.store.check.run import RunCheck, check_run
-from tacauchy_rig.store.recording.export import ExportKind, export_run
-from tacauchy_rig.store.recording.recover import RecoveryReport
-from tacauchy_rig.store.recovery import RunRecovery, recover_run
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.store.recording.export_kind import ExportKind
+
+if TYPE_CHECKING:
+    from reports.evidence.attempt import RunReading
+    from sim.error.tolerance import Tolerance
+    from tacauchy_rig.replayed import MarkerMotion, Replay
+    from tacauchy_rig.store.check.run import RunCheck
+    from tacauchy_rig.store.recording.recover import RecoveryReport
+    from tacauchy_rig.store.recovery import RunRecovery
 
 
 def replay(
@@ -39,6 +35,10 @@ def replay(
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the trials of a run again and write its report."""
+    from sim.error.tolerance import parse_tolerance
+    from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.store.check.run import check_run
+
     run = open_run(folder)
     kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
     with run.store.lock():  # told before the simulation, not after it
@@ -50,6 +50,8 @@ def replay(
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
     """Write the report of a run again from what was recorded and replayed."""
+    from tacauchy_rig.loop.opening import open_run
+
     report_and_exit(open_run(folder), json_file)
 
 
@@ -62,6 +64,8 @@ def export(
     json_file: JsonFile = None,
 ) -> None:
     """Write a run's recordings for other tools."""
+    from tacauchy_rig.store.recording.export import export_run
+
     written = export_run(folder, out, kind=kind)
     say(f"wrote {len(written)} files to {out}")
     write_json(json_file, {"files": written})
@@ -69,6 +73,9 @@ def export(
 
 def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
     """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole."""
+    from tacauchy_rig.store.recovery import recover_run
+    from tacauchy_rig.store.run_store import RunStore
+
     recovery = recover_run(RunStore.open(folder))
     say_recovered(recovery)
     if recovery.is_whole and not any(report.changed for report in recovery.recordings):
@@ -106,6 +113,9 @@ def _say_mended(report: RecoveryReport) -> None:
 
 def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> None:
     """Replay a run and say what its forces are worth."""
+    from tacauchy_rig.cli.emulation import emulated_calibration
+    from tacauchy_rig.loop.replay import replay_run
+
     replay = replay_run(
         run, tolerance=tolerance, calibrate=emulated_calibration(run.store), on_progress=say
     )
@@ -115,6 +125,8 @@ def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> N
 
 def report_and_exit(run: RunReading, json_file: Path | None) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
+    from tacauchy_rig.loop.report import report_run
+
     report, paths = report_run(run)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
@@ -124,6 +136,8 @@ def report_and_exit(run: RunReading, json_file: Path | None) -> None:
 
 def _say_cost(replay: Replay) -> None:
     """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
+    from tacauchy_rig.cli.press import cost_lines
+
     model = replay.model
     worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
     error, cost = model.force_error_largest_relative, f"{model.wall_s:.1f} s"

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 from collections.abc import Mapping
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, ClassVar
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 
 def lazy_group(places: Mapping[str, str]) -> type[TyperGroup]:
     """Return the class of a group of commands.
 
     Args:
-        places: Where each command is, ``module:name`` of its function, or of the ``typer.Typer``
-            of a group; in the order of the help.
+        places: Where each command's function is, ``module:name``; in the order of the help.
     """
 
     class LazyGroup(_LazyGroup):
@@ -29,26 +32,51 @@ def lazy_group(places: Mapping[str, str]) -> type[TyperGroup]:
 class _LazyGroup(TyperGroup):
     _places: ClassVar[Mapping[str, str]]
 
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, place in self._places.items():
+            self.commands.setdefault(name, _LazyCommand(name, place))
+
     def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
-        """Return all names, imported or not."""
+        """Return all names, these commands' first; who asks for all wants their help too."""
+        for name in self._places:
+            command = self.commands[name]
+            if isinstance(command, _LazyCommand):
+                command.read_help()
         return [*self._places, *(n for n in super().list_commands(ctx) if n not in self._places)]
 
-    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-        """Return a command, imported now if need be."""
-        # A misspelt name is compared with those of all commands that are there.
-        wanted = [cmd_name] if cmd_name in self.list_commands(ctx) else list(self._places)
-        for name in wanted:
-            if name in self._places and name not in self.commands:
-                self.commands[name] = _imported(name, self._places[name])
-        return super().get_command(ctx, cmd_name)
+
+class _LazyCommand(TyperCommand):
+    """A command by its name and place; its function is imported when it is to run or to explain."""
+
+    def __init__(self, name: str, place: str) -> None:
+        super().__init__(name)
+        self._place = place
+
+    def read_help(self) -> None:
+        """Take the function's docstring from its source, which imports nothing."""
+        self.help = _docstring(self._place)
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Return the context of the real command, in which it then runs."""
+        return _imported(self.name or "", self._place).make_context(*args, **options)
+
+
+def _docstring(place: str) -> str:
+    module, _, name = place.partition(":")
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ImportError(f"{module} is not there")
+    for statement in ast.parse(Path(spec.origin).read_text("utf-8")).body:
+        if isinstance(statement, ast.FunctionDef) and statement.name == name:
+            return inspect.cleandoc(ast.get_docstring(statement) or "")
+    raise ImportError(f"{module} has no function {name}")
 
 
 def _imported(name: str, place: str) -> Any:
     module, _, attribute = place.partition(":")
-    found = getattr(import_module(module), attribute)
-    group = found if isinstance(found, typer.Typer) else typer.Typer(add_completion=False)
-    if group is not found:
-        group.command(name)(found)
+    group = typer.Typer(add_completion=False)
+    group.command(name)(getattr(import_module(module), attribute))
     command = typer.main.get_command(group)
     command.name = name
     return command

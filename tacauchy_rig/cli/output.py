@@ -12,7 +12,6 @@ from typing import Any
 from rich.console import Console
 
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.codec import to_plain
 from tacauchy_rig.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
@@ -54,6 +53,8 @@ def write_json(path: Path | None, content: Any) -> None:
     """
     if path is None:
         return
+    from tacauchy_rig.store.codec import to_plain
+
     text = json.dumps(to_plain(content), indent=2, allow_nan=False)
     write_text(path, text + "\n", option="--json")
 

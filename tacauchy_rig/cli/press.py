@@ -4,30 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.device import warp_device
-from sim.effects.estimates import expected_depth
-from sim.effects.mesh_choice import mesh_choice
-from sim.effects.plan import plan_effects
-from sim.error.measured_errors import FAST, setting_of
-from sim.error.prior_error import is_measured, time_ratio
-from sim.error.tolerance import alternatives, expected_error
-from sim.fields.interface import interface_traction
-from sim.force_error_estimate import with_estimate
-from sim.material.laws import paper_eq4
-from sim.press import PressResult
-from sim.press import press as simulate_press
-from sim.press_command import SceneTerms, scene_of
-from sim.scene.indenter import describe
 from sim.scene.material import LawName, Material
 from sim.scene.scene import Scene
+from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json
 from tacauchy_rig.cli.scene_options import DeviceOption, OutputOption, states_a_scene
-from tacauchy_rig.replayed import Alternative
+
+if TYPE_CHECKING:
+    from sim.press import PressResult
+    from tacauchy_rig.replayed import Alternative
+
 
 EstimateErrorOption = Annotated[
     bool | None,
@@ -47,6 +38,11 @@ def press(
     json_file: JsonFile = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
+    from sim.device import warp_device
+    from sim.force_error_estimate import with_estimate
+    from sim.press import press as simulate_press
+    from sim.press_command import scene_of
+
     scene = scene_of(terms)
     if terms.law == LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
@@ -62,6 +58,14 @@ def press(
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
     """Say what a press would be simulated with, and why; nothing is pressed."""
+    from sim.effects.estimates import expected_depth
+    from sim.effects.mesh_choice import mesh_choice
+    from sim.effects.plan import plan_effects
+    from sim.error.measured_errors import FAST, setting_of
+    from sim.error.prior_error import is_measured, time_ratio
+    from sim.error.tolerance import alternatives, expected_error
+    from sim.press_command import scene_of
+
     scene = scene_of(replace(terms, output=tuple(output or ())))
     planned = plan_effects(scene)
     choice = mesh_choice(scene)
@@ -114,6 +118,8 @@ def cost_lines(
 
 
 def _warn_of_rest_stress(material: Material) -> None:
+    from sim.material.laws import paper_eq4
+
     stress = paper_eq4.LAW.rest_stress(material.young_pa, material.poisson)
     shrink = 1.0 - paper_eq4.free_stretch(material.poisson)
     complain(
@@ -124,6 +130,8 @@ def _warn_of_rest_stress(material: Material) -> None:
 
 
 def _show(scene: Scene, result: PressResult) -> None:
+    from sim.scene.indenter import describe
+
     say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
     say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     if not scene.motion.is_straight:
@@ -145,6 +153,8 @@ def _show(scene: Scene, result: PressResult) -> None:
 
 def _show_interfaces(result: PressResult) -> None:
     """Say what goes through where layers meet; nothing for a gel of one material."""
+    from sim.fields.interface import interface_traction
+
     if result.point is None:
         return
     found = interface_traction(result.model, result.point.state.positions)

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Concatenate, ParamSpec, get_type_hints
 
 import typer
 
-from sim.press_command import SceneTerms
 from sim.scene.material import LawName
 from sim.scene.scene import Output
+from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.registry import Kind, names, unknown
 
 _Own = ParamSpec("_Own")

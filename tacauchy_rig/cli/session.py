@@ -7,37 +7,22 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.emulators.launch import EmulatedAddresses, Emulation, emulated_devices, with_addresses
-from drivers.emulators.plant.truth import TRUTH_FILE
-from drivers.presence import require_devices
-from protocols.processes.supervisor import SessionResult
-from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulation import emulated_unit
-from tacauchy_rig.cli.folders import replay_and_show, report_and_exit, say_recovered
-from tacauchy_rig.cli.operator import ask_for_weight, confirm, hang_emulated
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, say
-from tacauchy_rig.cli.progress import SessionProgress
-from tacauchy_rig.config.changes import resumed_config
-from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.host import descriptor_check
 from tacauchy_rig.doctor.result import CheckStatus
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
-from tacauchy_rig.force_check import Weight, parse_weight
-from tacauchy_rig.loop.cell import check_cell, mark_expired, require_right_cell, standing_check
-from tacauchy_rig.loop.expected import kept_expectation
-from tacauchy_rig.loop.gel_limits import check_gel
-from tacauchy_rig.loop.opening import open_run
-from tacauchy_rig.loop.record import create_run, missed_lines, note_changes, record_run
-from tacauchy_rig.loop.settings import check_names, check_replay
-from tacauchy_rig.run import Outcome
-from tacauchy_rig.store.recovery import recover_run
-from tacauchy_rig.store.run_store import RunStore
+
+if TYPE_CHECKING:
+    from protocols.processes.supervisor import SessionResult
+    from tacauchy_rig.config.load import LoadedConfig
+    from tacauchy_rig.config.model import RigConfig
+    from tacauchy_rig.force_check import Weight
+    from tacauchy_rig.store.run_store import RunStore
+
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
 Changes = Annotated[
@@ -65,6 +50,8 @@ def dry_run(
     check_weight: CheckWeight = None,
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
+    from tacauchy_rig.config.load import default_text, load_config
+
     loaded = load_config(None, overrides=overrides or ())
     if loaded.config.moves_real_hardware:
         raise AbortedError(
@@ -83,6 +70,8 @@ def run(
     check_weight: CheckWeight = None,
 ) -> None:
     """Press as a configuration says, replay and report."""
+    from tacauchy_rig.config.load import load_config
+
     loaded = load_config(path, overrides=overrides or ())
     asked = _asked(press_only, json_file, check_weight)
     _new_run(loaded, path.read_text("utf-8"), asked)
@@ -100,6 +89,13 @@ def resume(
     ] = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
+    from drivers.presence import require_devices
+    from tacauchy_rig.cli.folders import say_recovered
+    from tacauchy_rig.config.changes import resumed_config
+    from tacauchy_rig.loop.record import note_changes
+    from tacauchy_rig.store.recovery import recover_run
+    from tacauchy_rig.store.run_store import RunStore
+
     asked = _asked(press_only, json_file, check_weight)
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
@@ -128,11 +124,16 @@ class _Asked:
 
 
 def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -> _Asked:
+    from tacauchy_rig.force_check import parse_weight
+
     weight = None if check_weight is None else parse_weight(check_weight)
     return _Asked(press_only=press_only, json_file=json_file, weight=weight)
 
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
+    from drivers.presence import require_devices
+    from tacauchy_rig.loop.record import create_run
+
     _check_before(loaded.config, press_only=asked.press_only)
     require_devices(loaded.config)
     store = create_run(loaded, text)
@@ -142,6 +143,10 @@ def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
 
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
+    from tacauchy_rig.doctor.host import descriptor_check
+    from tacauchy_rig.loop.gel_limits import check_gel
+    from tacauchy_rig.loop.settings import check_names, check_replay
+
     descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     if descriptors.status is CheckStatus.FAIL:
         raise RecordError(descriptors.finding, remedy=descriptors.remedy)
@@ -168,6 +173,13 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
+    from tacauchy_rig.cli.folders import replay_and_show, report_and_exit
+    from tacauchy_rig.cli.operator import confirm
+    from tacauchy_rig.loop.cell import require_right_cell, standing_check
+    from tacauchy_rig.loop.expected import kept_expectation
+    from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.run import Outcome
+
     if asked.weight is None:
         require_right_cell(store)
         if note := standing_check(store):
@@ -206,6 +218,18 @@ def press(
         weight: Checks the cell before anything moves; None leaves that out.
         again: Trials to press once more though they have a passed attempt.
     """
+    from drivers.emulators.launch import (
+        EmulatedAddresses,
+        Emulation,
+        emulated_devices,
+        with_addresses,
+    )
+    from drivers.emulators.plant.truth import TRUTH_FILE
+    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.cli.emulation import emulated_unit
+    from tacauchy_rig.cli.progress import SessionProgress
+    from tacauchy_rig.loop.record import record_run
+
     chosen = emulated_devices(config)
     with ExitStack() as stack:
         addresses = EmulatedAddresses()
@@ -235,6 +259,9 @@ def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
+    from tacauchy_rig.cli.operator import ask_for_weight, hang_emulated
+    from tacauchy_rig.loop.cell import check_cell, mark_expired
+
     if weight is None:
         mark_expired(store)
         return
@@ -248,6 +275,9 @@ def _check_force(
 
 def _tell_missed(store: RunStore, result: SessionResult) -> None:
     """Say on standard error what a run that went through to its end did not reach."""
+    from tacauchy_rig.loop.record import missed_lines
+    from tacauchy_rig.run import Outcome
+
     for line in missed_lines(result.records):
         complain(line)
     if result.outcome is Outcome.FAILED:
@@ -255,6 +285,8 @@ def _tell_missed(store: RunStore, result: SessionResult) -> None:
 
 
 def _end_badly(store: RunStore, result: SessionResult) -> None:
+    from tacauchy_rig.run import Outcome
+
     remedy = result.remedy or f"`tacauchy-rig resume {store.paths.root}` continues"
     error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
     raise error(result.reason, remedy=f"{remedy}\n  -> run folder {store.paths.root}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Any
 
 from sim.effects.plan import plan_effects
@@ -21,6 +20,7 @@ from sim.studies.bench.batches import (
     measure_batches,
 )
 from sim.studies.bench.frames import TRAVEL_M, FrameRow, ReuseRow, measure_reuse, travels
+from sim.studies.bench.part import Part, Peer
 from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
 from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, part_times
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
@@ -31,24 +31,6 @@ _PHASE_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
 
 Progress = Callable[[str], None]
-
-
-class Part(StrEnum):
-    """Parts of the benchmark, in the order of its page."""
-
-    FRAMES = "frames"
-    REUSE = "reuse"
-    BATCHES = "batches"
-    PHASES = "phases"
-    RENDERING = "rendering"
-    REPLAY = "replay"
-    GROWTH = "growth"
-
-
-class Peer(StrEnum):
-    """Other engines that can be measured beside the batches."""
-
-    LIBUIPC = "libuipc"
 
 
 _NO_GPU = {

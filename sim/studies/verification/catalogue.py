@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
+from typing import cast
 
-from sim.studies.verification import (
-    balance,
-    bonded_layer,
-    convergence,
-    disc,
-    error_estimates,
-    height_map,
-    interface,
-    paper_mesh,
-    real_press,
-    sensitivity,
-)
 from tacauchy_rig.tables import Table
 
+
+def _section(place: str) -> Callable[[], Table]:
+    """Return a section by ``module:function``; it is imported when it is measured."""
+    module, _, name = place.partition(":")
+
+    def measure() -> Table:
+        found = getattr(import_module(f"sim.studies.verification.{module}"), name)
+        return cast(Table, found())
+
+    return measure
+
+
 SECTIONS: dict[str, Callable[[], Table]] = {
-    "punch": bonded_layer.measure_punch,
-    "disc": disc.measure,
-    "hertz": bonded_layer.measure_ball,
-    "real-press": real_press.measure,
-    "orders": convergence.measure,
-    "rim-order": convergence.measure_rim,
-    "error-estimates": error_estimates.measure,
-    "half-element": sensitivity.measure_shift,
-    "barrier": sensitivity.measure_barrier,
-    "balance": balance.measure,
-    "interface": interface.measure,
-    "drives": sensitivity.measure_drives,
-    "stress-cost": paper_mesh.measure_stress_cost,
-    "mesh-table": paper_mesh.measure_mesh,
-    "height-map": height_map.measure,
+    "punch": _section("bonded_layer:measure_punch"),
+    "disc": _section("disc:measure"),
+    "hertz": _section("bonded_layer:measure_ball"),
+    "real-press": _section("real_press:measure"),
+    "orders": _section("convergence:measure"),
+    "rim-order": _section("convergence:measure_rim"),
+    "error-estimates": _section("error_estimates:measure"),
+    "half-element": _section("sensitivity:measure_shift"),
+    "barrier": _section("sensitivity:measure_barrier"),
+    "balance": _section("balance:measure"),
+    "interface": _section("interface:measure"),
+    "drives": _section("sensitivity:measure_drives"),
+    "stress-cost": _section("paper_mesh:measure_stress_cost"),
+    "mesh-table": _section("paper_mesh:measure_mesh"),
+    "height-map": _section("height_map:measure"),
 }
 # A page of its own, docs/height_map.md.
 ON_REQUEST = frozenset({"height-map"})

@@ -7,11 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.camera_geometry import camera_geometry
-from sim.optics.markers.fidelity import compare_marker_fidelities
 from sim.scene.scene import ContactMode, Motion, Preset, Target
-from sim.scene.terms import parse_indenter
-from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.errors import ConfigError
@@ -31,6 +27,11 @@ def markers(
     json_file: JsonFile = None,
 ) -> None:
     """Press, shear and twist in the simulator, and fit the FOTS exponentials to the markers."""
+    from sim.optics.camera_geometry import camera_geometry
+    from sim.optics.markers.fidelity import compare_marker_fidelities
+    from sim.scene.terms import parse_indenter
+    from sim.sensor.sensor import load_sensor
+
     known = load_sensor(sensor)
     if known.markers is None:
         raise ConfigError(

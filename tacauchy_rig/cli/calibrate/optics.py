@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.optics.calibrate.cross_validation import PressScores
-from sim.optics.calibrate.input import OpticsRequest
-from sim.optics.calibrate.run import OpticsResult, calibrate_and_check
 from sim.scene.scene import Preset
-from sim.scene.terms import parse_pair
-from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
+
+if TYPE_CHECKING:
+    from sim.optics.calibrate.cross_validation import PressScores
+    from sim.optics.calibrate.run import OpticsResult
 
 
 def optics(
@@ -48,6 +47,10 @@ def optics(
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file."""
+    from sim.optics.calibrate.input import OpticsRequest
+    from sim.optics.calibrate.run import calibrate_and_check
+    from sim.sensor.sensor import load_sensor
+
     writable_folder(out.parent)
     result = calibrate_and_check(
         OpticsRequest(
@@ -104,6 +107,8 @@ def _line(scores: PressScores) -> str:
 
 
 def _scale(text: str) -> tuple[float, float]:
+    from sim.scene.terms import parse_pair
+
     x, y = parse_pair(text, Dimension.IMAGE_SCALE, "--scale")
     y = y if "," in text else x
     if not (x > 0.0 and y > 0.0):

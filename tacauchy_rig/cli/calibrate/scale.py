@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from reports.evidence.attempt import crop_and_resize
-from sim.optics.calibrate.presses.ball_press import read_ball_presses, read_rgb
-from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
-from sim.optics.calibrate.scale.target import find_target, parse_target
-from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.opening import scored_geometry
-from tacauchy_rig.rgb import to_grey
+
+if TYPE_CHECKING:
+    from sim.optics.calibrate.scale.fit import ScaleFit
+    from sim.sensor.sensor import Sensor
 
 
 def scale(
@@ -51,6 +47,8 @@ def scale(
     json_file: JsonFile = None,
 ) -> None:
     """Fit mm per pixel in x and y, rotation and centre of a camera."""
+    from sim.sensor.sensor import load_sensor
+
     if presses is not None and sensor is not None:
         raise ConfigError(
             "--sensor crops the image of a target; images of --presses are taken as they are",
@@ -71,6 +69,13 @@ def scale(
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
+    from reports.evidence.attempt import crop_and_resize
+    from sim.optics.calibrate.presses.ball_press import read_rgb
+    from sim.optics.calibrate.scale.fit import fit_scale
+    from sim.optics.calibrate.scale.target import find_target, parse_target
+    from tacauchy_rig.loop.opening import scored_geometry
+    from tacauchy_rig.rgb import to_grey
+
     seen = read_rgb(image)
     if sensor is not None:
         seen = crop_and_resize(seen, scored_geometry(sensor))
@@ -81,6 +86,11 @@ def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFi
 
 
 def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
+    import numpy as np
+
+    from sim.optics.calibrate.presses.ball_press import read_ball_presses
+    from sim.optics.calibrate.scale.fit import fit_scale, read_positions
+
     places = read_positions(folder / "positions.csv")
     known = [p for p in read_ball_presses(folder, folder / "circles.csv") if p.name in places]
     if not known:

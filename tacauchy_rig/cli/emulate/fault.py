@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from drivers.device.faults import Device, parse_fault, written_faults
-from drivers.emulators.faults import post_fault
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json
 
@@ -27,6 +26,8 @@ def fault(
     json_file: JsonFile = None,
 ) -> None:
     """Tell a running emulated device to fail."""
+    from drivers.emulators.faults import post_fault
+
     post_fault(folder, parse_fault(text))
     say(f"told {folder}: {text}")
     write_json(json_file, {"folder": folder, "fault": text})

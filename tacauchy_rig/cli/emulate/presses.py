@@ -7,14 +7,6 @@ from typing import Annotated
 
 import typer
 
-from drivers.emulators.plant.ball_presses import (
-    BALL_DIAMETER_M,
-    frame_noise,
-    write_ball_presses,
-)
-from drivers.emulators.plant.truth import draw_truth
-from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json
 
@@ -33,6 +25,15 @@ def presses(
     json_file: JsonFile = None,
 ) -> None:
     """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
+    from drivers.emulators.plant.ball_presses import (
+        BALL_DIAMETER_M,
+        frame_noise,
+        write_ball_presses,
+    )
+    from drivers.emulators.plant.truth import draw_truth
+    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.cli.emulation import emulated_unit
+
     known = load_sensor(sensor)
     writable_folder(out)
     truth = draw_truth(seed, unit=emulated_unit(known))

@@ -6,18 +6,17 @@ import signal
 import tempfile
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivers.device.faults import Device
-from drivers.emulators.launch import Emulation
-from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.cli.output import say, write_json
-from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
+
+if TYPE_CHECKING:
+    from drivers.emulators.launch import Emulation
 
 
 def start(
@@ -36,6 +35,11 @@ def start(
     json_file: JsonFile = None,
 ) -> None:
     """Start emulated devices and serve until Ctrl-C."""
+    from drivers.emulators.launch import Emulation
+    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.cli.emulation import emulated_unit
+    from tacauchy_rig.config.load import load_config
+
     config = load_config(path, overrides=overrides or ()).config
     chosen = frozenset(devices or Device)
     place = folder or Path(tempfile.mkdtemp(prefix="tacauchy-rig-"))

@@ -6,32 +6,11 @@ import json
 import shutil
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
-from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
-from sim.optics.camera_geometry import ImageArray, camera_geometry
-from sim.optics.height.height_map import HeightMaps
-from sim.optics.render.renderer import GREY_LEVEL, nominal_renderer
-from sim.press_command import SceneTerms, scene_of
-from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy.configurations import (
-    FULL,
-    FULL_REFERENCE,
-    SHIFTED,
-    SHORT,
-    SHORT_REFERENCE,
-    reseeded,
-)
-from sim.studies.accuracy.figure import draw_study
-from sim.studies.accuracy.force_error_table import measure_force_errors
-from sim.studies.accuracy.force_limit import PressStore
-from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
-from sim.studies.accuracy.study import error_bar, study
-from sim.studies.accuracy.tables import presets_table, seed_table, study_table, tolerance_table
-from sim.studies.accuracy.tolerance_check import check_tolerances
+from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import (
     complain,
@@ -42,22 +21,20 @@ from tacauchy_rig.cli.output import (
     write_text,
 )
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.page import criteria_page
-from tacauchy_rig.tables import Table
 from tacauchy_rig.versions import versions
+
+if TYPE_CHECKING:
+    from sim.optics.camera_geometry import ImageArray
+    from sim.optics.height.height_map import HeightMaps
+    from sim.studies.accuracy.force_limit import PressStore
+    from tacauchy_rig.tables import Table
+
 
 PROMISES = "promises.json"
 _PAPER_PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 _IMAGE = "accuracy.png"
 _TITLE = "What a tolerance promises"
-_HELD_OUT = {
-    PROMISES: (HELD_OUT, _TITLE, ""),
-    "promises-judged-before.json": (
-        SEEN_BEFORE,
-        f"{_TITLE}, on scenes that were judged before",
-        " They were looked at while the method was made: the other ten decide.",
-    ),
-}
+_JUDGED_BEFORE = "promises-judged-before.json"
 _NOTE = (
     "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance such as "
     "0.02N or 1% and choose the cheapest preset that is believed to keep it. The command below a "
@@ -114,6 +91,22 @@ def _told(text: str) -> None:
 
 
 def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
+    from sim.optics.camera_geometry import camera_geometry
+    from sim.optics.render.renderer import nominal_renderer
+    from sim.press_command import scene_of
+    from sim.sensor.sensor import load_sensor
+    from sim.studies.accuracy.configurations import (
+        FULL,
+        FULL_REFERENCE,
+        SHIFTED,
+        SHORT,
+        SHORT_REFERENCE,
+        reseeded,
+    )
+    from sim.studies.accuracy.figure import draw_study
+    from sim.studies.accuracy.study import study
+    from sim.studies.accuracy.tables import study_table
+
     scene, gel = scene_of(terms), load_sensor(terms.sensor or "")
     found = study(
         scene,
@@ -150,21 +143,40 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
 
 
 def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple[float, float]:
+    import numpy as np
+
+    from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
+    from sim.optics.render.renderer import GREY_LEVEL
+
     inside = maps.contact
     changes = [image.astype(np.float64)[inside] - GREY_LEVEL for image in (exact, found)]
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 
 def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
+    from sim.studies.accuracy.force_error_table import measure_force_errors
+
     rows = measure_force_errors(file, _store(out), on_progress=_told)
     say(str(file))
     return {"rows": rows, "versions": versions()}
 
 
 def _check_tolerances(out: Path) -> dict[str, Any]:
+    from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
+    from sim.studies.accuracy.tables import tolerance_table
+    from sim.studies.accuracy.tolerance_check import check_tolerances
+
     command = f"tacauchy-rig accuracy --promise --out {out}"
     facts: dict[str, Any] = {"versions": versions()}
-    for name, (scenes, title, note) in _HELD_OUT.items():
+    held_out = {
+        PROMISES: (HELD_OUT, _TITLE, ""),
+        _JUDGED_BEFORE: (
+            SEEN_BEFORE,
+            f"{_TITLE}, on scenes that were judged before",
+            " They were looked at while the method was made: the other ten decide.",
+        ),
+    }
+    for name, (scenes, title, note) in held_out.items():
         found = check_tolerances(_store(out), scenes, on_progress=_told)
         table = tolerance_table(found, command=command, title=title, note=note)
         show_table(table)
@@ -175,6 +187,8 @@ def _check_tolerances(out: Path) -> dict[str, Any]:
 
 
 def _store(out: Path) -> PressStore:
+    from sim.studies.accuracy.force_limit import PressStore
+
     return PressStore(folder=out / "presses")
 
 
@@ -184,13 +198,20 @@ def write_page(page: Path, folder: Path) -> list[Path]:
     Raises:
         RecordError: The folder has no study of seed 0, or the page cannot be written.
     """
+    from sim.studies.accuracy.tables import presets_table
+    from tacauchy_rig.page import criteria_page
+
     first = _read(folder / f"{study_name(0)}.json")
     others = [_read(file) for file in sorted(folder.glob(f"{study_name(0)}-seed-*.json"))]
     tables = [
         _table(first),
         *(_seed_table(first, other, folder) for other in others),
         presets_table(command="tacauchy-rig accuracy --presets sim/force_errors.json"),
-        *(_table(_read(folder / name)) for name in _HELD_OUT if (folder / name).exists()),
+        *(
+            _table(_read(folder / name))
+            for name in (PROMISES, _JUDGED_BEFORE)
+            if (folder / name).exists()
+        ),
     ]
     text = criteria_page(
         tables,
@@ -207,6 +228,9 @@ def write_page(page: Path, folder: Path) -> list[Path]:
 
 
 def _seed_table(first: dict[str, Any], other: dict[str, Any], folder: Path) -> Table:
+    from sim.studies.accuracy.study import error_bar
+    from sim.studies.accuracy.tables import seed_table
+
     errors, others = (
         {row["configuration"]["name"]: row["errors"] for row in facts["rows"]}
         for facts in (first, other)
@@ -225,6 +249,8 @@ def _seed_table(first: dict[str, Any], other: dict[str, Any], folder: Path) -> T
 
 
 def _table(facts: dict[str, Any]) -> Table:
+    from tacauchy_rig.tables import Table
+
     given = facts["section"]
     rows = tuple(tuple(row) for row in given["rows"])
     return Table(**{**given, "columns": tuple(given["columns"]), "rows": rows})

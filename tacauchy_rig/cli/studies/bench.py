@@ -8,14 +8,9 @@ from typing import Annotated
 
 import typer
 
-from sim.optics.camera_geometry import camera_geometry
-from sim.optics.render.renderer import nominal_renderer
-from sim.press_command import SceneTerms, scene_of
 from sim.scene.scene import Preset
-from sim.sensor.sensor import load_sensor
-from sim.studies.bench.figure import draw_bench
-from sim.studies.bench.suite import Part, Peer, run_bench
-from sim.studies.bench.tables import bench_tables
+from sim.scene.scene_terms import SceneTerms
+from sim.studies.bench.part import Part, Peer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import (
     complain,
@@ -25,9 +20,6 @@ from tacauchy_rig.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.loop.rendering import replay_images
-from tacauchy_rig.page import criteria_page
 from tacauchy_rig.versions import machine, versions
 
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
@@ -53,6 +45,17 @@ def bench(
     json_file: JsonFile = None,
 ) -> None:
     """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
+    from sim.optics.camera_geometry import camera_geometry
+    from sim.optics.render.renderer import nominal_renderer
+    from sim.press_command import scene_of
+    from sim.sensor.sensor import load_sensor
+    from sim.studies.bench.figure import draw_bench
+    from sim.studies.bench.suite import run_bench
+    from sim.studies.bench.tables import bench_tables
+    from tacauchy_rig.config.load import load_config
+    from tacauchy_rig.loop.rendering import replay_images
+    from tacauchy_rig.page import criteria_page
+
     writable_folder(out)
     gel = load_sensor(sensor)
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.scene.scene import Effect
-from sim.studies.effects_check.check import EFFECT_CASES, EffectCase, EffectCheck, check_effects
-from sim.studies.processes import side_by_side
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.page import page
+
+if TYPE_CHECKING:
+    from sim.studies.effects_check.check import EffectCase, EffectCheck
 
 
 def effects_check(
@@ -33,6 +33,8 @@ def effects_check(
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
+    from sim.studies.processes import side_by_side
+
     chosen = _chosen(only or [])
     if list_only:
         for case in chosen:
@@ -52,6 +54,8 @@ def effects_check(
 
 
 def _chosen(names: list[str]) -> list[EffectCase]:
+    from sim.studies.effects_check.check import EFFECT_CASES
+
     known = {case.name: case for case in EFFECT_CASES}
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -63,6 +67,8 @@ def _chosen(names: list[str]) -> list[EffectCase]:
 
 
 def _checked(name: str, *, one_by_one: bool) -> EffectCheck:
+    from sim.studies.effects_check.check import check_effects
+
     return check_effects(_chosen([name])[0], one_by_one=one_by_one)
 
 
@@ -77,6 +83,9 @@ def _line(check: EffectCheck) -> str:
 
 
 def _page(checks: Sequence[EffectCheck], command: str) -> str:
+    from sim.studies.effects_check.check import EFFECT_CASES
+    from tacauchy_rig.page import page
+
     apart: dict[tuple[Effect, str], list[str]] = {}
     for check in checks:
         for reason in check.left_apart:

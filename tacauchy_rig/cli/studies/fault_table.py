@@ -5,21 +5,18 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, write_json, write_text
-from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.cases import FaultCase, Moment, all_cases, select_cases
-from tacauchy_rig.fault_table.emulated_rig import write_case_config
-from tacauchy_rig.fault_table.observation import Observation
-from tacauchy_rig.fault_table.observe import observe_case
-from tacauchy_rig.fault_table.report import fault_page, summary_line
-from tacauchy_rig.store.codec import dumps, from_json, loads
-from tacauchy_rig.store.run_store import run_lock
+
+if TYPE_CHECKING:
+    from tacauchy_rig.fault_table.observation import Observation
+
 
 OBSERVATION = "observation.json"
 LOCK = "lock"
@@ -43,6 +40,11 @@ def fault_table(
 
     Sensors that lie do so from the start too, at each target.
     """
+    from tacauchy_rig.config.load import load_config
+    from tacauchy_rig.fault_table.emulated_rig import write_case_config
+    from tacauchy_rig.fault_table.report import fault_page, summary_line
+    from tacauchy_rig.store.run_store import run_lock
+
     chosen = select_cases(all_cases(), only=only or (), moments=moment or ())
     if list_only:
         for case in chosen:
@@ -74,6 +76,9 @@ def fault_table(
 
 def _observe(case: FaultCase, work: Path, *, again: bool) -> bool:
     """Make sure that a case is done; return False where its moment was never reached."""
+    from tacauchy_rig.fault_table.observe import observe_case
+    from tacauchy_rig.store.codec import dumps
+
     if not again and _load(case, work) is not None:
         say(f"{case.name}: done before")
         return True
@@ -102,6 +107,9 @@ def _headline(seen: Observation) -> str:
 
 
 def _load(case: FaultCase, work: Path) -> Observation | None:
+    from tacauchy_rig.fault_table.observation import Observation
+    from tacauchy_rig.store.codec import from_json, loads
+
     path = work / case.slug / OBSERVATION
     if not path.exists():
         return None

@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
-from sim.scene.terms import parse_indenter
-from sim.sensor.sensor import load_sensor
-from sim.studies.modes.figures import draw_modes, draw_sensors
-from sim.studies.modes.runs import (
-    BALL,
-    BALL_REFINEMENT,
-    FRICTION,
-    PUNCH,
-    ModeRun,
-    press_in,
-    slide_mode,
-    twist_mode,
-)
 from tacauchy_rig.cli.options import FigureFolder, FigurePage, JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.page import page as written
 
+if TYPE_CHECKING:
+    from sim.scene.indenter import Cylinder, Sphere
+    from sim.studies.modes.runs import ModeRun
+
+
+_PUNCH = "cylinder:diameter=5mm,fillet=0.5mm"
 _MOVED_ON = "gelsight-mini"
 _SENSORS = ("gelsight-mini", "digit", "9dtact")
 
@@ -35,12 +26,15 @@ def modes(
     out: FigureFolder,
     indenter: Annotated[
         str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
-    ] = describe(PUNCH),
+    ] = _PUNCH,
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
     page: FigurePage = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
+    from sim.studies.modes.figures import draw_modes, draw_sensors
+    from sim.studies.modes.runs import FRICTION
+
     punch = _round(indenter)
     writable_folder(out)
     images = None if page is None else writable_folder(page.parent / "images")
@@ -54,7 +48,7 @@ def modes(
     runs = punched + pressed
     if page is not None:
         command = f"tacauchy-rig modes --out {out} --page {page}"
-        if indenter != describe(PUNCH):
+        if indenter != _PUNCH:
             command += f" --indenter {indenter}"
         if preset is not Preset.FAST:
             command += f" --preset {preset.value}"
@@ -65,6 +59,9 @@ def modes(
 
 
 def _round(text: str) -> Cylinder | Sphere:
+    from sim.scene.indenter import Cylinder, Sphere
+    from sim.scene.terms import parse_indenter
+
     indenter = parse_indenter(text)
     if not isinstance(indenter, Cylinder | Sphere):
         raise ConfigError(
@@ -75,6 +72,9 @@ def _round(text: str) -> Cylinder | Sphere:
 
 
 def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun]:
+    from sim.sensor.sensor import load_sensor
+    from sim.studies.modes.runs import press_in, slide_mode, twist_mode
+
     pressed = press_in(load_sensor(_MOVED_ON), indenter, preset=preset)
     yield pressed
     yield slide_mode(pressed)
@@ -82,6 +82,9 @@ def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun
 
 
 def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
+    from sim.sensor.sensor import load_sensor
+    from sim.studies.modes.runs import BALL, BALL_REFINEMENT, press_in
+
     for name in _SENSORS:
         yield press_in(load_sensor(name), BALL, preset=preset, refinement=BALL_REFINEMENT)
 
@@ -111,6 +114,10 @@ def modes_page(
         pressed: One press on several sensors.
         command: What makes the page.
     """
+    from sim.scene.indenter import describe
+    from sim.studies.modes.runs import BALL_REFINEMENT, FRICTION
+    from tacauchy_rig.page import page as written
+
     return written(
         "tacauchy_rig.cli.studies",
         "modes.md.jinja",

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.scene.scene import Preset
-from sim.sensor.sensor import load_sensor
-from sim.studies.objects.figures import draw_objects
-from sim.studies.objects.runs import DEPTH_M, ObjectPress, press_object
-from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.cli.options import FigureFolder, FigurePage, JsonFile
 from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
-from tacauchy_rig.page import page as written
+
+if TYPE_CHECKING:
+    from sim.studies.objects.runs import ObjectPress
+
 
 _SENSORS = "gelsight-mini,digit"
 
@@ -29,6 +28,9 @@ def objects(
     json_file: JsonFile = None,
 ) -> None:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images."""
+    from sim.studies.objects.figures import draw_objects
+    from sim.studies.objects.runs import DEPTH_M
+
     writable_folder(out)
     images = None if page is None else writable_folder(page.parent / "images")
     say(f"{DEPTH_M * 1e3:g} mm deep, preset {preset.value}, nominal optics")
@@ -56,6 +58,10 @@ def objects(
 
 
 def _on_sensor(name: str, preset: Preset) -> list[ObjectPress]:
+    from sim.sensor.sensor import load_sensor
+    from sim.studies.objects.runs import press_object
+    from sim.studies.objects.shapes import OBJECTS
+
     sensor = load_sensor(name)
     found = []
     for label in OBJECTS:
@@ -72,6 +78,10 @@ def objects_page(runs: Sequence[Sequence[ObjectPress]], *, command: str, preset:
         runs: Of each sensor the objects in one order.
         command: What makes the page.
     """
+    from sim.studies.objects.runs import DEPTH_M
+    from sim.studies.objects.shapes import OBJECTS
+    from tacauchy_rig.page import page as written
+
     presses = [run for sensor in runs for run in sensor]
     return written(
         "tacauchy_rig.cli.studies",

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.store.check.run import check_run
-from tacauchy_rig.store.run_store import RunStore
-from tacauchy_rig.tampering.cases import all_cases
-from tacauchy_rig.tampering.observe import Observation, observe
-from tacauchy_rig.tampering.recordings import OTHER
-from tacauchy_rig.tampering.report import misses, summary_line, tamper_page
+
+if TYPE_CHECKING:
+    from tacauchy_rig.store.run_store import RunStore
+    from tacauchy_rig.tampering.observe import Observation
 
 
 def tamper_table(
@@ -24,6 +22,11 @@ def tamper_table(
     json_file: JsonFile = None,
 ) -> None:
     """Tamper with copies of a finished, replayed run in every way; write what is noticed."""
+    from tacauchy_rig.store.run_store import RunStore
+    from tacauchy_rig.tampering.cases import all_cases
+    from tacauchy_rig.tampering.observe import observe
+    from tacauchy_rig.tampering.report import misses, summary_line, tamper_page
+
     store = RunStore.open(folder)
     _require_whole(store)
     seen: list[Observation] = []
@@ -49,6 +52,9 @@ def _require_whole(store: RunStore) -> None:
     Raises:
         RecordError: Fewer than two presses passed, it was not replayed, or it is not whole.
     """
+    from tacauchy_rig.store.check.run import check_run
+    from tacauchy_rig.tampering.recordings import OTHER
+
     root = store.paths.root
     wrong = list(check_run(store).missed())
     if wrong:

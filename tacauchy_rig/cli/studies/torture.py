@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.studies.hard_cases.case import CaseResult, observe
-from sim.studies.hard_cases.catalogue import all_cases, select_cases
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.page import page
 from tacauchy_rig.versions import machine, versions
+
+if TYPE_CHECKING:
+    from sim.studies.hard_cases.case import CaseResult
+
 
 _PAGE = Path("docs/hard_cases.md")
 # What the numbers depend on.
@@ -38,6 +39,9 @@ def torture(
     ] = None,
 ) -> None:
     """Measure the simulator's hard cases, each in a process of its own; exit 1 if one fails."""
+    from sim.studies.hard_cases.case import observe
+    from sim.studies.hard_cases.catalogue import select_cases
+
     chosen = select_cases(_numbers(rows))
     results = []
     # Every case starts a process of its own, so that threads are enough to wait for them.
@@ -83,6 +87,9 @@ def markdown(results: Sequence[CaseResult], *, command: str, used: Mapping[str, 
         command: What made it.
         used: Versions of what was used.
     """
+    from sim.studies.hard_cases.catalogue import all_cases
+    from tacauchy_rig.page import page
+
     facts = {
         "summary": _summary(results),
         "results": results,

@@ -9,20 +9,10 @@ from typing import Annotated
 
 import typer
 
-from reports.comparison.compare import compare
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.cli.emulation import emulated_calibration
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import say, show_table, write_json, write_text
-from tacauchy_rig.loop.opening import open_run
-from tacauchy_rig.loop.optics import optics_of
-from tacauchy_rig.loop.replay import inputs_of
-from tacauchy_rig.loop.report import evidence_of
-from tacauchy_rig.verdict_check.bench import bench_of
-from tacauchy_rig.verdict_check.check import check_model
-from tacauchy_rig.verdict_check.page import check_page, true_table, wrong_table
-from tacauchy_rig.verdict_check.wrong_models import WRONG_MODELS
 
 
 def verdict_check(
@@ -43,6 +33,17 @@ def verdict_check(
     json_file: JsonFile = None,
 ) -> None:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
+    from reports.comparison.compare import compare
+    from tacauchy_rig.cli.emulation import emulated_calibration
+    from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.loop.optics import optics_of
+    from tacauchy_rig.loop.replay import inputs_of
+    from tacauchy_rig.loop.report import evidence_of
+    from tacauchy_rig.verdict_check.bench import bench_of
+    from tacauchy_rig.verdict_check.check import check_model
+    from tacauchy_rig.verdict_check.page import check_page, true_table, wrong_table
+    from tacauchy_rig.verdict_check.wrong_models import WRONG_MODELS
+
     runs = [open_run(folder) for folder in folders]
     first = runs[0]
     names = [f"seed {run.store.description.get('seed')}" for run in runs]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim.studies.processes import side_by_side
 from sim.studies.verification.catalogue import ON_REQUEST, SECTIONS
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.errors import ConfigError, RigError
-from tacauchy_rig.page import criteria_page
-from tacauchy_rig.tables import Table
 from tacauchy_rig.versions import versions
+
+if TYPE_CHECKING:
+    from tacauchy_rig.tables import Table
+
 
 _TITLE = "Verification of the simulator"
 _SOURCE = "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"
@@ -39,6 +40,8 @@ def verify(
     json_file: JsonFile = None,
 ) -> None:
     """Press what has a known answer, and say how far off the simulator is; takes minutes."""
+    from sim.studies.processes import side_by_side
+
     names = _chosen(sections)
     found: dict[str, Table] = {}
     complain(f"{len(names)} sections: {', '.join(names)}")
@@ -70,6 +73,8 @@ def _chosen(given: list[str] | None) -> list[str]:
 
 def _measured(name: str) -> Table:
     """Measure a section; an error of its presses is its result, and the others still run."""
+    from tacauchy_rig.tables import Table
+
     try:
         return SECTIONS[name]()
     except RigError as error:
@@ -85,6 +90,8 @@ def _measured(name: str) -> Table:
 
 def _page(found: dict[str, Table], out: Path) -> str:
     """Return the page of what was measured so far, with the command that makes just that."""
+    from tacauchy_rig.page import criteria_page
+
     chosen = "" if list(found) == _chosen(None) else f" --sections {','.join(found)}"
     tables = list(found.values())
     has_commands = any(table.command for table in tables)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import logging
 from collections.abc import Iterable, Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.durable import write_error
+from tacauchy_rig.store.recording.export_kind import ExportKind
 from tacauchy_rig.store.recording.messages import (
     ARM_STATES,
     POSE_FIELDS,
@@ -41,13 +41,6 @@ _TRIAL_FIELDS = (
     "reference_end_ns",
     "reason",
 )
-
-
-class ExportKind(StrEnum):
-    """What is written."""
-
-    CSV = "csv"
-    IMAGES = "images"
 
 
 def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:

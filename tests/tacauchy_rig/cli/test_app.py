@@ -84,7 +84,7 @@ def test_nothing_moves_without_the_sensors_name(
 ) -> None:
     """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tacauchy_rig.cli.session.require_devices", lambda _: None)
+    monkeypatch.setattr("drivers.presence.require_devices", lambda _: None)
     (tmp_path / "rig.toml").write_text(example_text())
     done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN], input="yes\n")
     assert isinstance(done.exception, AbortedError)

@@ -26,10 +26,11 @@ from sim.studies.bench.frames import (
     travel,
     travels,
 )
+from sim.studies.bench.part import Part
 from sim.studies.bench.press_parts import exponent, growth, local_exponents, part_times
 from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay
-from sim.studies.bench.suite import Benchmark, Part, run_bench
+from sim.studies.bench.suite import Benchmark, run_bench
 from sim.studies.bench.tables import bench_tables
 
 _SCENE = Scene(

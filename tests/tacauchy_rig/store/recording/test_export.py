@@ -12,7 +12,8 @@ import pytest
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import Outcome, Tare, TrialRecord
-from tacauchy_rig.store.recording.export import ExportKind, export_run
+from tacauchy_rig.store.recording.export import export_run
+from tacauchy_rig.store.recording.export_kind import ExportKind
 from tacauchy_rig.store.recording.writing import RecordingWriter
 from tacauchy_rig.store.run_store import RunStore
 

@@ -1,0 +1,52 @@
+"""Help of every command, at once: nothing heavy is imported for it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from tacauchy_rig.cli.app import app
+from tacauchy_rig.cli.emulate.fault import fault
+from tacauchy_rig.cli.lazy import lazy_group
+
+# Each takes a tenth of a second or more, and no help is made with one.
+HEAVY = ("warp", "scipy", "matplotlib", "vtk", "pyvista", "skimage", "cv2", "pypardiso", "mcap")
+SCRIPT = """
+import sys
+import typer
+from tacauchy_rig.cli.app import app
+commands = typer.main.get_command(app).commands
+paths = [[], *([name] for name in commands)]
+paths += [[group, name] for group in commands for name in getattr(commands[group], "commands", ())]
+for path in paths:
+    app([*path, "--help"], standalone_mode=False)
+    loaded = [name for name in {heavy!r} if name in sys.modules]
+    assert not loaded, f"{{' '.join(path)}} --help imports {{loaded}}"
+"""
+
+
+def test_no_help_imports_what_it_does_not_need() -> None:
+    """The program and every command explain themselves without the simulator's libraries."""
+    script = SCRIPT.format(heavy=HEAVY)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("Usage:") > 30
+
+
+def test_a_list_shows_what_the_command_says_of_itself() -> None:
+    """The help of a group has a command's docstring, though it does not import it."""
+    listed = CliRunner().invoke(app, ["emulate", "--help"])
+    assert fault.__doc__ in listed.output
+
+
+def test_a_place_that_is_not_there_is_named() -> None:
+    """A line of the table of commands with a wrong function fails by its name."""
+    group = lazy_group({"lost": "tacauchy_rig.cli.press:no_such"})(name="group")
+    with pytest.raises(ImportError, match="press has no function no_such"):
+        group.list_commands(typer.Context(group))
