@@ -19,6 +19,7 @@ from protocols.processes.record_keeper import RecordKeeper
 from protocols.session import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.journal import append_event
 from tacauchy_rig.store.run_store import RunStore
@@ -100,10 +101,15 @@ def new_run(parent: Path, *overrides: str) -> RunStore:
 
 
 def press_run(
-    store: RunStore, *, seed: int = 1, start_ns: int = 10**9, again: Set[int] = frozenset()
+    store: RunStore,
+    *,
+    seed: int = 1,
+    start_ns: int = 10**9,
+    again: Set[int] = frozenset(),
+    config: RigConfig | None = None,
 ) -> ProgrammeResult:
     """Press every trial without a passed attempt, in simulated time."""
-    config = store.config
+    config = config or store.config
     world = MockWorld(SimulatedClock(start_ns=start_ns), config, seed=seed)
     bench = MockBench.on(world)
     sink = KeptOnDisk(store)

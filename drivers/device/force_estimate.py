@@ -89,6 +89,12 @@ class ForceEstimate:
         self._noise = [0.0] * 6
         self._friction = [0.0] * 3
         self._elapsed_s = 0.0
+        self._newest: Vector6 = (0.0,) * 6
+        self._zero: Vector6 = (0.0,) * 6
+
+    def zero(self) -> None:
+        """Make the newest estimate the zero of those that follow, noise and all."""
+        self._zero = self._newest
 
     def advance(self, wrench: Vector6, velocity: Vector6, *, duration_s: float) -> Vector6:
         """Return the estimate ``duration_s`` [s] after the last one.
@@ -111,6 +117,8 @@ class ForceEstimate:
             self._sign * (self._gain * true + scale * error)
             for true, scale, error in zip(wrench, self._scales, off, strict=True)
         )
+        self._newest = (a, b, c, d, e, f)
+        a, b, c, d, e, f = (new - zero for new, zero in zip(self._newest, self._zero, strict=True))
         return (a, b, c, d, e, f)
 
     def _rub(self, velocity: Vector6, duration_s: float) -> None:

@@ -220,7 +220,10 @@ class Emulation:
     def _start_box(self) -> None:
         sensor = self.config.force_sensor
         settings = BoxSettings(
-            rate=round(sensor.rate), full_scale_n=sensor.capacity, **self._gel_settings()
+            rate=round(sensor.rate),
+            full_scale_n=sensor.capacity,
+            compression_sign=sensor.compression_sign,
+            **self._gel_settings(),
         )
         self._start("force_sensor", "force_sensor.box", settings)
 

@@ -14,6 +14,8 @@ from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.run import FZ, ArmSample
 
 WINDOW_S = 0.2
+WORST_SHARE, WORST_N = 1.5, 0.5
+"""Of the target [1], and more [N]: what a gel may feel at most when the force sensor lies."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +33,14 @@ class Tolerance:
     def of(self, force_n: float) -> float:
         """Return the tolerance at a force [N]."""
         return self.force_n + self.share * abs(force_n)
+
+    def bounds(self, target_n: float) -> bool:
+        """Return whether such an arm finds any lie before the gel feels the worst it may.
+
+        There the force sensor still says less than the target [N], or the press would have ended.
+        """
+        worst_n = WORST_SHARE * target_n + WORST_N
+        return worst_n - target_n >= self.of(worst_n)
 
 
 TOLERANCE = {

@@ -1,7 +1,8 @@
 """What else knows of the force while the arm presses, and whether the force sensor agrees.
 
-Three witnesses, as far as there are any: the expected press of the stated gel, the arm's own
-estimate of force, and the camera, which sees the gel being touched. None is precise; all of them
+Three witnesses, as far as there are any: the expected press of the stated gel, together with what
+earlier presses found of it, the arm's own estimate of force, and the camera, which sees the gel
+being touched. None is precise; all of them
 are independent of the force sensor. Their limits follow from stated uncertainties alone.
 """
 
@@ -73,6 +74,7 @@ class Witness:
         self._slow: deque[float] = deque(maxlen=max(1, round(WINDOW_S * rate_hz)))
         self._contact_z_m = 0.0
         self._points: list[tuple[float, float]] = []
+        self._earlier: list[tuple[float, float]] = []
         self._seen_from_m: float | None = None
 
     def begin_search(self) -> None:
@@ -86,6 +88,23 @@ class Witness:
         self.stage = Stage.PRESS
         self._contact_z_m = contact_z_m
         self._points = [(0.0, self._contact_force_n)]
+
+    def remember_press(self) -> None:
+        """Hold later presses against the one that was just held: it was into the same gel.
+
+        What was felt first at a depth stays, so that a gain that sinks from press to press is no
+        less found. Either press may have been off in depth and zero.
+        """
+        if self.band is None:
+            return
+        later_m, known_m = self.band.expected.depth_error_m, 0.0
+        if self._earlier:
+            known_m = self._earlier[-1][0]
+        self._earlier += [
+            (depth_m + later_m, force_n - self._zero_error_n)
+            for depth_m, force_n in self._points
+            if depth_m + later_m > known_m
+        ]
 
     def rest(self) -> None:
         """Judge nothing: the arm leaves the gel, or is far from it."""
@@ -178,7 +197,9 @@ class Witness:
             return
         depth_m, cell_n = self._contact_z_m - z_m, sum(self._forces) / len(self._forces)
         passed = [point for point in self._points if point[0] < depth_m] or self._points[:1]
-        least_n, most_n = self.band.bounds(passed, depth_m)
+        _, most_n = self.band.bounds(passed, depth_m)
+        passed += [point for point in self._earlier if point[0] < depth_m]
+        least_n, _ = self.band.bounds(passed, depth_m)
         least_n, most_n = least_n - self._zero_error_n, most_n + self._zero_error_n
         if not least_n <= cell_n <= most_n:
             raise self._gel_breach(self.band, depth_m, cell_n, (least_n, most_n))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
@@ -16,6 +17,7 @@ from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import AbortedError, RigError
 from tacauchy_rig.run import Outcome, Phase, TrialRecord
 
+Found = TypeVar("Found")
 ALWAYS_LATE = (
     "images came late in every attempt: end other programs on this computer, and see `tacauchy-rig "
     "doctor`: camera; `resume --set limits.stale_image=...` admits longer gaps"
@@ -78,24 +80,37 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
 
 
 def _prepare(cycle: Cycle, journal: Journal) -> None:
-    try:
-        journal.enter(Phase.PREFLIGHT)
-        run_preflight(cycle)
-        journal.enter(Phase.AIR_PRESS)
-        journal.write("air-press", **press_air(cycle))
-    except RigError as error:
-        reaction = reaction_to(error)
-        end = make_safe(cycle, reaction)
-        journal.write(
-            "abort" if isinstance(error, AbortedError) else "fault",
-            reason=error.message,
-            during=journal.phase.value,
-            reaction=reaction.value,
-            stop_ms=end.stop_ms,
-            arm=end.text,
-        )
-        error.message = f"{error.message} during {journal.phase.value}. {end.text}"
-        raise
+    _do_step(cycle, journal, Phase.PREFLIGHT, run_preflight)
+    journal.write("air-press", **_do_step(cycle, journal, Phase.AIR_PRESS, press_air))
+
+
+def _do_step(cycle: Cycle, journal: Journal, phase: Phase, step: Callable[[Cycle], Found]) -> Found:
+    """Do what comes before the trials; again where nothing but images came late."""
+    attempt = 1
+    while True:
+        journal.enter(phase)
+        try:
+            return step(cycle)
+        except RigError as error:
+            _end_step(cycle, journal, error)
+            is_last = attempt == cycle.config.protocol.attempts
+            if not _goes_again(cycle, journal, error, is_last=is_last, of_phase=phase.value):
+                raise
+        attempt += 1
+
+
+def _end_step(cycle: Cycle, journal: Journal, error: RigError) -> None:
+    reaction = reaction_to(error)
+    end = make_safe(cycle, reaction)
+    journal.write(
+        "abort" if isinstance(error, AbortedError) else "fault",
+        reason=error.message,
+        during=journal.phase.value,
+        reaction=reaction.value,
+        stop_ms=end.stop_ms,
+        arm=end.text,
+    )
+    error.message = f"{error.message} during {journal.phase.value}. {end.text}"
 
 
 def _try(
@@ -105,20 +120,24 @@ def _try(
     last = planned.next_attempt + cycle.config.protocol.attempts - 1
     for attempt in range(planned.next_attempt, last + 1):
         records[planned.index], error = run_trial(cycle, journal, planned, attempt=attempt)
-        if error is not None:
-            if attempt == last and images_were_late(error):
-                error.remedy = ALWAYS_LATE
-            if attempt == last or not may_repeat(cycle, error):
-                raise error
-            journal.trial = journal.attempt = 0  # its recording is closed
-            journal.write(
-                "attempt-repeated",
-                of_trial=planned.index,
-                of_attempt=attempt,
-                reason="only images came late; they are back",
-            )
+        cut = {"of_trial": planned.index, "of_attempt": attempt}
+        if error and not _goes_again(cycle, journal, error, is_last=attempt == last, **cut):
+            raise error
         if records[planned.index].passed:
             break
+
+
+def _goes_again(
+    cycle: Cycle, journal: Journal, error: RigError, *, is_last: bool, **cut_off: int | str
+) -> bool:
+    """Return whether what ``error`` cut off is done again, and say so in the journal."""
+    if is_last and images_were_late(error):
+        error.remedy = ALWAYS_LATE
+    if is_last or not may_repeat(cycle, error):
+        return False
+    journal.trial = journal.attempt = 0  # its recording is closed
+    journal.write("attempt-repeated", **cut_off, reason="only images came late; they are back")
+    return True
 
 
 def describe_safe(indices: Sequence[int]) -> str:

@@ -108,7 +108,9 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     findings.reference_frame_count = cycle.rates.frame_count(start_ns, end_ns)
     journal.enter(Phase.APPROACH)
     approach(cycle)
-    journal.enter(Phase.SEARCH, witnesses=cycle.witness.present())
+    journal.enter(
+        Phase.SEARCH, witnesses=cycle.witness.present(), force_sign=config.robot.force_sign
+    )
     cycle.rig.camera.ask(Look.TOUCH)
     contact_z_m = search_contact(cycle)
     cycle.rig.camera.ask(Look.NOTHING)
@@ -120,6 +122,7 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
     held = hold(cycle, drive)
     force, cycle.contact_z_m = held.force, contact_z_m
+    cycle.witness.remember_press()
     findings.record = replace(
         findings.record,
         force_measured_n=force.mean_n,

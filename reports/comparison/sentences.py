@@ -43,7 +43,11 @@ def verdict_of(
         unpressed=[t for t in trials if t.outcome != Outcome.PASSED],
         missed=_missed_by_name(trials),
     )
-    return " ".join((*said, *_written("force_check", check=evidence.force_check)))
+    return " ".join((*said, *_force_check(evidence)))
+
+
+def _force_check(evidence: RunEvidence) -> tuple[str, ...]:
+    return _written("force_check", check=evidence.force_check, allowed=evidence.unchecked_allowed)
 
 
 def _missed_by_name(trials: Sequence[TrialResult]) -> list[tuple[list[str], Criterion]]:

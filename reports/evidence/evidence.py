@@ -201,6 +201,7 @@ class RunEvidence:
         model: What was replayed; None where nothing was.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         force_check: How the cell read a known weight before the run; None where that was not tried.
+        unchecked_allowed: Whether it may press without such a check whatever its arm feels.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
         checks: What journal, description and replay say of each other.
@@ -217,6 +218,7 @@ class RunEvidence:
     model: ReplayModel | None = None
     sync_mode: str = "host_clock"
     force_check: ForceCheck | None = None
+    unchecked_allowed: bool = False
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
     checks: tuple[Criterion, ...] = ()

@@ -84,6 +84,7 @@ def load_evidence(
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
         force_check=store.load_force_check(),
+        unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
         notes=(*check.notes, *_of_other_attempts(check, run)),

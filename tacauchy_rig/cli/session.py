@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from tacauchy_rig.force_check import Weight
     from tacauchy_rig.store.run_store import RunStore
 
+EMULATED_WEIGHT = "200g"
+"""Hung on an emulated cell where the arm calls for a check: about as much as a press of 2 N."""
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
 Changes = Annotated[
@@ -30,7 +32,7 @@ Changes = Annotated[
     typer.Option(
         "--set",
         metavar="TABLE.FIELD=VALUE",
-        help="Change where a device is, or a limit; may be repeated. Noted in the journal.",
+        help="Change how a device is reached or a limit; may be repeated. Noted in the journal.",
     ),
 ]
 CheckWeight = Annotated[
@@ -175,13 +177,16 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     from tacauchy_rig.cli.folders import replay_and_show, report_and_exit
     from tacauchy_rig.cli.operator import confirm
-    from tacauchy_rig.loop.cell import require_right_cell, standing_check
+    from tacauchy_rig.force_check import parse_weight
+    from tacauchy_rig.loop.cell import needs_weight, require_bounded_force, standing_check
     from tacauchy_rig.loop.expected import kept_expectation
     from tacauchy_rig.loop.opening import open_run
     from tacauchy_rig.run import Outcome
 
+    if asked.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
+        asked = replace(asked, weight=parse_weight(EMULATED_WEIGHT))  # hung without a hand
     if asked.weight is None:
-        require_right_cell(store)
+        require_bounded_force(store, config)
         if note := standing_check(store):
             say(note)
     expected = kept_expectation(store)  # here, so that what is confirmed moves at once

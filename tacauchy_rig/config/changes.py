@@ -1,4 +1,4 @@
-"""What may be changed in a run that has begun: where its devices are, and what stops it.
+"""What may be changed in a run that has begun: its devices, and what stops it.
 
 Everything else is what the run is. Trials under two targets, indenters or protocols in one folder
 would be reported as one experiment.
@@ -14,9 +14,10 @@ from tacauchy_rig.config.load import check_config, leaves, nest, parse_override,
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
 
-ADDRESSES = (
+OF_DEVICES = (
     "robot.host",
     "robot.connect_timeout",
+    "robot.force_sign",
     "force_sensor.port",
     "force_sensor.connect_timeout",
     "camera.device",
@@ -61,7 +62,7 @@ def resumed_config(
                 for field in kept
             ),
             remedy="start a new run with it; a begun one takes limits.* and "
-            + ", ".join(ADDRESSES),
+            + ", ".join(OF_DEVICES),
         )
     config = check_config(nest({**before, **dict(given)}), defaulted=frozenset())
     changes = (Change(field=name, old=before.get(name), new=value) for name, value in given)
@@ -69,4 +70,4 @@ def resumed_config(
 
 
 def _is_changeable(field: str) -> bool:
-    return field in ADDRESSES or field.startswith(LIMITS)
+    return field in OF_DEVICES or field.startswith(LIMITS)

@@ -236,6 +236,7 @@ class LimitsSection(Section):
     """Limits of the guard, compared with every force sample and every state of the arm.
 
     An arm that covers less than a quarter of its commanded travel for ``no_motion`` is stopped.
+    ``allow_unchecked_force`` lets an arm that hardly feels press by a cell that no weight checked.
     """
 
     ceilings = CEILINGS["limits"]
@@ -253,6 +254,7 @@ class LimitsSection(Section):
     no_motion: Time = Field(default=0.7, ge=0.2, le=5.0)
     corrupt_ratio: Ratio = Field(gt=0, le=1)
     repeat_count: int = Field(ge=3)
+    allow_unchecked_force: bool = False
 
 
 class ProtocolSection(Section):

@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 from drivers.force_sensor.weighing import Load, weigh
+from protocols.guard.arm_estimate import TOLERANCE, WORST_N, WORST_SHARE
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.force_check import EXPIRY_H, ForceCheck, Weight, judge_weight
@@ -68,6 +69,33 @@ def require_right_cell(store: RunStore) -> None:
             f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
             remedy=f"{check.remedy}; then repeat it: --check-weight "
             f"{check.weight.mass_kg * 1e3:g}g",
+        )
+
+
+def needs_weight(config: RigConfig) -> bool:
+    """Return whether the arm feels too little to bound what a lying cell does to the gel.
+
+    ``limits.allow_unchecked_force`` admits that.
+    """
+    arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+    return not (config.limits.allow_unchecked_force or arm.bounds(target_n))
+
+
+def require_bounded_force(store: RunStore, config: RigConfig) -> None:
+    """Refuse to press by a cell that nothing has checked and no arm would contradict.
+
+    Raises:
+        ForceCheckError: It is so, or the cell was found wrong when it was checked last.
+    """
+    require_right_cell(store)
+    if needs_weight(config) and (note := standing_check(store)):
+        arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+        raise ForceCheckError(
+            f"{note}; robot.model {config.robot.model.value} feels force to {arm.force_n:g} N and "
+            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a lying cell could "
+            f"press with more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
+            remedy="add --check-weight 200g with a weight at hand; or "
+            "limits.allow_unchecked_force = true, which the report will say",
         )
 
 

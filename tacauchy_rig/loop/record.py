@@ -13,6 +13,7 @@ from protocols.session import run_session
 from tacauchy_rig.config.changes import Change
 from tacauchy_rig.config.load import LoadedConfig
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.loop.cell import require_bounded_force
 from tacauchy_rig.loop.expected import kept_expectation
 from tacauchy_rig.run import Criterion, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.store.free_space import check_free_space
@@ -83,7 +84,9 @@ def record_run(
     Raises:
         RecordError: Another program works on the run.
         DeviceError: Devices did not connect; all of them are named.
+        ForceCheckError: The cell was found wrong, or has to be checked by a weight first.
     """
+    require_bounded_force(store, config or store.config)
     expected = kept_expectation(store)
     with AbortWatch() as watch:
         return run_session(

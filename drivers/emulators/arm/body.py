@@ -74,6 +74,7 @@ class ControllerBody:
         inputs: Value of each RTDE input field that a client wrote.
         runtime_state: State of the program.
         remote_control: False when the pendant is in local control.
+        zero_ft_asked: ``zero_ftsensor`` came and has not been applied yet.
     """
 
     model: RobotModel
@@ -83,6 +84,7 @@ class ControllerBody:
     runtime_state: int = RuntimeState.STOPPED
     tcp_offset: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     payload_kg: float = 0.0
+    zero_ft_asked: bool = False
     outputs: dict[str, Value] = field(default_factory=dict)
     inputs: dict[str, Value] = field(default_factory=dict)
 

@@ -164,6 +164,9 @@ class UrController:
         if self._gel is not None:
             force, moment = self._gel.wrench(pose, stamp_ns)
             wrench = (*force, *moment)
+        if self.body.zero_ft_asked:
+            self._estimate.zero()
+            self.body.zero_ft_asked = False
         return self._estimate.advance(wrench, self.body.motion.velocity, duration_s=passed_s)
 
     def _run_program(self, now_s: float) -> None:

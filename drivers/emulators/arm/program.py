@@ -151,6 +151,8 @@ class ControlProgram:
             self._body.tcp_offset = self._vector(0)
         elif command == Command.SET_PAYLOAD:
             self._body.payload_kg = self._double(0)
+        elif command == Command.ZERO_FT_SENSOR:
+            self._body.zero_ft_asked = True
         else:
             self._answer(command)
         return None

@@ -106,12 +106,19 @@ class EmulatedBox:
         self._port = port
         self._trace = trace
         self._source: WrenchSource = ConstantSource(
-            settings.load, noise_n=settings.noise_n, seed=settings.seed
+            settings.load,
+            noise_n=settings.noise_n,
+            seed=settings.seed,
+            compression_sign=settings.compression_sign,
         )
         latency_s = 0.0
         if settings.world is not None:
             plant = settings.plant()
-            channel = ForceChannel(plant.truth, start_ns=time.monotonic_ns())
+            channel = ForceChannel(
+                plant.truth,
+                start_ns=time.monotonic_ns(),
+                compression_sign=settings.compression_sign,
+            )
             self._source = PlantSource(plant, channel, SharedWorld.create(settings.world))
             latency_s = plant.truth.force_latency_s
         self._commands = BoxCommands(
@@ -211,6 +218,7 @@ class BoxSettings(GelSettings):
     Attributes:
         rate: Frames per second until a client sets another.
         full_scale_n: What Fz reads when saturated [N].
+        compression_sign: 1 where raw Fz is positive while the indenter is pressed, else -1.
         rate_command: SMPF or SMPR.
         replies: How it ends them: dollar-ok, bare-ok or silent.
         load: Constant load Fx,Fy,Fz,Mx,My,Mz [N, N m].
@@ -219,6 +227,7 @@ class BoxSettings(GelSettings):
 
     rate: int = 100
     full_scale_n: float = 50.0
+    compression_sign: int = 1
     rate_command: Literal["SMPF", "SMPR"] = "SMPF"
     replies: ReplyStyle = ReplyStyle.DOLLAR_OK
     load: Vector6 = (0.0,) * 6

@@ -22,12 +22,16 @@ from tacauchy_rig.run import Vector3, Vector6
 class ForceChannel:
     """Offset, drift, cross talk and noise of one sensor, in its own frame.
 
-    The sensor is mounted so that its Fz is positive while the indenter is pressed: its frame is
-    the tool's, turned by half a turn about x.
+    Its frame is the tool's, turned by half a turn about x where its Fz is positive while the
+    indenter is pressed.
+
+    Args:
+        compression_sign: 1 where it is mounted like that, -1 where it is mounted as the tool is.
     """
 
-    def __init__(self, truth: PlantTruth, *, start_ns: int) -> None:
+    def __init__(self, truth: PlantTruth, *, start_ns: int, compression_sign: int = 1) -> None:
         self._truth = truth
+        self._mount = np.diag([1.0, -compression_sign, -compression_sign])
         self._start_ns = start_ns
         self._noise = np.random.default_rng([truth.seed, 1])
 
@@ -43,7 +47,7 @@ class ForceChannel:
             stamp_ns: When; drift counts from the channel's start.
         """
         truth = self._truth
-        turn = np.diag([1.0, -1.0, -1.0]) @ Rotation.from_rotvec(rotation_vector).as_matrix().T
+        turn = self._mount @ Rotation.from_rotvec(rotation_vector).as_matrix().T
         fx, fy, fz = (float(value) for value in turn @ np.asarray(force))
         mx, my, mz = (float(value) for value in turn @ np.asarray(torque))
         drift = truth.force_drift_n_s * (stamp_ns - self._start_ns) * 1e-9
@@ -112,10 +116,14 @@ class ConstantSource:
     Args:
         load: Fx, Fy, Fz [N], Mx, My, Mz [N m].
         noise_n: Standard deviation on each force [N]; a hundredth of it in N m on each moment.
+        compression_sign: Times raw Fz it is positive while something presses.
     """
 
-    def __init__(self, load: Vector6, *, noise_n: float, seed: int) -> None:
+    def __init__(
+        self, load: Vector6, *, noise_n: float, seed: int, compression_sign: int = 1
+    ) -> None:
         self._load = load
+        self._sign = compression_sign
         self._noise = (noise_n,) * 3 + (noise_n * 0.01,) * 3
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
 
@@ -127,9 +135,10 @@ class ConstantSource:
     ) -> EmulatedForce:
         """Return the load with fresh noise; a weight pulls along the axis."""
         v = [a + self._random.gauss(0.0, s) for a, s in zip(self._load, self._noise, strict=True)]
+        pull_n = self._sign * hung_kg * GRAVITY_M_S2
         return EmulatedForce(
-            reading=(v[0], v[1], v[2] - hung_kg * GRAVITY_M_S2, v[3], v[4], v[5]),
-            force_true_n=self._load[2],
+            reading=(v[0], v[1], v[2] - pull_n, v[3], v[4], v[5]),
+            force_true_n=self._sign * self._load[2],
             depth_true_m=None,
         )
 

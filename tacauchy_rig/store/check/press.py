@@ -127,7 +127,8 @@ def _arm_force(attempt: Attempt, record: TrialRecord, said_n: float) -> Iterator
     zero_n = felt_n[stamp_ns >= begun.stamp_ns + round(ARM_STILL_S * 1e9)]
     found_n, limit_n = math.nan, ROUNDING_N
     if len(dwell_n) and len(zero_n):
-        sign = attempt.store.config.robot.force_sign
+        # As the session had it: a resumed one may count the other way.
+        sign = begun.detail.get("force_sign", attempt.store.config.robot.force_sign)
         found_n = sign * float(dwell_n.mean() - zero_n[0])
         limit_n += STANDARD_ERRORS * math.sqrt(2.0) * float(dwell_n.std())
     yield _same("recorded_arm_force", found_n, said_n, limit_n, "N")

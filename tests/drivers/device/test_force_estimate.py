@@ -55,6 +55,18 @@ def test_friction_of_a_cb3_turns_with_the_motion_and_stays_at_rest() -> None:
     assert down - lifted == pytest.approx(2.0 * COARSENESS[model].friction_n, abs=0.6)
 
 
+@pytest.mark.parametrize("model", list(RobotModel))
+def test_a_zero_takes_the_offset_away(model: RobotModel) -> None:
+    """What it read then is subtracted, noise and all; a press after it reads from there."""
+    estimate = ForceEstimate(model, seed=2)
+    before = _fz(estimate, model, STILL)
+    estimate.zero()
+    after = _fz(estimate, model, STILL)
+    noise_n = COARSENESS[model].noise_n
+    assert abs(before[-1]) > noise_n
+    assert (before - after).mean() == pytest.approx(before[-1], abs=0.5 * noise_n)
+
+
 def test_the_seed_decides() -> None:
     """The same seed draws the same arm."""
     first, second = (

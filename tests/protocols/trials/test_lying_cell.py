@@ -61,7 +61,9 @@ LIES = (
 MOMENTS = (("start", 0.0), ("search", 0.1), ("press", 0.1), ("press", 0.8))
 CAUSES = {
     "scale=0.1": ("range, unit",),
+    "scale=0.4": ("range, unit",),
     "scale=0.5": ("range, unit",),
+    "scale=0.6": ("range, unit",),
     "scale=3": ("range, unit",),
     "stick": ("sticks",),
     "stick-noisily": ("sticks",),
@@ -173,6 +175,55 @@ def test_an_arm_that_hardly_feels_leaves_the_curve_and_the_camera(laboratory):
     )
     assert_found(result, peak_n, "stick-noisily", TARGETS_N[0])
     assert "the camera has seen" in result.reason
+
+
+def pressed_after_a_true_one(laboratory, lie, target_n):
+    """Press the lightest target truly, then another with a cell that lies from its tare on."""
+    lab = laboratory(
+        *SHORT,
+        f'protocol.force_targets=["{TARGETS_N[0]} N", "{target_n} N"]',
+        'robot.model="cb3"',
+        expected=EXPECTED,
+        gel=MiniGel(stiffness=1.2),
+        bias=(0.0,) * 6,
+        surface_offset_m=0.9e-3,
+    )
+    peaks_n = [0.0]
+
+    def begin():
+        lab.world.lies.append(parse_fault(f"force_sensor:{lie}"))
+        lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
+
+    lab.world.when(lambda: len(lab.sink.records) == 1, begin)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert lab.sink.records[0].outcome is Outcome.PASSED
+    return result, max(peaks_n)
+
+
+@pytest.mark.parametrize("lie", ["scale=0.4", "scale=0.5", "scale=0.6"])
+def test_a_gain_that_falls_after_a_true_press_is_found_on_a_coarse_arm(laboratory, lie):
+    """A CB3 and a stiff gel: what the curve alone lets pass, the press before does not."""
+    result, peak_n = pressed_after_a_true_one(laboratory, lie, TARGETS_N[1])
+    assert_found(result, peak_n, lie, TARGETS_N[1])
+    assert "the gel of gelsight-mini gives" in result.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target_n", TARGETS_N)
+def test_lies_that_begin_after_a_true_press_spare_the_gel(laboratory, target_n):
+    """A CB3: whatever begins between two presses is found, or harmless."""
+    for lie in (*LIES, "scale=0.4", "scale=0.6", "scale=0.7", "scale=0.8"):
+        _, peak_n = pressed_after_a_true_one(laboratory, lie, target_n)
+        assert peak_n <= 1.5 * target_n + 0.5, lie
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target_n", TARGETS_N)
+def test_lies_that_begin_in_the_press_spare_the_gel(laboratory, target_n):
+    """A CB3 in its first press: each lie, from the middle of the press on."""
+    for lie in (*LIES, "scale=0.4", "scale=0.6"):
+        _, peak_n = pressed(laboratory, lie, MOMENTS[3], target_n, stiffness=1.2, model="cb3")
+        assert peak_n <= 1.5 * target_n + 0.5, lie
 
 
 def true_world(laboratory, seed, targets_n):

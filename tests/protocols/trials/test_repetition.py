@@ -34,6 +34,34 @@ def test_a_gap_between_images_is_tried_again(laboratory, phase):
     assert (told.detail["of_trial"], told.detail["of_attempt"]) == (1, 1)
 
 
+@pytest.mark.parametrize("phase", ["preflight", "air-press"])
+def test_a_gap_before_the_trials_is_tried_again(laboratory, phase):
+    """The step is done anew, and no attempt at a trial is lost by it."""
+    lab = laboratory('protocol.force_targets=["2 N"]')
+    gap(lab, phase=phase, duration_s=0.6)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED, result.reason
+    assert lab.sink.begun == [(1, 1)]
+    assert lab.phases.count(phase) == 2
+    (told,) = [event for event in lab.sink.events if event.name == "attempt-repeated"]
+    assert told.detail["of_phase"] == phase
+
+
+def test_an_air_press_is_not_repeated_for_ever_nor_for_another_cause(laboratory):
+    """One attempt is one; an arm that stands still is for a person to see."""
+    lab = laboratory("protocol.attempts=1")
+    gap(lab, phase="air-press", duration_s=0.6)
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAULT
+    assert "during air-press" in result.reason
+    assert "end other programs" in result.remedy
+    lab = laboratory()
+    lab.when_phase("air-press", lambda: lab.world.faults.add("arm-stalled"))
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.FAULT
+    assert lab.phases.count("air-press") == 1
+
+
 def test_attempts_are_not_endless(laboratory):
     """With every attempt cut off the run ends as it did before."""
     lab = laboratory('protocol.force_targets=["2 N"]', "protocol.attempts=2")

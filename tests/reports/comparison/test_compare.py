@@ -118,6 +118,10 @@ def test_the_verdict_says_whether_the_cell_was_checked(evidence: RunEvidence) ->
     )
     expired = replace(check, expired="2026-01-03")
     assert "had expired" in compare(replace(empty, force_check=expired)).verdict
+    allowed = compare(replace(empty, unchecked_allowed=True)).verdict
+    assert allowed.endswith("press all the same: limits.allow_unchecked_force.")
+    checked = compare(replace(empty, force_check=check, unchecked_allowed=True)).verdict
+    assert "all the same" not in checked
     wrong = compare(replace(empty, force_check=_weighed(0.1))).verdict
     assert "Force not checked: the cell read 0.1 of a weight of 200 g" in wrong
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.config.changes import ADDRESSES, Change, resumed_config
+from tacauchy_rig.config.changes import OF_DEVICES, Change, resumed_config
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
@@ -66,8 +66,8 @@ def test_a_run_of_another_time_is_asked_before_it_is_pressed_again() -> None:
     assert change.old == "100 mm"
 
 
-@pytest.mark.parametrize("field", ADDRESSES)
-def test_each_address_is_a_field(field: str) -> None:
+@pytest.mark.parametrize("field", OF_DEVICES)
+def test_each_of_the_devices_fields_is_one(field: str) -> None:
     """A misspelt name could never be given."""
     table, _, name = field.partition(".")
     assert name in RigConfig.model_fields[table].annotation.model_fields

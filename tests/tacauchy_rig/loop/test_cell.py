@@ -15,9 +15,12 @@ from tacauchy_rig.loop.cell import (
     ForceCheckError,
     check_cell,
     mark_expired,
+    needs_weight,
+    require_bounded_force,
     require_right_cell,
     standing_check,
 )
+from tacauchy_rig.loop.record import record_run
 from tacauchy_rig.run import Tare
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
@@ -90,3 +93,37 @@ def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> No
     assert store.load_force_check() == check
     mark_expired(store, now=later)
     assert store.load_force_check() == replace(check, expired=later.isoformat(timespec="seconds"))
+
+
+def coarse(parent: Path, *settings: str) -> RunStore:
+    """Return a new run on a CB3."""
+    loaded = load_config(overrides=['robot.model="cb3"', *settings])
+    return RunStore.create(parent, loaded, config_text=default_text(), simulated=True, versions={})
+
+
+def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Refused before anything is connected; a weight or a setting admits it."""
+    store = coarse(tmp_path)
+    with pytest.raises(ForceCheckError, match=r"robot\.model cb3 feels force to 7\.5 N") as caught:
+        record_run(store, on_event=lambda _: None)
+    assert "more than 2.38 N; nothing moved" in caught.value.message
+    assert "--check-weight 200g" in caught.value.remedy
+    assert "limits.allow_unchecked_force = true" in caught.value.remedy
+    weighs(monkeypatch, 1.0)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    require_bounded_force(store, store.config)
+    old = datetime.fromisoformat(check.checked) - timedelta(hours=25)
+    store.save_force_check(replace(check, checked=old.isoformat()))
+    with pytest.raises(ForceCheckError, match="has expired"):
+        require_bounded_force(store, store.config)
+    admitted = coarse(tmp_path, "run.name=admitted", "limits.allow_unchecked_force=true")
+    require_bounded_force(admitted, admitted.config)
+
+
+@pytest.mark.parametrize(("target", "needs"), [("0.42 N", True), ("0.44 N", False), ("4 N", False)])
+def test_an_arm_that_feels_bounds_all_but_the_smallest_target(target: str, needs: bool) -> None:
+    """An e-Series: 1.5 T + 0.5 N less T are 0.6 N and a tenth of the first at T = 0.43 N."""
+    config = load_config(overrides=[f'protocol.force_targets=["4.7 N", "{target}"]']).config
+    assert needs_weight(config) is needs

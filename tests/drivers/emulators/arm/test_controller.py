@@ -20,6 +20,7 @@ from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
 from drivers.device.faults import parse_fault
+from drivers.device.force_estimate import COARSENESS
 from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.arm.trace import read_trace
 from drivers.emulators.faults import post_fault
@@ -98,14 +99,17 @@ def client_conflict(host: str, model: str) -> dict[str, object]:
 
 
 def client_force(host: str, model: str) -> dict[str, object]:
-    """Read the arm's own estimate of force where it stands, and 5 mm higher."""
+    """Read the arm's own estimate of force where it stands, 5 mm higher, and zeroed there."""
     control = _control(host, model)
     receiver = _receive(host, -1.0, ["actual_TCP_pose", "actual_TCP_force"])
     pressed = _mean_fz(receiver)
     pose = receiver.getActualTCPPose()
     pose[2] += 0.005
     control.moveL(pose, 0.05, 0.5)
-    return {"pressed": pressed, "free": _mean_fz(receiver)}
+    free = _mean_fz(receiver)
+    control.zeroFtSensor()
+    time.sleep(0.05)
+    return {"pressed": pressed, "free": free, "zeroed": _mean_fz(receiver)}
 
 
 def _say(text: str) -> None:
@@ -216,6 +220,9 @@ def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> Non
     expected = gel.relaxed_force(gel.depth(home))
     assert expected > 2.0
     assert found["pressed"] - found["free"] == pytest.approx(expected, rel=0.1)
+    # Its zero is one estimate, with the noise of one.
+    noise_n = COARSENESS[robot.model].noise_n
+    assert abs(found["zeroed"]) < 5.0 * noise_n < abs(found["free"])
 
 
 @contextmanager

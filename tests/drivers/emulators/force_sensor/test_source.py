@@ -23,12 +23,13 @@ from tacauchy_rig.run import Pose
 SURFACE = (0.0, -0.4, 0.2)
 
 
-def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path) -> None:
-    """Free before any pose and above the gel; pressed, Fz rises by the true force."""
+@pytest.mark.parametrize("sign", [1, -1])
+def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path, sign: int) -> None:
+    """Free before any pose and above the gel; pressed, Fz rises by the true force, or falls."""
     truth = draw_truth(7)
     plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
     world = SharedWorld.create(tmp_path / "world")
-    source = PlantSource(plant, ForceChannel(truth, start_ns=0), world)
+    source = PlantSource(plant, ForceChannel(truth, start_ns=0, compression_sign=sign), world)
     free = source.read(0)
     assert (free.force_true_n, free.depth_true_m) == (0.0, None)
 
@@ -40,7 +41,9 @@ def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path) -> No
     assert force.depth_true_m == pytest.approx(4e-4, abs=1e-6)
     assert 1.0 < force.force_true_n < 5.0
     gain = force.reading[2] - truth.force_offset_n[2]
-    assert gain == pytest.approx(force.force_true_n, abs=5 * truth.force_noise_n)
+    assert gain == pytest.approx(sign * force.force_true_n, abs=5 * truth.force_noise_n)
+    hung = source.read(20_000_000, hung_kg=0.1).reading[2] - force.reading[2]
+    assert hung == pytest.approx(-sign * 0.981, abs=0.02 + 10 * truth.force_noise_n)
 
 
 def rows(path: Path) -> list[dict[str, object]]:

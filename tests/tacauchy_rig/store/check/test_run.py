@@ -141,6 +141,18 @@ def test_what_the_arm_felt_is_computed_again(tmp_path: Path, model: str, more_n:
     assert found(check_run(store)) == ["recorded_arm_force", "result_hash"]
 
 
+def test_a_session_may_count_a_push_the_other_way(tmp_path: Path) -> None:
+    """What the arm felt is computed again by the sign that was changed for the session."""
+    store = new_run(tmp_path)
+    press_run(store)
+    config, changes = resumed_config(store.description["written"], ["robot.force_sign=-1"])
+    note_changes(store, changes)
+    press_run(store, config=config, start_ns=10**12, again={1})
+    check = check_run(store)
+    assert list(check.missed()) == []
+    assert any("changed robot.force_sign from 1 to -1" in note for note in check.notes)
+
+
 def test_an_edited_truth_is_found(tmp_path: Path) -> None:
     """What the emulated world was is sealed as the run's other files are."""
     store = new_run(tmp_path)
