@@ -15,6 +15,7 @@ from sim.batch.kernels.state import ADVANCE_SEARCH, EVALUATE, SEARCH, START
 from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
+from sim.scene.tilted_indenter import tilted
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames
 from sim.studies.bench.press_parts import times_of
 
@@ -168,9 +169,9 @@ def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
 
 
 def environments(scene: Scene, count: int) -> list[Environment]:
-    """Return the scene itself and others that differ from it a little, always the same ones."""
+    """Return the scene itself in its frames and others a little unlike it, always the same ones."""
     random = np.random.default_rng(0)
-    depths = TRAVEL_M * np.arange(1, FRAME_COUNT + 1) / FRAME_COUNT
+    depths = (scene.target.depth_m or 0.0) * np.arange(1, FRAME_COUNT + 1) / FRAME_COUNT
     found = []
     for number in range(count):
         stiffer, shallower = (_SPREAD * random.random() for _ in range(2)) if number else (0.0, 0.0)
@@ -179,6 +180,7 @@ def environments(scene: Scene, count: int) -> list[Environment]:
                 young_pa=scene.material.young_pa * (1.0 + stiffer),
                 poisson=scene.material.poisson,
                 depths_m=(1.0 - shallower) * depths,
+                rotation=tilted(*scene.motion.tilt_rad),
             )
         )
     return found

@@ -15,9 +15,16 @@ class Part(StrEnum):
     RENDERING = "rendering"
     REPLAY = "replay"
     GROWTH = "growth"
+    SCENES = "scenes"
 
 
 class Peer(StrEnum):
     """Other engines that can be measured beside the batches."""
 
     LIBUIPC = "libuipc"
+
+
+REFERENCE_FILE = "scenes_reference.json"
+"""What the scenes' forces are compared with, beside their page."""
+SCENE_LIMIT_S = 900.0
+"""Processor time after which a scene is given up [s]."""

@@ -78,7 +78,7 @@ def run_bench(
         render: Turns height maps into the tactile image.
         image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
-        parts: What to measure.
+        parts: What to measure; the scenes are measured apart, ``sim.studies.bench.scenes``.
         against: Whose force at the end of the travel is taken for exact.
         peer: Run the batches' press by this engine too, after the batches.
 

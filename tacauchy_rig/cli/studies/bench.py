@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +11,7 @@ import typer
 
 from sim.scene.scene import Preset
 from sim.scene.scene_terms import SceneTerms
-from sim.studies.bench.part import Part, Peer
+from sim.studies.bench.part import REFERENCE_FILE, SCENE_LIMIT_S, Part, Peer
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import (
     complain,
@@ -32,7 +33,10 @@ def bench(
     sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
     indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
     parts: Annotated[
-        list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
+        list[Part] | None,
+        typer.Option(
+            "--part", metavar="PART", help=f"Only this; may be repeated. {', '.join(Part)}."
+        ),
     ] = None,
     peer: Annotated[
         Peer | None,
@@ -42,9 +46,88 @@ def bench(
             "force and balance beside its time; libuipc comes with pip install pyuipc.",
         ),
     ] = None,
+    only: Annotated[
+        str, typer.Option("--only", metavar="PATTERN", help="Of the scenes: those named so.")
+    ] = "",
+    tolerances: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="5%|1%",
+            help="Of the scenes: what their presets are chosen for; may be repeated. [default: 5%]",
+        ),
+    ] = None,
+    device: Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")] = "cpu",
+    environments: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--environments",
+            metavar="N",
+            min=1,
+            help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
+        ),
+    ] = None,
+    reference: Annotated[
+        bool,
+        typer.Option(
+            "--reference",
+            help="Of the scenes: first press with preset reference, and keep that beside the page.",
+        ),
+    ] = False,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            "--against",
+            metavar="FILE",
+            help=f"Of the scenes: what forces are compared with. [default: OUT/{REFERENCE_FILE}]",
+        ),
+    ] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            "--compare",
+            metavar="COMMIT",
+            help="Of the scenes: press by that commit's solver too, in turns with this one's.",
+        ),
+    ] = None,
+    limit_s: Annotated[
+        float, typer.Option("--limit", metavar="SECONDS", help="Of the scenes: each ends by then.")
+    ] = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time frames, what reuse saves, batches, parts, a replay, and growth; minutes."""
+    """Time frames, what reuse saves, batches, parts, a replay, growth, and scenes; minutes."""
+    writable_folder(out)
+    wanted = parts or list(Part)
+    if Part.SCENES in wanted:
+        from tacauchy_rig.cli.studies.bench_scenes import ScenesAsked, bench_scenes
+
+        asked = ScenesAsked(
+            only=only,
+            tolerances=tuple(tolerances or ("5%",)),
+            device=device,
+            environments=tuple(environments or ()),
+            reference=reference,
+            against=against,
+            compare=compare,
+            limit_s=limit_s,
+        )
+        bench_scenes(asked, out=out, json_file=json_file if wanted == [Part.SCENES] else None)
+    others = [part for part in wanted if part is not Part.SCENES]
+    if others:
+        _bench_parts(out, sensor, indenter, others, peer, json_file, is_all=parts is None)
+
+
+def _bench_parts(
+    out: Path,
+    sensor: str,
+    indenter: str,
+    parts: Sequence[Part],
+    peer: Peer | None,
+    json_file: Path | None,
+    *,
+    is_all: bool,
+) -> None:
+    """Measure, show and write everything but the scenes."""
     from sim.optics.camera_geometry import camera_geometry
     from sim.optics.render.renderer import nominal_renderer
     from sim.press_command import scene_of
@@ -56,7 +139,6 @@ def bench(
     from tacauchy_rig.loop.rendering import replay_images
     from tacauchy_rig.page import criteria_page
 
-    writable_folder(out)
     gel = load_sensor(sensor)
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
     found = run_bench(
@@ -65,7 +147,7 @@ def bench(
         nominal_renderer(gel),
         replay_images(gel),
         load_config(None).config.protocol.force_targets,
-        parts=tuple(parts or Part),
+        parts=parts,
         peer=peer,
         on_progress=lambda text: complain(f"  {text}"),
     )
@@ -86,7 +168,7 @@ def bench(
         command=" ".join(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
-                *(f"--part {part}" for part in parts or ()),
+                *(f"--part {part}" for part in parts if not is_all),
                 *([f"--peer {peer}"] if peer else []),
                 f"--out {out}",
             ]

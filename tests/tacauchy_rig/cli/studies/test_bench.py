@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from sim.studies.bench import suite
 from sim.studies.bench.press_parts import GrowthRow
 from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.cli.app import app
-from tacauchy_rig.cli.studies import bench
 
 
 @pytest.mark.parametrize("grown", [False, True])
@@ -31,7 +31,7 @@ def test_a_page_shows_the_figure_that_was_drawn(
         for size in (100, 200, 400)
     )
     found = Benchmark(growth=rows if grown else (), absent=("a peer",))
-    monkeypatch.setattr(bench, "run_bench", lambda *_args, **_kwargs: found)
+    monkeypatch.setattr(suite, "run_bench", lambda *_args, **_kwargs: found)
     result = CliRunner().invoke(app, ["bench", "--part", "growth", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert "not measured: a peer" in result.output

@@ -1,0 +1,173 @@
+"""A scene pressed by a process of its own, on one thread, with this checkout or another commit."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim.studies.bench.part import SCENE_LIMIT_S
+from sim.studies.bench.scenes import press as worker
+from sim.studies.bench.scenes.catalogue import BenchScene
+from sim.studies.bench.scenes.press import ScenePress
+from tacauchy_rig.errors import ConfigError
+
+# What the libraries that solve and assemble take as their number of threads.
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# Times its processor time, for a scene that waits, or shares its core.
+_WAITED = 8.0
+NOT_YET = "not yet"
+OWN = Path(worker.__file__).parents[4]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """How every scene is to be pressed.
+
+    Attributes:
+        tolerance: Of F_z; the cheapest setting that keeps it is taken.
+        preset: Taken instead.
+        environments: Of a batch; None presses alone.
+        is_timed: Compile the kernels before, and press several times.
+        limit_s: Processor time after which a scene has failed, start and set-up included [s].
+        checkout: Whose solver.
+    """
+
+    tolerance: str = "5%"
+    preset: str | None = None
+    device: str = "cpu"
+    environments: int | None = None
+    is_timed: bool = True
+    limit_s: float = SCENE_LIMIT_S
+    checkout: Path = OWN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneRow:
+    """A scene that was pressed, or why it was not.
+
+    Attributes:
+        tolerance: What its setting was chosen for; empty where it was given.
+        press: None where ``failure`` says why.
+    """
+
+    scene: str
+    tolerance: str
+    device: str
+    environments: int | None
+    press: ScenePress | None
+    failure: str = ""
+
+    @property
+    def setting(self) -> str:
+        """Preset and length of edges; * where it does not promise the tolerance asked for."""
+        if self.press is None:
+            return self.failure if self.failure.startswith(NOT_YET) else "failed"
+        edges = "" if self.press.edges == 1.0 else f" {self.press.edges:.2f}"
+        return (
+            self.press.preset + edges + ("*" if self.tolerance and not self.press.promised else "")
+        )
+
+    @property
+    def spent_s(self) -> float:
+        """Time of all frames: the thread's on a CPU, whatever else the machine does; else wall."""
+        if self.press is None:
+            return float("nan")
+        return self.press.cpu_s if self.device == "cpu" else self.press.wall_s
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames of all environments [1/s]."""
+        return worker.FRAME_COUNT * (self.environments or 1) / self.spent_s
+
+
+def pressed(scene: BenchScene, order: Order) -> SceneRow:
+    """Press a scene; an error, a crash and too long a time are rows."""
+    found = _answer(scene, order)
+    failure = found.get("failure", "")
+    return SceneRow(
+        scene=scene.name,
+        tolerance="" if order.preset else order.tolerance,
+        device=order.device,
+        environments=order.environments,
+        press=None if failure else ScenePress(**found),
+        failure=failure,
+    )
+
+
+def _answer(scene: BenchScene, order: Order) -> dict[str, Any]:
+    own = Path(worker.__file__)
+    theirs = order.checkout / own.relative_to(OWN)
+    asked = {
+        "stated": scene.stated,
+        "tolerance": order.tolerance,
+        "preset": order.preset,
+        "device": order.device,
+        "environments": order.environments,
+        "is_timed": order.is_timed,
+        "limit_s": order.limit_s,
+    }
+    try:
+        done = subprocess.run(
+            # -P: modules beside the file are no packages of their own.
+            [sys.executable, "-P", str(theirs if theirs.exists() else own)],
+            input=json.dumps(asked),
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": str(order.checkout)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_WAITED * order.limit_s,
+        )
+    except subprocess.TimeoutExpired:
+        return {"failure": f"not done after {_WAITED * order.limit_s:g} s"}
+    if done.returncode == -signal.SIGXCPU:
+        return {"failure": f"not done after {order.limit_s:g} s of processor time"}
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or ["nothing"])[-1]
+        return {"failure": f"its process ended with status {done.returncode}: {said}"}
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def commit() -> str:
+    """Return the commit of this checkout, ``-dirty`` where files differ; empty outside of git."""
+    try:
+        return _git("describe", "--always", "--dirty", "--abbrev=10", "--exclude=*")
+    except ConfigError:
+        return ""
+
+
+@contextmanager
+def checked_out(name: str) -> Iterator[Path]:
+    """Check another commit out into a folder that is gone afterwards.
+
+    Raises:
+        ConfigError: There is no such commit, or this is no checkout of git.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        _git("worktree", "add", "--detach", str(tree), name)
+        try:
+            yield tree
+        finally:
+            _git("worktree", "remove", "--force", str(tree))
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(OWN), *words], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise ConfigError(
+            f"git {words[0]}: {done.stderr.strip() or done.returncode}",
+            remedy="name a commit of the program's own checkout",
+        )
+    return done.stdout.strip()

@@ -1,0 +1,90 @@
+"""The scenes in every way that was asked for, and two commits of the program beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from math import nan
+from statistics import geometric_mean
+
+from sim.studies.bench.scenes.catalogue import BenchScene
+from sim.studies.bench.scenes.own_process import Order, SceneRow, checked_out, pressed
+from sim.studies.bench.scenes.references import Reference
+
+# Presses of each commit, by turns; the least counts.
+_TURNS = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """A scene by an old commit and by this checkout."""
+
+    old: SceneRow
+    new: SceneRow
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneBench:
+    """What was measured.
+
+    Attributes:
+        groups: The rows of every way to press: tolerance, device, environments.
+        references: By the scene's name.
+        compared: Commit that ``pairs`` are of; empty for none.
+    """
+
+    groups: tuple[tuple[SceneRow, ...], ...] = ()
+    references: dict[str, Reference] = field(default_factory=dict)
+    compared: str = ""
+    pairs: tuple[Pair, ...] = ()
+
+
+def speeds(rows: Sequence[SceneRow]) -> list[float]:
+    """Return the frames a second of the rows that have any."""
+    return [row.frames_per_s for row in rows if row.press is not None]
+
+
+def mean_speed(rows: Sequence[SceneRow]) -> float:
+    """Return the geometric mean of frames a second; not a number without any."""
+    found = speeds(rows)
+    return geometric_mean(found) if found else nan
+
+
+def press_all(
+    scenes: Sequence[BenchScene], order: Order, *, on_progress: Callable[[str], None]
+) -> tuple[SceneRow, ...]:
+    """Press one scene after the other."""
+    rows = []
+    for scene in scenes:
+        row = pressed(scene, order)
+        on_progress(f"  {scene.name}: {_said(row)}")
+        rows.append(row)
+    return tuple(rows)
+
+
+def side_by_side(
+    scenes: Sequence[BenchScene], order: Order, name: str, *, on_progress: Callable[[str], None]
+) -> Iterator[Pair]:
+    """Press every scene by another commit and by this checkout, in turns.
+
+    Raises:
+        ConfigError: There is no such commit.
+    """
+    with checked_out(name) as tree:
+        for scene in scenes:
+            turns = [
+                (pressed(scene, replace(order, checkout=tree)), pressed(scene, order))
+                for _ in range(_TURNS)
+            ]
+            pair = Pair(old=_least(old for old, _ in turns), new=_least(new for _, new in turns))
+            on_progress(f"  {scene.name}: {_said(pair.old)} before, {_said(pair.new)} now")
+            yield pair
+
+
+def _least(rows: Iterator[SceneRow]) -> SceneRow:
+    known = list(rows)
+    return min((row for row in known if row.press), key=lambda row: row.spent_s, default=known[0])
+
+
+def _said(row: SceneRow) -> str:
+    return row.failure or f"{row.frames_per_s:.1f} frames/s"

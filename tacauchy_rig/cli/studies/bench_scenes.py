@@ -1,0 +1,123 @@
+"""``tacauchy-rig bench --part scenes``: every kind of press timed, shown and written."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from sim.error.tolerance import parse_tolerance
+from sim.studies.bench.part import REFERENCE_FILE
+from sim.studies.bench.scenes.catalogue import BenchScene, all_scenes, select_scenes
+from sim.studies.bench.scenes.figure import draw_scenes
+from sim.studies.bench.scenes.own_process import Order, commit
+from sim.studies.bench.scenes.references import (
+    measure_references,
+    read_references,
+    references_json,
+)
+from sim.studies.bench.scenes.suite import SceneBench, press_all, side_by_side
+from sim.studies.bench.scenes.tables import scene_tables, way
+from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
+from tacauchy_rig.page import criteria_page
+from tacauchy_rig.versions import machine, versions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScenesAsked:
+    """The command's options, by their names; ``limit_s`` is ``--limit``."""
+
+    only: str
+    tolerances: tuple[str, ...]
+    device: str
+    environments: tuple[int, ...]
+    reference: bool
+    against: Path | None
+    compare: str | None
+    limit_s: float
+
+    @property
+    def orders(self) -> list[Order]:
+        """Every way to press: alone by each tolerance, or in each batch."""
+        alone = [Order(tolerance=each, device=self.device) for each in self.tolerances]
+        batches = [Order(environments=count, device=self.device) for count in self.environments]
+        return [replace(each, limit_s=self.limit_s) for each in batches or alone]
+
+    def command(self, out: Path) -> str:
+        """Return the command that asks for this."""
+        words = ["tacauchy-rig", "bench", "--part", "scenes"]
+        words += ["--only", self.only] if self.only else []
+        for name, values in (("tolerance", self.tolerances), ("environments", self.environments)):
+            words += [word for value in values for word in (f"--{name}", str(value))]
+        words += ["--device", self.device] if self.device != Order().device else []
+        words += ["--reference"] if self.reference else []
+        words += ["--against", str(self.against)] if self.against else []
+        words += ["--compare", self.compare] if self.compare else []
+        return shlex.join([*words, "--out", str(out)])
+
+
+def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> None:
+    """Press the scenes; show tables, write page, figure and JSON.
+
+    Raises:
+        ConfigError: There is no such scene, tolerance or commit.
+        RecordError: A file cannot be written.
+    """
+    scenes = select_scenes(asked.only)
+    for text in asked.tolerances:
+        parse_tolerance(text, field="--tolerance")
+    found = _measured(asked, scenes, out)
+    tables = scene_tables(found)
+    for table in tables:
+        show_table(table)
+    command = asked.command(out)
+    facts = {
+        **asdict(found),
+        "command": command,
+        "commit": commit(),
+        "machine": machine(),
+        "versions": versions(),
+    }
+    write_json(out / "scenes.json", facts)
+    write_json(json_file, facts)
+    drawn = draw_scenes(found, folder=out)
+    page = criteria_page(
+        tables,
+        title="Benchmark: scenes",
+        note=f"Commit {commit() or 'not known'}.",
+        image=next((file.name for file in drawn if file.suffix == ".png"), ""),
+        command=command,
+    )
+    write_text(out / "scenes.md", page)
+    for file in (*drawn, out / "scenes.json", out / "scenes.md"):
+        say(str(file))
+
+
+def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> SceneBench:
+    file = asked.against or out / REFERENCE_FILE
+    references = read_references(file, all_scenes())
+    if asked.reference:
+        complain("references")
+        command = asked.command(out)
+        for name, each in measure_references(
+            scenes, limit_s=asked.limit_s, command=command, on_progress=complain
+        ):
+            references[name] = each
+            # One by one: what took so long is not lost to what comes after.
+            write_json(file, references_json(references))
+    groups, pairs = [], []
+    for order in asked.orders:
+        complain(f"scenes, {way(order)}")
+        if asked.compare is None:
+            groups.append(press_all(scenes, order, on_progress=complain))
+            continue
+        found = list(side_by_side(scenes, order, asked.compare, on_progress=complain))
+        groups.append(tuple(pair.new for pair in found))
+        pairs += found
+    return SceneBench(
+        groups=tuple(groups),
+        references=references,
+        compared=asked.compare or "",
+        pairs=tuple(pairs),
+    )

@@ -1,0 +1,36 @@
+"""The benchmark's scenes as data."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim.scene.indenter import MeshIndenter
+from sim.scene.scene import ContactMode
+from sim.studies.bench.scenes.catalogue import all_scenes, select_scenes
+from sim.studies.bench.scenes.press import stated_scene
+from tacauchy_rig.errors import ConfigError
+
+
+def test_every_kind_of_press_is_among_the_scenes() -> None:
+    """Thirteen names, each a scene that can be built; no effect of a press is forgotten."""
+    scenes = {scene.name: stated_scene(scene.stated) for scene in all_scenes()}
+    assert len(scenes) == 13
+    built = list(scenes.values())
+    assert sum(scene.contact is ContactMode.FRICTION for scene in built) >= 4
+    assert any(any(scene.motion.shift_m) for scene in built)
+    assert any(scene.motion.twist_rad for scene in built)
+    assert any(any(scene.motion.tilt_rad) for scene in built)
+    assert any(isinstance(scene.indenter, MeshIndenter) for scene in built)
+    assert any(len(scene.layers) == 2 for scene in built)
+    assert any(scene.material.poisson > 0.498 for scene in built)
+    assert {scene.sensor for scene in built} == {"gelsight-mini", "digit", "9dtact"}
+
+
+def test_a_pattern_chooses_scenes() -> None:
+    """A part of a name will do; none that fits is an error that names them all."""
+    assert [scene.name for scene in select_scenes("sliding")] == ["ball, sliding"]
+    assert len(select_scenes("")) == len(all_scenes())
+    assert {scene.name for scene in select_scenes("DIGIT*friction")} == {"DIGIT, friction"}
+    with pytest.raises(ConfigError, match="no such scene") as refused:
+        select_scenes("cube")
+    assert "ball, sliding" in str(refused.value)

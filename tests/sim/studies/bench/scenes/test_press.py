@@ -1,0 +1,74 @@
+"""A scene pressed in frames; no time is judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sim.press import press
+from sim.scene.scene import Preset
+from sim.studies.bench.scenes.catalogue import select_scenes
+from sim.studies.bench.scenes.press import (
+    FRAME_COUNT,
+    moves,
+    press_in_frames,
+    stated_scene,
+    within,
+)
+from tacauchy_rig.errors import ConfigError
+
+
+def test_frames_end_where_one_press_does() -> None:
+    """Twenty frames, the force of one press to the same depth, in balance."""
+    (line,) = select_scenes("ball, shallow")
+    scene = replace(stated_scene(line.stated), preset=Preset.FAST, refinement=0.7)
+    found = press_in_frames(scene, is_timed=False)
+    alone = press(scene)
+    assert found.force_n[2] == pytest.approx(alone.force_n[2], rel=1e-5)
+    assert found.depth_m == pytest.approx(scene.target.depth_m)
+    assert found.iterations >= FRAME_COUNT
+    assert found.balance < 1e-5
+    assert found.stiffness_n_m > 0.0
+
+
+def test_a_motion_takes_half_of_the_frames() -> None:
+    """Down in ten, then along in ten; straight presses go down in all."""
+    sliding, straight = (
+        stated_scene(select_scenes(name)[0].stated) for name in ("sliding", "shallow")
+    )
+    assert len(moves(sliding)) == len(moves(straight)) == FRAME_COUNT
+    held = _Recorder()
+    for move in moves(sliding):
+        move(held)  # type: ignore[arg-type]
+    assert held.pushed_n == pytest.approx([0.1 * k for k in range(1, 11)])
+    assert sum(held.shifted_m) == pytest.approx(0.3e-3)
+    assert len(held.shifted_m) == FRAME_COUNT // 2
+
+
+class _Recorder:
+    """Takes the moves of a path and remembers them."""
+
+    def __init__(self) -> None:
+        self.pushed_n: list[float] = []
+        self.shifted_m: list[float] = []
+
+    def push(self, force_n: float, *, duration_s: float) -> None:
+        assert duration_s > 0.0
+        self.pushed_n.append(force_n)
+
+    def carry(self, *, shift_m: tuple[float, float], **_others: object) -> None:
+        self.shifted_m.append(shift_m[0])
+
+
+def test_a_tolerance_that_nothing_promises_still_chooses() -> None:
+    """A promised setting is said to be; with friction none is, and finer ones cost less error."""
+    straight = stated_scene(select_scenes("punch, rounded")[0].stated)
+    assert within(straight, "5%")[1]
+    deep = stated_scene(select_scenes("ball, deep")[0].stated)
+    chosen = [within(deep, text) for text in ("5%", "1%", "0.1%")]
+    assert [promised for _, promised in chosen] == [False] * 3
+    presets = [scene.preset for scene, _ in chosen]
+    assert presets == [Preset.FAST, Preset.BALANCED, Preset.ACCURATE]
+    with pytest.raises(ConfigError, match="--tolerance"):
+        within(deep, "5")

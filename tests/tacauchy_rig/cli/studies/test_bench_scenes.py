@@ -1,0 +1,49 @@
+"""What ``tacauchy-rig bench --part scenes`` asks for and writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from sim.studies.bench.scenes import suite
+from sim.studies.bench.scenes.catalogue import BenchScene
+from sim.studies.bench.scenes.own_process import Order, SceneRow
+from tacauchy_rig.cli.app import app
+
+
+def test_every_way_that_was_asked_for_is_pressed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two tolerances: both for each scene of the pattern, on page and in JSON; failures too."""
+    asked: list[tuple[str, Order]] = []
+
+    def failing(scene: BenchScene, order: Order) -> SceneRow:
+        asked.append((scene.name, order))
+        return SceneRow(
+            scene=scene.name,
+            tolerance=order.tolerance,
+            device=order.device,
+            environments=order.environments,
+            press=None,
+            failure="the press stopped at 0.1 mm",
+        )
+
+    monkeypatch.setattr(suite, "pressed", failing)
+    words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
+    words += ["--tolerance", "5%", "--tolerance", "1%", "--limit", "7"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert [(name, order.tolerance) for name, order in asked] == [
+        (name, tolerance)
+        for tolerance in ("5%", "1%")
+        for name in ("punch, the paper's", "punch, twisted", "punch, tilted")
+    ]
+    assert {order.limit_s for _, order in asked} == {7.0}
+    page = (tmp_path / "scenes.md").read_text()
+    assert page.count("| punch, tilted | the press stopped at 0.1 mm |") == 2
+    groups = json.loads((tmp_path / "scenes.json").read_text())["groups"]
+    assert [len(rows) for rows in groups] == [3, 3]
+    assert not (tmp_path / "bench.md").exists()
