@@ -15,6 +15,7 @@ from typing import Any, Self, TypeVar
 
 from tacauchy_rig.errors import RigError
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _CONTEXT = multiprocessing.get_context("spawn")
@@ -107,22 +108,23 @@ def _serve(calls: Connection) -> None:
 
 
 def side_by_side(
-    measure: Callable[[str], Result], names: Sequence[str], *, jobs: int
-) -> Iterator[tuple[str, Result]]:
-    """Yield every name with what was measured for it, in the order of the names.
+    measure: Callable[[Item], Result], items: Sequence[Item], *, jobs: int
+) -> Iterator[tuple[Item, Result]]:
+    """Yield every item with what was measured for it, in the order of the items.
 
     Args:
         measure: A function of a module, since it is run in another process; with one job in this.
+        items: Whatever can be sent to another process, such as names.
         jobs: Processes. Times of wall clocks are worth less where several share a processor.
     """
-    if jobs == 1 or len(names) < 2:
-        for name in names:
-            yield name, measure(name)
+    if jobs == 1 or len(items) < 2:
+        for item in items:
+            yield item, measure(item)
         return
     with ProcessPoolExecutor(
         jobs, mp_context=_CONTEXT, max_tasks_per_child=1, initializer=_end_with_parent
     ) as pool:
-        yield from zip(names, pool.map(measure, names), strict=True)
+        yield from zip(items, pool.map(measure, items), strict=True)
 
 
 def _end_with_parent() -> None:

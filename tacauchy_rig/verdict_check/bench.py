@@ -12,8 +12,9 @@ from reports.evidence.loading import load_evidence, stated_curve
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
 from sim.replay import replay_forces
-from tacauchy_rig.loop.optics import OpticalCalibration
-from tacauchy_rig.loop.replay import ReplayInputs, press_again, render_again, stiffer
+from sim.scene.scene import Preset
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.loop.replay import ReplayInputs, inputs_of, press_again, render_again, stiffer
 from tacauchy_rig.replayed import Replay
 
 
@@ -50,6 +51,11 @@ class Bench:
         forces = {trial.index: trial.force_measured_n for trial in self.pressed.replay.trials}
         return sorted(forces, key=forces.__getitem__)
 
+    @property
+    def modulus_factor(self) -> float:
+        """What the true replay found of the modulus, over the stated one."""
+        return self.pressed.replay.model.modulus_factor or 1.0
+
     def press(self, inputs: ReplayInputs) -> Pressed:
         """Press all trials otherwise, with the modulus that the run's depths then tell."""
         return pressed_with(self.run, inputs)
@@ -60,8 +66,7 @@ class Bench:
         For what takes long to press: if one trial is caught, the run is.
         """
         first = self.trials[0]
-        factor = self.pressed.replay.model.modulus_factor or 1.0
-        inputs = replace(inputs, sensor=stiffer(inputs.sensor, factor))
+        inputs = replace(inputs, sensor=stiffer(inputs.sensor, self.modulus_factor))
         force_n = [t.force_measured_n for t in self.pressed.replay.trials if t.index == first]
         replay, fields = replay_forces(inputs.scene(force_n), force_n)
         trials = tuple(
@@ -109,8 +114,23 @@ class Bench:
         return replace(self.pressed, fields=fields)
 
 
-def bench_of(run: RunReading, inputs: ReplayInputs, optics: OpticalCalibration) -> Bench:
-    """Replay a run truly."""
+def bench_of(
+    run: RunReading,
+    *,
+    preset: Preset,
+    calibrate: Calibrate | None = None,
+    on_progress: Say = say_nothing,
+) -> Bench:
+    """Replay a run truly, once for all of its wrong models."""
+    config = run.store.config
+    inputs = replace(inputs_of(config), preset=preset, tolerance=None)
+    optics = optics_of(
+        config.sensor.optics_calibration,
+        inputs.sensor,
+        calibrate=calibrate,
+        on_progress=on_progress,
+    )
+    on_progress(f"replaying truly, preset {preset.value}")
     pressed = pressed_with(run, inputs)
     replay, images = rendered(run, inputs, pressed, optics)
     return Bench(

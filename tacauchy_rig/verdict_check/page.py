@@ -7,18 +7,11 @@ from collections.abc import Sequence
 from reports.comparison.headline import headline_of
 from reports.comparison.results import ValidationReport
 from tacauchy_rig.page import page
-from tacauchy_rig.tables import Cell, Table
-from tacauchy_rig.verdict_check.check import Finding, missed_of
+from tacauchy_rig.tables import Cell, Table, table_of
+from tacauchy_rig.verdict_check.check import MEASURED_UNCERTAINTY, Finding, missed_of
+from tacauchy_rig.verdict_check.wrong_models import STEPS_TO_DOUBLE
 
-_COLUMNS = (
-    "wrong model",
-    "size",
-    "caught by",
-    "smallest size caught",
-    "by",
-    "largest that passes",
-    "what hides less",
-)
+_MEASURED = f"{100.0 * MEASURED_UNCERTAINTY:g} %"
 
 
 def true_table(reports: Sequence[tuple[str, ValidationReport]]) -> Table:
@@ -29,7 +22,7 @@ def true_table(reports: Sequence[tuple[str, ValidationReport]]) -> Table:
         names |= {r.name: r.unit for r in headline_of(report.trials, report.criteria)}
     for label, report in reports:
         worst = {r.name: r.worst for r in headline_of(report.trials, report.criteria)}
-        missed = ", ".join(_words(missed_of(report))) or "none"
+        missed = _words(missed_of(report)) or "none"
         rows.append((label, *(worst.get(name) for name in names), missed))
     headings = [f"{n.replace('_', ' ')}{f' [{u}]' if u else ''}" for n, u in names.items()]
     return Table(
@@ -47,10 +40,23 @@ def wrong_table(findings: Sequence[Finding], *, uncertainty: str) -> Table:
     Args:
         uncertainty: Of the modulus in the sensor's file, in words.
     """
-    return Table(
+    return table_of(
+        findings,
+        {
+            "wrong model": lambda f: f.model.name,
+            "size": lambda f: _sized(f, f.model.size),
+            "caught by": lambda f: _words(f.own.missed) or "not caught",
+            "caught from": lambda f: _sized(f, f.caught_from()),
+            "by": _by,
+            "largest that passes": lambda f: _sized(f, f.passes_at),
+            f"caught from, modulus known to {_MEASURED}": lambda f: _sized(
+                f, f.caught_from(measured=True)
+            ),
+            "what hides less": lambda f: f.model.hides.format(uncertainty=uncertainty),
+            "sizes looked at": lambda f: len(f.looks),
+            "time [s]": lambda f: round(sum(look.seconds for look in f.looks.values())),
+        },
         title="Wrong models",
-        columns=_COLUMNS,
-        rows=tuple(_row(found, uncertainty) for found in findings),
         criterion="each is caught, or the smallest size that is caught is named",
         passed=all(found.caught for found in findings),
     )
@@ -63,27 +69,25 @@ def check_page(true: Table, wrong: Table, *, command: str, preset: str, version:
         "wrong_models": wrong,
         "command": command,
         "preset": preset,
+        "measured": _MEASURED,
+        "step": f"{2.0 ** (1.0 / STEPS_TO_DOUBLE):.3g}",
         "version": version,
     }
     return page("tacauchy_rig.verdict_check", "verdict_check.md.jinja", facts)
 
 
-def _row(found: Finding, uncertainty: str) -> tuple[Cell, ...]:
-    model = found.model
-    return (
-        model.name,
-        _sized(model.size, model.unit),
-        ", ".join(_words(found.caught_by)) or "not caught",
-        "" if model.size is None else _sized(found.smallest, model.unit) or "none",
-        ", ".join(_words(found.smallest_by)),
-        _sized(found.passes_at, model.unit),
-        model.hides.format(uncertainty=uncertainty),
-    )
+def _by(found: Finding) -> str:
+    """Return what catches the smallest size that is caught."""
+    smallest = found.caught_from()
+    return "" if not found.model.size or smallest is None else _words(found.looks[smallest].missed)
 
 
-def _sized(size: float | None, unit: str) -> str:
-    return "" if size is None else f"{size:.3g} {unit}"
+def _sized(found: Finding, size: float | None) -> str:
+    """Return a size; nothing for a model that has none, for which it is caught or not."""
+    if not found.model.size:
+        return ""
+    return "none" if size is None else f"{size:.3g} {found.model.unit}"
 
 
-def _words(names: Sequence[str]) -> list[str]:
-    return [name.replace("_", " ") for name in names]
+def _words(names: Sequence[str]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names)

@@ -17,35 +17,46 @@ from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Motion, Preset
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
+from tacauchy_rig.loop.optics import nominal_optics
 from tacauchy_rig.loop.replay import stiffer
 from tacauchy_rig.verdict_check.bench import Bench, pressed_with
 
 SEED = 20261122
-"""Of what is shuffled, and of which colour of the lamps aged how."""
+"""Of which colour of the lamps aged how."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+STEPS_TO_DOUBLE = 2
+"""Sizes until one is twice as large: as fine as the smallest that is caught is known."""
+
+
+@dataclass(frozen=True, slots=True)
 class WrongModel:
     """One way of being wrong.
 
     Attributes:
-        name: In a few words; ``{}`` is its size.
+        name: In a few words.
         evidence: What the report then sees; the size is in ``unit``.
-        size: The wrong model's own; None for one that is a matter of kind.
-        unit: Of the size.
-        largest: Up to here a size is looked for that is caught.
         hides: Why less is not caught, in a clause.
-        halvings: Of the interval between a size that passes and one that is caught.
+        size: The wrong model's own; zero for one that is a matter of kind.
+        unit: Of the size.
+        smaller: So many sizes are looked at below its own.
+        larger: So many above.
     """
 
     name: str
     evidence: Callable[[Bench, float], RunEvidence]
-    hides: str
-    size: float | None = None
+    hides: str = ""
+    size: float = 0.0
     unit: str = ""
-    largest: float = math.nan
-    halvings: int = 3
+    smaller: int = 0
+    larger: int = 0
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """Sizes to look at, the smallest first."""
+        return tuple(
+            self.size * 2.0 ** (k / STEPS_TO_DOUBLE) for k in range(-self.smaller, self.larger + 1)
+        )
 
 
 def _stiffer_gel(bench: Bench, percent: float) -> RunEvidence:
@@ -96,11 +107,7 @@ def _aged(bench: Bench, percent: float) -> RunEvidence:
     """Let each colour of the lamps have changed, by so much in the root mean square."""
     drawn = np.random.default_rng(SEED).standard_normal(3)
     gain = 1.0 + 0.01 * percent * drawn / math.sqrt(float(np.mean(drawn**2)))
-    return bench.evidence(optics=_with_gain(bench.optics, gain))
-
-
-def _with_gain(optics: OpticalCalibration, gain: np.ndarray) -> OpticalCalibration:
-    model = optics.model
+    model = bench.optics.model
     if not isinstance(model, PhotometricModel):
         raise ConfigError("only coloured lamps age by colour", remedy="take another sensor")
     aged = replace(
@@ -108,7 +115,7 @@ def _with_gain(optics: OpticalCalibration, gain: np.ndarray) -> OpticalCalibrati
         coefficients=model.coefficients * gain,
         term_coefficients=model.term_coefficients * gain,
     )
-    return replace(optics, model=aged)
+    return bench.evidence(optics=replace(bench.optics, model=aged))
 
 
 def _uncalibrated(bench: Bench, _: float) -> RunEvidence:
@@ -145,15 +152,15 @@ def _no_contact(bench: Bench, _: float) -> RunEvidence:
 
 
 def _shuffled(bench: Bench, _: float) -> RunEvidence:
-    trials = list(bench.trials)
-    order = np.random.default_rng(SEED).permutation(len(trials))
+    """Show in each trial what belongs to the next larger force, which is hardest to tell apart."""
+    trials = bench.trials
     return bench.evidence_with(
-        {index: bench.images[trials[other]] for index, other in zip(trials, order, strict=True)}
+        {i: bench.images[k] for i, k in zip(trials, [*trials[1:], trials[0]], strict=True)}
     )
 
 
 def _swapped(bench: Bench, _: float) -> RunEvidence:
-    """Exchange the images of the two largest forces, which are hardest to tell apart."""
+    """Exchange the images of two trials only: those of the two largest forces."""
     second, last = bench.trials[-2:]
     swapped = {second: bench.images[last], last: bench.images[second]}
     return bench.evidence_with({**bench.images, **swapped})
@@ -164,77 +171,24 @@ _STATED = (
     " and the cell's scale only together, and images are the same after the fit"
 )
 
+_RIM = "the rim's rise is small beside the depth"
+_FILLET = "the rim's image changes by less than what the renderer leaves unexplained"
+_PLACE = "an arm repeats a pose to 0.03 mm, and the limit is twice that"
+_COLOURS = "colours that change against one another are no force; only the residual sees them"
+_SKIRT = "the skirt is a little too steep"
+
 WRONG_MODELS = (
-    WrongModel(
-        name="gel stiffer than it is",
-        evidence=_stiffer_gel,
-        size=10.0,
-        unit="%",
-        largest=80.0,
-        hides=_STATED,
-    ),
-    WrongModel(
-        name="force sensor reads less than there is",
-        evidence=_weak_cell,
-        size=50.0,
-        unit="%",
-        largest=80.0,
-        hides=_STATED,
-    ),
-    WrongModel(
-        name="gel thicker than it is",
-        evidence=_thicker,
-        size=10.0,
-        unit="%",
-        largest=80.0,
-        hides=_STATED,
-    ),
-    WrongModel(
-        name="fillet larger than it is",
-        evidence=_rounder,
-        size=0.1,
-        unit="mm",
-        largest=0.4,
-        hides="the rim's image changes by less than what the renderer leaves unexplained",
-    ),
-    WrongModel(
-        name="press beside its place",
-        evidence=_aside,
-        size=0.1,
-        unit="mm",
-        largest=0.4,
-        hides="an arm repeats a pose to 0.03 mm, and the limit is twice that",
-    ),
-    WrongModel(
-        name="indenter tilted (smallest force only)",
-        evidence=_tilted,
-        size=2.0,
-        unit="deg",
-        largest=4.0,
-        halvings=1,  # each takes minutes
-        hides="the rim's rise is small beside the depth",
-    ),
-    WrongModel(
-        name="optics of last year: each colour of the lamps changed",
-        evidence=_aged,
-        size=20.0,
-        unit="%",
-        largest=80.0,
-        hides="colours that change against one another are no force; only the residual sees them",
-    ),
-    WrongModel(
-        name="renderer of rigid penetration, blended with the gel's surface",
-        evidence=_penetrated,
-        size=100.0,
-        unit="%",
-        largest=100.0,
-        hides="the skirt is a little too steep",
-    ),
-    WrongModel(name="optics never calibrated", evidence=_uncalibrated, hides=""),
-    WrongModel(
-        name="the paper's mesh", evidence=_papers_mesh, hides="the modulus that is fitted hides it"
-    ),
-    WrongModel(name="no contact in any image", evidence=_no_contact, hides=""),
-    WrongModel(name="images of the trials shuffled", evidence=_shuffled, hides=""),
-    WrongModel(name="images of the two largest forces exchanged", evidence=_swapped, hides=""),
+    WrongModel("indenter tilted (smallest force only)", _tilted, _RIM, 2.0, "deg", 4, 0),
+    WrongModel("press beside its place", _aside, _PLACE, 0.1, "mm", 6, 1),
+    WrongModel("fillet larger than it is", _rounder, _FILLET, 0.1, "mm", 4, 2),
+    WrongModel("gel stiffer than it is", _stiffer_gel, _STATED, 10.0, "%", 4, 5),
+    WrongModel("gel thicker than it is", _thicker, _STATED, 10.0, "%", 4, 5),
+    WrongModel("force sensor reads too little", _weak_cell, _STATED, 50.0, "%", 9, 0),
+    WrongModel("optics of last year: colours of the lamps", _aged, _COLOURS, 20.0, "%", 10, 0),
+    WrongModel("renderer of rigid penetration, blended in", _penetrated, _SKIRT, 100.0, "%", 10, 0),
+    WrongModel("optics never calibrated", _uncalibrated),
+    WrongModel("the paper's mesh", _papers_mesh),
+    WrongModel("no contact in any image", _no_contact),
+    WrongModel("images of the trials shuffled", _shuffled),
+    WrongModel("images of the two largest forces exchanged", _swapped),
 )

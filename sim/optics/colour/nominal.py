@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -88,8 +89,12 @@ def nominal_model(sensor: Sensor) -> ColourModel:
     return model
 
 
+def _read(_table: Mapping[str, Any], lamps: tuple[Lamp, ...], _origin: str) -> ColourModel | None:
+    return nominal_photometric(lamps) if lamps else None
+
+
 PHOTOMETRIC = Renderer(
-    read=lambda _table, lamps, _origin: nominal_photometric(lamps) if lamps else None,
+    read=_read,
     optional=("shadow_softness", "source"),
     exponents=BALL_EXPONENTS,
 )
