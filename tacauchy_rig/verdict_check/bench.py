@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from reports.arrays import ColorImage
@@ -10,7 +10,6 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence, stated_curve
 from sim.fields.press_fields import TrialFields
-from sim.fields.surface import SurfaceState
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
@@ -18,7 +17,7 @@ from tacauchy_rig.loop.replay import ReplayInputs, inputs_of, press_again, rende
 from tacauchy_rig.replayed import Replay
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Pressed:
     """A replay of which nothing is rendered yet, and the fields by trial."""
 
@@ -58,7 +57,7 @@ class Bench:
 
     def press(self, inputs: ReplayInputs) -> Pressed:
         """Press all trials otherwise, with the modulus that the run's depths then tell."""
-        return pressed_with(self.run, inputs)
+        return Pressed(*press_again(self.run, inputs))
 
     def press_first(self, inputs: ReplayInputs) -> Pressed:
         """Press the smallest force otherwise, with the true replay's modulus, and keep the rest.
@@ -73,10 +72,8 @@ class Bench:
             replace(replay.trials[0], index=first) if trial.index == first else trial
             for trial in self.pressed.replay.trials
         )
-        return Pressed(
-            replay=replace(self.pressed.replay, trials=trials),
-            fields={**self.pressed.fields, first: fields[0]},
-        )
+        replay = replace(self.pressed.replay, trials=trials)
+        return Pressed(replay, {**self.pressed.fields, first: fields[0]})
 
     def evidence(
         self, pressed: Pressed | None = None, *, optics: OpticalCalibration | None = None
@@ -105,14 +102,6 @@ class Bench:
         )
         return replace(self.recorded, trials=trials, model=replay.model)
 
-    def reshaped(self, reshape: Callable[[SurfaceState], SurfaceState]) -> Pressed:
-        """Return the true replay with surfaces of another shape."""
-        fields = {
-            index: replace(found, surface=reshape(found.surface))
-            for index, found in self.pressed.fields.items()
-        }
-        return replace(self.pressed, fields=fields)
-
 
 def bench_of(
     run: RunReading,
@@ -122,16 +111,11 @@ def bench_of(
     on_progress: Say = say_nothing,
 ) -> Bench:
     """Replay a run truly, once for all of its wrong models."""
-    config = run.store.config
-    inputs = replace(inputs_of(config), preset=preset, tolerance=None)
-    optics = optics_of(
-        config.sensor.optics_calibration,
-        inputs.sensor,
-        calibrate=calibrate,
-        on_progress=on_progress,
-    )
+    inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
+    given = run.store.config.sensor.optics_calibration
+    optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
     on_progress(f"replaying truly, preset {preset.value}")
-    pressed = pressed_with(run, inputs)
+    pressed = Pressed(*press_again(run, inputs))
     replay, images = rendered(run, inputs, pressed, optics)
     return Bench(
         run=run,
@@ -141,12 +125,6 @@ def bench_of(
         pressed=replace(pressed, replay=replay),
         images=images,
     )
-
-
-def pressed_with(run: RunReading, inputs: ReplayInputs) -> Pressed:
-    """Press the trials of a run."""
-    replay, fields = press_again(run, inputs)
-    return Pressed(replay=replay, fields=fields)
 
 
 def rendered(

@@ -19,7 +19,7 @@ from sim.scene.scene import Motion, Preset
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import nominal_optics
 from tacauchy_rig.loop.replay import stiffer
-from tacauchy_rig.verdict_check.bench import Bench, pressed_with
+from tacauchy_rig.verdict_check.bench import Bench
 
 SEED = 20261122
 """Of which colour of the lamps aged how."""
@@ -72,7 +72,8 @@ def _weak_cell(bench: Bench, percent: float) -> RunEvidence:
         if record is not None and record.force_measured_n is not None:
             less = replace(record, force_measured_n=share * record.force_measured_n)
             run.records[index] = less
-    return replace(bench, run=run).evidence(pressed_with(run, bench.inputs))
+    read = replace(bench, run=run)
+    return read.evidence(read.press(bench.inputs))
 
 
 def _rounder(bench: Bench, added_mm: float) -> RunEvidence:
@@ -133,7 +134,9 @@ def _penetrated(bench: Bench, percent: float) -> RunEvidence:
         share = 0.01 * percent
         return replace(surface, positions=(1.0 - share) * surface.positions + share * rigid)
 
-    return bench.evidence(bench.reshaped(cut))
+    true = bench.pressed
+    fields = {i: replace(f, surface=cut(f.surface)) for i, f in true.fields.items()}
+    return bench.evidence(replace(true, fields=fields))
 
 
 def _papers_mesh(bench: Bench, _: float) -> RunEvidence:
@@ -141,14 +144,9 @@ def _papers_mesh(bench: Bench, _: float) -> RunEvidence:
 
 
 def _no_contact(bench: Bench, _: float) -> RunEvidence:
-    unloaded = {index: bench.run.attempt(index) for index in bench.trials}
-    return bench.evidence_with(
-        {
-            index: attempt.reference
-            for index, attempt in unloaded.items()
-            if attempt is not None and attempt.reference is not None
-        }
-    )
+    attempts = {index: bench.run.attempt(index) for index in bench.trials}
+    seen = {i: attempt.reference for i, attempt in attempts.items() if attempt is not None}
+    return bench.evidence_with({i: image for i, image in seen.items() if image is not None})
 
 
 def _shuffled(bench: Bench, _: float) -> RunEvidence:
