@@ -55,6 +55,20 @@ def test_force_is_measured_replayed_and_reported(finished_run: Path) -> None:
     assert set(trial["metrics"]) >= {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}
     assert trial["metrics"]["mse"] < trial["floors"]["no_contact"]["mse"]
     assert summary["provenance"]["config_hash"]
+    (settled,) = [c for c in trial["criteria"] if c["name"] == "settled_images"]
+    assert 0.0 <= settled["measured"] < 0.05
+
+
+@pytest.mark.timeout(300)
+def test_an_arm_that_hardly_feels_has_its_cell_weighed(finished_run: Path) -> None:
+    """A CB3 asks for a known weight, which an emulated cell hangs on itself."""
+    summary = json.loads((finished_run / "report" / "summary.json").read_text())
+    described = json.loads((finished_run / "run.json").read_text())
+    if described["config"]["robot"]["model"] == "cb3":
+        assert summary["force_check"]["passed"] is True
+        assert "Force checked on" in summary["verdict"]
+    else:
+        assert summary["force_check"] is None
 
 
 @pytest.mark.timeout(300)

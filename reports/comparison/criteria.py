@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from reports.evidence.evidence import TrialEvidence
 from tacauchy_rig.run import Criterion
+
+MAX_SETTLED_CHANGE = 0.05
+"""Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves
+by 0.06 N in a dwell, 5 % of the lightest press. Gels creep by 5 to 8 % in all, mostly before."""
 
 NOT_THERE = "press and replay this trial first: `tacauchy-rig resume RUN`, then `replay RUN`"
 
 
 def judge_record(trial: TrialEvidence) -> tuple[Criterion, ...]:
     """Return what protocol, recording and hashes say of a trial; what is missing fails."""
-    return (_protocol(trial), *trial.checks)
+    return (_protocol(trial), *_settled_images(trial), *trial.checks)
+
+
+def _settled_images(trial: TrialEvidence) -> Iterator[Criterion]:
+    """Yield whether the pictures of the dwell show one pose; nothing where there are too few."""
+    if trial.images is None or trial.images.settled_change is None:
+        return
+    yield Criterion.at_most(
+        "settled_images",
+        trial.images.settled_change,
+        MAX_SETTLED_CHANGE,
+        remedy="the pose was held and the pictures went on changing: the camera delivers old ones "
+        "(end other programs, see `tacauchy-rig doctor`: camera), or its light changes",
+    )
 
 
 def _protocol(trial: TrialEvidence) -> Criterion:

@@ -18,6 +18,7 @@ from reports.evidence.evidence import (
     StreamTiming,
     TrialImages,
 )
+from reports.evidence.settled import settled_change
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.rgb import decode_rgb
 from tacauchy_rig.run import FZ, ImageFrame, TrialRecord
@@ -79,6 +80,7 @@ class AttemptReading:
             first_half=median_image(pressed[:half]) if split else None,
             second_half=median_image(pressed[half:]) if split else None,
             frame_count=len(pressed),
+            settled_change=settled_change(pressed, self.reference),
         )
 
     @property

@@ -43,6 +43,8 @@ class TrialImages:
         first_half: Median over the first half of the dwell; with ``second_half`` it gives the
             noise ceiling. None when the dwell has fewer than four frames.
         frame_count: Frames in the dwell.
+        settled_change: What changes from its first to its last third beyond noise, over what the
+            contact changes [1]; None when the dwell has fewer than three frames.
     """
 
     real: ColorImage
@@ -50,6 +52,7 @@ class TrialImages:
     first_half: ColorImage | None = None
     second_half: ColorImage | None = None
     frame_count: int = 0
+    settled_change: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
