@@ -113,16 +113,20 @@ def markdown_cell(cell: Cell) -> str:
 def terminal_table(table: Table, *, width: int) -> RenderableType:
     """Return a table for a terminal, with its title and how it went.
 
-    Where the columns need more than the width they are parted, and the first is repeated.
+    Where the columns need more than the width they are parted, and the first is repeated. A text of
+    several words that every row has, such as a device, is said once above them.
 
     Args:
         width: Of the terminal, in characters.
     """
-    shown: list[RenderableType] = [Text(line) for line in textwrap.wrap(table.title, width)]
     texts = [[text.replace("**", "") for text in row] for row in table.texts]
-    columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
-    # Just wide enough for the cells to wrap in few lines.
-    least = [max(_narrowest(text, width) for text in column) for column in columns]
+    all_columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
+    columns = [column for column in all_columns if not _says_one_thing(column)] or all_columns
+    said = [f"{column[0]}: {column[1]}" for column in all_columns if column not in columns]
+    shown: list[RenderableType] = [
+        Text(line) for text in (table.title, *said) for line in textwrap.wrap(text, width)
+    ]
+    least = _least_widths(columns, width)
     for group in _parted(least, width):
         drawn = RichTable(box=box.SIMPLE_HEAD, pad_edge=False)
         # What is left of the width goes to the columns that still wrap, from the left.
@@ -139,12 +143,34 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
                 overflow="fold",
                 width=wide,
             )
-        for row in texts:
-            drawn.add_row(*(Text(row[k]) for k in group))
+        for row in range(1, len(texts) + 1):
+            drawn.add_row(*(Text(columns[k][row]) for k in group))
         shown.append(drawn)
     if table.criterion:
         shown += [Text(each) for each in textwrap.wrap(f"{table.result}: {table.criterion}", width)]
     return Group(*shown)
+
+
+def _says_one_thing(column: Sequence[str]) -> bool:
+    """Return whether a column, heading first, has the same words in all of several rows."""
+    _, *cells = column
+    return len(cells) > 1 and len(set(cells)) == 1 and " " in cells[0]
+
+
+def _least_widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
+    """Return the widths at which cells have few lines, but beside the first every other fits."""
+    least = [max(_narrowest(text, width) for text in column) for column in columns]
+    unbroken = [
+        max(len(word) for text in column for word in text.split() or [""]) for column in columns
+    ]
+    if len(columns) > 1:
+        beside = width - 2 * _GAP
+        least[0] = max(unbroken[0], min(least[0], beside - max(unbroken[1:])))
+        least[1:] = [
+            max(whole, min(wide, beside - least[0]))
+            for whole, wide in zip(unbroken[1:], least[1:], strict=True)
+        ]
+    return least
 
 
 def _narrowest(text: str, most: int) -> int:
