@@ -12,8 +12,9 @@ from sim.scene.material import LawName, Material
 from sim.scene.scene import Scene
 from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.cli.options import JsonFile
-from tacauchy_rig.cli.output import complain, say, write_json
+from tacauchy_rig.cli.output import complain, say, show_table, write_json
 from tacauchy_rig.cli.scene_options import DeviceOption, OutputOption, states_a_scene
+from tacauchy_rig.tables import table_of
 
 if TYPE_CHECKING:
     from sim.press import PressResult
@@ -69,9 +70,19 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     scene = scene_of(replace(terms, output=tuple(output or ())))
     planned = plan_effects(scene)
     choice = mesh_choice(scene)
-    for row in planned.effects:
-        error = "" if row.estimated_error is None else f"{row.estimated_error:.2e}"
-        say(f"{row.effect.value:21} {'on' if row.on else 'off':4} {error:9} {row.reason}")
+    show_table(
+        table_of(
+            planned.effects,
+            {
+                "effect": lambda row: row.effect.value,
+                "is": lambda row: "on" if row.on else "off",
+                "costs": lambda row: (
+                    None if row.estimated_error is None else f"{row.estimated_error:.2e}"
+                ),
+                "because": lambda row: row.reason,
+            },
+        )
+    )
     say(f"preset: {setting_of(scene)}")
     say(f"mesh: {choice.kind.value}: {choice.reason}")
     say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")

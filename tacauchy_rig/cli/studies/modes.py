@@ -9,8 +9,9 @@ import typer
 
 from sim.scene.scene import Preset
 from tacauchy_rig.cli.options import FigureFolder, FigurePage, JsonFile
-from tacauchy_rig.cli.output import say, writable_folder, write_json, write_text
+from tacauchy_rig.cli.output import say, show_table, writable_folder, write_json, write_text
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.tables import table_of
 
 if TYPE_CHECKING:
     from sim.scene.indenter import Cylinder, Sphere
@@ -94,13 +95,19 @@ def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
     for run in runs:
         signature = run.signature
         say()
-        say(
-            f"{run.title}: F_n {signature.normal_size_n:.4f} N, "
-            f"tangential {signature.tangential_sum_n:.4f} N in sum [{run.processor_s:.0f} s]"
+        show_table(
+            table_of(
+                run.criteria,
+                {
+                    "criterion": lambda row: row.name,
+                    "measured": lambda row: row.measured,
+                    "limit": lambda row: row.limit,
+                    "verdict": lambda row: row.verdict,
+                },
+                title=f"{run.title}: F_n {signature.normal_size_n:.4f} N, tangential "
+                f"{signature.tangential_sum_n:.4f} N in sum [{run.processor_s:.0f} s]",
+            )
         )
-        for criterion in run.criteria:
-            told = f"{criterion.measured:10.5f}  {criterion.limit:14} {criterion.verdict}"
-            say(f"  {criterion.name:60} {told}")
         yield run
 
 
