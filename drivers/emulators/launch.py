@@ -100,7 +100,8 @@ class Emulation:
         config: The rig; its emulation seed decides the emulated world.
         folder: Where control sockets, traces and logs go.
         devices: What to emulate.
-        camera_port: Port of the camera's stream; 0 takes a free one.
+        camera_host: Address of the camera's stream.
+        camera_port: Its port; 0 takes a free one.
         follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
             the emulated world; needed when a sensor or camera is emulated and the robot is not.
         unit: The make of sensor that is emulated; a GelSight Mini if None.
@@ -112,12 +113,13 @@ class Emulation:
         *,
         folder: Path,
         devices: frozenset[Device],
+        camera_host: str = "127.0.0.1",
         camera_port: int = 0,
         follow_host: str | None = None,
         unit: EmulatedUnit | None = None,
     ) -> None:
         self.config = config
-        self.camera_port = camera_port
+        self.camera_host, self.camera_port = camera_host, camera_port
         self.folder = folder.resolve()
         self.devices = devices
         self.follow_host = follow_host
@@ -230,6 +232,7 @@ class Emulation:
     def _start_camera(self) -> None:
         camera = self.config.camera
         settings = CameraSettings(
+            host=self.camera_host,
             port=self.camera_port,
             width=camera.width,
             height=camera.height,

@@ -37,15 +37,23 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
         supervisor.send(Failed.because(error))
         return error.exit_code
     except Exception as error:
+        supervisor.send(_unforeseen(name, error))  # first: without memory the log may fail
         logger.critical("unforeseen", exc_info=error)
-        supervisor.send(
-            Failed(
-                message=f"{name}: unforeseen {type(error).__name__}: {error}",
-                remedy=f"read logs/{name}.log in the run folder",
-            )
-        )
         return 2
     return 0
+
+
+def _unforeseen(name: str, error: Exception) -> Failed:
+    if isinstance(error, MemoryError):
+        return Failed(
+            message=f"{name}: out of memory",
+            remedy="look where the arm stands; end other programs or lift `ulimit -v`, then "
+            "`tacauchy-rig resume` continues",
+        )
+    return Failed(
+        message=f"{name}: unforeseen {type(error).__name__}: {error}",
+        remedy=f"read logs/{name}.log in the run folder",
+    )
 
 
 def ask_for_priority(niceness: int) -> None:

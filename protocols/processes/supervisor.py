@@ -273,10 +273,8 @@ class Supervisor:
 
     def _conclude(self) -> SessionResult:
         finished = self._finished
-        # One that gave up has told control why, and control says it again.
-        untold = [how for name, how in self._died.items() if name not in self._failures]
-        deaths = "; ".join(untold)
         if finished is None:
+            deaths = "; ".join(self._died[n] for n in self._died if n not in self._failures)
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
         kept = {(r.index, r.attempt) for r in result.records if r.passed}
@@ -286,8 +284,16 @@ class Supervisor:
         if unkept:
             text = f"the results of trials {unkept} could not be kept. {self._safe()}"
             return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_SEE_DISK)
-        if deaths and finished.outcome is not Outcome.PASSED:
-            result = replace(result, reason=f"{deaths}. {finished.reason}")
+        if finished.outcome is Outcome.PASSED:
+            return result
+        gave_up = {name: self._failures.get(name) for name in self._died}
+        # One that gave up may have told control why, and control says it again.
+        untold = {n: f for n, f in gave_up.items() if f is None or f.message not in result.reason}
+        if untold:
+            deaths = "; ".join(self._died[name] for name in untold)
+            remedies = "; ".join(failure.remedy for failure in untold.values() if failure)
+            remedy = remedies or result.remedy
+            result = replace(result, reason=f"{deaths}. {result.reason}", remedy=remedy)
         return result
 
     def _without_control(self, failure: Failed | None, deaths: str) -> SessionResult:

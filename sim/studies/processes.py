@@ -6,8 +6,10 @@ import math
 import multiprocessing
 import os
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
+from concurrent.futures import wait as wait_for
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from threading import Thread
@@ -124,7 +126,22 @@ def side_by_side(
     with ProcessPoolExecutor(
         jobs, mp_context=_CONTEXT, max_tasks_per_child=1, initializer=_end_with_parent
     ) as pool:
-        yield from zip(items, pool.map(measure, items), strict=True)
+        begun: deque[tuple[Item, Future[Result]]] = deque()
+        for item in items:
+            # No more than there are processes: what waits in the pool would still begin after
+            # Ctrl-C.
+            while len(running := [future for _, future in begun if not future.done()]) >= jobs:
+                wait_for(running, return_when=FIRST_COMPLETED)
+            begun.append((item, pool.submit(measure, item)))
+            while begun and begun[0][1].done():
+                yield _taken(begun)
+        while begun:
+            yield _taken(begun)
+
+
+def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
+    item, future = begun.popleft()
+    return item, future.result()
 
 
 def _end_with_parent() -> None:

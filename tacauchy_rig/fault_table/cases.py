@@ -10,6 +10,7 @@ from fnmatch import fnmatch
 from drivers.device.faults import FAULTS_OF_DEVICE, LIES_OF_THE_FORCE, Device, Fault, FaultKind
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.fault_table.host import Trouble
 from tacauchy_rig.run import Phase
 
 
@@ -34,11 +35,15 @@ class Moment(StrEnum):
 
 TARGET_N = 2.0
 """What a case presses to, unless it says otherwise [N]."""
+DWELL_S = 1.2
+"""How long a case holds its force, unless it says otherwise: the default of a run [s]."""
+RIVAL_DWELL_S = 20.0
+"""How long where a second run is to find the first one at work: it needs seconds to begin [s]."""
 LATER_MOMENTS = (Moment.SEARCH, Moment.PRESS, Moment.DWELL)
 
 
 class Victim(StrEnum):
-    """Processes of a run that can be killed."""
+    """Processes of a run that can be killed, or get no more memory."""
 
     SUPERVISOR = "supervisor"
     CONTROL = "control"
@@ -46,25 +51,53 @@ class Victim(StrEnum):
     RECORDER = "recorder"
 
 
+class BlowKind(StrEnum):
+    """What is done to a process of the run: killed without warning, or refused any more memory."""
+
+    KILL = "kill"
+    MEMORY = "memory"
+
+
+@dataclass(frozen=True, slots=True)
+class Blow:
+    """Something done to one process of the run."""
+
+    kind: BlowKind
+    victim: Victim
+
+
+class Rival(StrEnum):
+    """Somebody else who wants the same devices."""
+
+    SECOND_RUN = "second-run"
+
+
+Cause = Fault | Blow | Trouble | Rival
+
+
 @dataclass(frozen=True, slots=True)
 class FaultCase:
     """One row of the table.
 
     Attributes:
-        cause: A device fails, or a process is killed as by the kernel when memory runs out.
+        cause: What fails: a device, a process of the run, the computer, or its users.
         target_n: What the press is to reach [N].
     """
 
-    cause: Fault | Victim
+    cause: Cause
     moment: Moment
     target_n: float = TARGET_N
 
     @property
     def cause_name(self) -> str:
         """What goes wrong, without the moment."""
-        if isinstance(self.cause, Victim):
-            return f"kill:{self.cause.value}"
-        return f"{self.cause.device.value}:{self.cause.kind.value}"
+        match self.cause:
+            case Fault(device=device, kind=kind):
+                return f"{device.value}:{kind.value}"
+            case Blow(kind=blow, victim=victim):
+                return f"{blow.value}:{victim.value}"
+            case Trouble() | Rival():
+                return f"host:{self.cause.value}"
 
     @property
     def name(self) -> str:
@@ -73,23 +106,29 @@ class FaultCase:
         return f"{self.cause_name}@{self.moment.value}{target}"
 
     @property
+    def dwell_s(self) -> float:
+        """How long the press holds its force [s]."""
+        return RIVAL_DWELL_S if isinstance(self.cause, Rival) else DWELL_S
+
+    @property
     def slug(self) -> str:
         """Name of the case's folder."""
         return self.name.replace(":", "-").replace("@", "-")
 
 
 def all_cases() -> tuple[FaultCase, ...]:
-    """Return every fault that an emulator knows and every process, at the three later moments.
+    """Return every fault of emulators, processes and computer at the three later moments.
 
     A force sensor that lies does so also from the start, at each target of the protocol.
     """
-    causes: list[Fault | Victim] = [
+    causes: list[Cause] = [
         Fault(device=device, kind=kind)
         for device in Device
         for kind in FaultKind
         if kind in FAULTS_OF_DEVICE[device] - {FaultKind.UNLOCK}
     ]
-    causes += Victim
+    causes += [Blow(kind, victim) for kind in BlowKind for victim in Victim]
+    causes += [*Trouble, *Rival]
     targets_n = load_config().config.protocol.force_targets
     return tuple(
         case
@@ -101,7 +140,7 @@ def all_cases() -> tuple[FaultCase, ...]:
     )
 
 
-def _asked(cause: Fault | Victim, targets_n: Sequence[float]) -> Sequence[float]:
+def _asked(cause: Cause, targets_n: Sequence[float]) -> Sequence[float]:
     lies = isinstance(cause, Fault) and cause.kind in LIES_OF_THE_FORCE
     return targets_n if lies else ()
 

@@ -16,7 +16,7 @@ from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.fault_table.cases import TARGET_N
+from tacauchy_rig.fault_table.cases import DWELL_S, TARGET_N
 
 EMULATION_NAME = "emulation"
 _DASHBOARD_TIMEOUT_S = 5.0
@@ -32,20 +32,27 @@ def write_case_config(
     host: str = "127.0.0.5",
     camera_port: int = 8080,
     target_n: float = TARGET_N,
+    dwell_s: float = DWELL_S,
 ) -> Path:
     """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
 
     Args:
         folder: Of the case: the emulated devices' folder and the runs lie there.
-        host: Address of the robot.
+        host: Address of robot and camera, this case's alone.
         camera_port: Port of the camera's stream.
         target_n: Force that the press is to reach [N].
+        dwell_s: How long it is held [s].
     """
     path = folder / "rig.toml"
     port = folder / EMULATION_NAME / LINK_NAME
     template = resources.files("tacauchy_rig.fault_table").joinpath("rig.toml.jinja").read_text()
     text = Template(template).render(
-        folder=folder, host=host, port=port, camera_port=camera_port, target_n=target_n
+        folder=folder,
+        host=host,
+        port=port,
+        camera_port=camera_port,
+        target_n=target_n,
+        dwell_s=dwell_s,
     )
     path.write_text(text, encoding="utf-8")
     return path
@@ -57,24 +64,29 @@ class EmulatedRig:
     Args:
         folder: Where everything of this case goes.
         target_n: Force that the press is to reach [N].
+        dwell_s: How long it is held [s].
 
     Attributes:
         rig_toml: Configuration that takes them for real devices.
         devices: To be started and stopped by whoever uses them.
     """
 
-    def __init__(self, folder: Path, *, target_n: float = TARGET_N) -> None:
+    def __init__(
+        self, folder: Path, *, target_n: float = TARGET_N, dwell_s: float = DWELL_S
+    ) -> None:
         self.folder = folder.resolve()
         self.folder.mkdir(parents=True, exist_ok=True)
-        host, camera_port = free_loopback_host(), _free_port()
+        host = free_loopback_host()
+        camera_port = _free_port(host)
         self.rig_toml = write_case_config(
-            self.folder, host=host, camera_port=camera_port, target_n=target_n
+            self.folder, host=host, camera_port=camera_port, target_n=target_n, dwell_s=dwell_s
         )
         self.config: RigConfig = load_config(self.rig_toml).config
         self.devices = Emulation(
             self.config,
             folder=self.folder / EMULATION_NAME,
             devices=frozenset(Device),
+            camera_host=host,
             camera_port=camera_port,
         )
 
@@ -114,8 +126,8 @@ class EmulatedRig:
             lines.readline()
 
 
-def _free_port() -> int:
+def _free_port(host: str) -> int:
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind((host, 0))
         port: int = probe.getsockname()[1]
         return port

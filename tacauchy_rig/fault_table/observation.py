@@ -96,8 +96,8 @@ WIRE_LOSSES = ("force_sensor:drop", "force_sensor:garble", "camera:drop", "camer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Resumed:
-    """One try to finish the session.
+class CommandEnd:
+    """How another command ended: a try to finish the session, or a run that came between.
 
     Attributes:
         told: What the operator was told, if it did not succeed.
@@ -122,6 +122,8 @@ class Observation:
         hung: Processes that had to be ended.
         told: What the operator read last.
         measured: What the run measured of its streams, if it went on.
+        rivals: Runs on the same devices that were begun meanwhile.
+        made_on: Computer, and how many cases it ran at once.
         kept_after_resume: The same messages, read again when the session was finished.
     """
 
@@ -137,8 +139,10 @@ class Observation:
     measured: dict[str, float]
     kept: KeptMessages
     kept_after_resume: KeptMessages
-    resumed: tuple[Resumed, ...]
+    resumed: tuple[CommandEnd, ...]
+    rivals: tuple[CommandEnd, ...] = ()
     force_target_n: float = TARGET_N
+    made_on: str = ""
 
     @property
     def force_most_n(self) -> float:
@@ -191,6 +195,8 @@ def _force_problems(seen: Observation) -> Iterator[str]:
         yield f"the gel felt {seen.force_most_n:.2f} N; at most {most_n:.2f} N is allowed"
     if seen.lies and seen.exit_code == 0:
         yield "the run passed"
+    if any(rival.exit_code in (0, 1) for rival in seen.rivals):
+        yield "a second run pressed with the same devices"
 
 
 def _record_problems(seen: Observation) -> Iterator[str]:

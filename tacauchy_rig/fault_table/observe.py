@@ -6,18 +6,20 @@ import logging
 import math
 import shutil
 import time
+from contextlib import closing
 from pathlib import Path
 
 from drivers.device.faults import Fault
 from drivers.emulators.faults import post_fault
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
-from tacauchy_rig.fault_table.cases import FaultCase, Moment, Victim
+from tacauchy_rig.fault_table.cases import Blow, Cause, FaultCase, Moment, Rival
 from tacauchy_rig.fault_table.emulated_rig import EmulatedRig
+from tacauchy_rig.fault_table.host import HostTrouble, Trouble
 from tacauchy_rig.fault_table.observation import (
     KILLED_EXIT_CODE,
+    CommandEnd,
     Observation,
-    Resumed,
     acknowledged_messages,
     kept_messages,
 )
@@ -49,17 +51,13 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
     """
     for number in range(1, TRIES + 1):
         shutil.rmtree(folder, ignore_errors=True)
-        rig = EmulatedRig(folder, target_n=case.target_n)
+        rig = EmulatedRig(folder, target_n=case.target_n, dwell_s=case.dwell_s)
         try:
             rig.devices.start()
             if case.moment is Moment.START and isinstance(case.cause, Fault):
                 post_fault(rig.devices.folder, case.cause)
-            command = CommandProcess(["run", str(rig.rig_toml)], folder=folder, name="run")
-            try:
-                command.confirm(rig.config)
-                return _Case(case, rig, command).observe(tries=number)
-            finally:
-                command.close()
+            with closing(_Case(case, rig)) as under_way:
+                return under_way.observe(tries=number)
         except DeviceError as error:
             logger.warning("%s, try %d: %s", case.name, number, error)
         finally:
@@ -73,10 +71,28 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
 class _Case:
     """One case under way."""
 
-    def __init__(self, case: FaultCase, rig: EmulatedRig, command: CommandProcess) -> None:
+    def __init__(self, case: FaultCase, rig: EmulatedRig) -> None:
         self._case = case
         self._rig = rig
-        self._run = WatchedRun(command, rig.folder / "runs")
+        self._commands: list[CommandProcess] = []
+        runs = rig.folder / "runs"
+        self._trouble = None
+        if isinstance(case.cause, Trouble):
+            self._trouble = HostTrouble(rig.folder / "host", disk=runs)
+        self._run = WatchedRun(self._begun(["run", str(rig.rig_toml)], name="run"), runs)
+
+    def close(self) -> None:
+        """End every command that still runs."""
+        for command in self._commands:
+            command.close()
+
+    def _begun(self, arguments: list[str], *, name: str) -> CommandProcess:
+        """Return a command that moves the arm, with its confirmation typed."""
+        trouble = None if self._trouble is None else self._trouble.environment
+        command = CommandProcess(arguments, folder=self._rig.folder, name=name, environment=trouble)
+        self._commands.append(command)
+        command.confirm(self._rig.config)
+        return command
 
     def observe(self, *, tries: int) -> Observation:
         """Wait for the moment, let it happen, and measure.
@@ -88,6 +104,7 @@ class _Case:
         exit_code = self._run.command.wait(END_TIMEOUT_S)
         hung = ["supervisor"] if self._run.command.hung else []
         hung += self._run.wait_until_gone()
+        rivals = tuple(self._ended(command, END_TIMEOUT_S) for command in self._commands[1:])
         ended_after_s = (time.monotonic_ns() - fault_ns) * 1e-9
         arm, force_n, rise_n = self._look_at_arm(fault_ns)
         paths, attempts = self._run.paths, self._run.paths.attempts()
@@ -110,6 +127,7 @@ class _Case:
             kept=kept,
             kept_after_resume=kept_messages(paths, attempts, acknowledged),
             resumed=resumed,
+            rivals=rivals,
         )
 
     def _strike(self) -> int:
@@ -123,11 +141,19 @@ class _Case:
         if self._run.command.process.poll() is not None:
             raise DeviceError(f"the run ended by itself: {self._run.command.error_text()}")
         fault_ns = time.monotonic_ns()
-        if isinstance(cause, Victim):
-            self._run.kill(cause)
-        else:
-            post_fault(self._rig.devices.folder, cause)
+        self._do(cause)
         return fault_ns
+
+    def _do(self, cause: Cause) -> None:
+        match cause:
+            case Fault():
+                post_fault(self._rig.devices.folder, cause)
+            case Blow():
+                self._run.strike(cause)
+            case Rival():
+                self._begun(["run", str(self._rig.rig_toml)], name=cause.value)
+            case Trouble() if self._trouble is not None:
+                self._trouble.begin(cause)
 
     def _search_or_end_ns(self) -> int:
         """Wait for the search, or for the end of a run that came to none; return when [ns]."""
@@ -186,18 +212,20 @@ class _Case:
         rates = {} if record is None else dict(record.rates)
         return {name: value for name, value in rates.items() if math.isfinite(value)}
 
-    def _resume(self, run: Path) -> tuple[Resumed, ...]:
+    def _resume(self, run: Path) -> tuple[CommandEnd, ...]:
         cause = self._case.cause
-        self._rig.mend(None if isinstance(cause, Victim) else cause)
-        resumed: list[Resumed] = []
+        self._rig.mend(cause if isinstance(cause, Fault) else None)
+        if self._trouble is not None and cause is Trouble.READ_ONLY:  # a clock stays as it is
+            self._trouble.end()
+        resumed: list[CommandEnd] = []
         while len(resumed) < RESUME_TRIES and not (resumed and resumed[-1].exit_code == 0):
-            name = f"resume-{len(resumed) + 1}"
-            command = CommandProcess(["resume", str(run)], folder=self._rig.folder, name=name)
-            command.confirm(self._rig.config)
-            exit_code = command.wait(RESUME_TIMEOUT_S)
-            told = self._rig.without_places(command.error_text())
-            resumed.append(Resumed(exit_code=exit_code, told=told))
+            command = self._begun(["resume", str(run)], name=f"resume-{len(resumed) + 1}")
+            resumed.append(self._ended(command, RESUME_TIMEOUT_S))
         return tuple(resumed)
+
+    def _ended(self, command: CommandProcess, timeout_s: float) -> CommandEnd:
+        exit_code = command.wait(timeout_s)
+        return CommandEnd(exit_code=exit_code, told=self._rig.without_places(command.error_text()))
 
 
 def _starting_with(start: str, text: str) -> list[str]:

@@ -18,6 +18,12 @@ from tacauchy_rig.fault_table.observation import (
 from tacauchy_rig.page import page
 
 
+def computer(jobs: int) -> str:
+    """Return where cases are run, and how many at once: their times depend on it."""
+    cases = "one case at a time" if jobs == 1 else f"{jobs} cases at once"
+    return f"Linux on {platform.machine()}, {os.cpu_count()} processors, {cases}"
+
+
 def summary_line(seen: Sequence[Observation]) -> str:
     """Return the whole table in one paragraph."""
     stopped = [s for s in seen if not s.went_on and s.arm.stopped_after_s is not None]
@@ -61,7 +67,7 @@ def fault_page(
             "case_count": case_count,
             "command": command,
             "version": __version__,
-            "machine": f"Linux on {platform.machine()}, {os.cpu_count()} processors",
+            "computers": sorted({each.made_on for each in seen if each.made_on}),
             "config": config,
             "moments": ", ".join(
                 f"{each.delay_s:g} s into the {each.value}" for each in LATER_MOMENTS

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import psutil
@@ -15,7 +17,7 @@ import psutil
 from protocols.confirmation import expected_answer
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError, RecordError
-from tacauchy_rig.fault_table.cases import Victim
+from tacauchy_rig.fault_table.cases import Blow, BlowKind, Victim
 from tacauchy_rig.run import JournalEvent, Phase
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.layout import RunPaths
@@ -31,12 +33,20 @@ class CommandProcess:
         arguments: Command and its arguments.
         folder: Where its output goes.
         name: Of the output files.
+        environment: This process's if None.
 
     Attributes:
         hung: It had to be ended because it did not end by itself.
     """
 
-    def __init__(self, arguments: list[str], *, folder: Path, name: str) -> None:
+    def __init__(
+        self,
+        arguments: list[str],
+        *,
+        folder: Path,
+        name: str,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.hung = False
         self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
         with self._out.open("wb") as out, self._err.open("wb") as err:
@@ -45,6 +55,7 @@ class CommandProcess:
                 stdin=subprocess.PIPE,
                 stdout=out,
                 stderr=err,
+                env=environment,
                 start_new_session=True,
             )
 
@@ -111,7 +122,7 @@ class WatchedRun:
 
     @property
     def paths(self) -> RunPaths:
-        """The run folder.
+        """The run folder, the first that appeared.
 
         Raises:
             RecordError: There is none yet.
@@ -119,7 +130,7 @@ class WatchedRun:
         folders = sorted(self._parent.glob("*/run.json"))
         if not folders:
             raise RecordError(f"{self._parent}: the run made no run folder")
-        return RunPaths(folders[-1].parent)
+        return RunPaths(folders[0].parent)
 
     def journal(self) -> list[JournalEvent]:
         """Return the journal so far; empty where there is none yet."""
@@ -152,10 +163,14 @@ class WatchedRun:
             time.sleep(_LOOK_S)
         raise DeviceError(f"the run did not reach its {phase.value} within {timeout_s:g} s")
 
-    def kill(self, victim: Victim) -> None:
-        """Kill a process of the run without warning."""
+    def strike(self, blow: Blow) -> None:
+        """Kill a process of the run without warning, or let it have no more memory."""
         known = {**self.pids, Victim.SUPERVISOR.value: self.command.process.pid}
-        os.kill(known[victim.value], signal.SIGKILL)
+        pid = known[blow.victim.value]
+        if blow.kind is BlowKind.KILL:
+            os.kill(pid, signal.SIGKILL)
+        else:
+            resource.prlimit(pid, resource.RLIMIT_AS, (1, 1))
 
     def wait_until_gone(self) -> list[str]:
         """Wait for every process of the run; return those that had to be ended."""

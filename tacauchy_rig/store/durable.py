@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import shutil
@@ -10,7 +11,7 @@ from pathlib import Path
 from tacauchy_rig.errors import RecordError
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -29,7 +30,8 @@ def write_atomically(path: Path, data: bytes) -> None:
         temporary.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a read-only disk refuses this too, even of no file
+            temporary.unlink(missing_ok=True)
         raise write_error(path, error) from error
 
 
@@ -70,6 +72,12 @@ def write_error(path: Path, error: OSError) -> RecordError:
             f"{path}: no permission to write: {error.strerror}",
             remedy="give yourself write permission there (ls -ld shows it), "
             "or set run.output_directory to a folder of your own",
+        )
+    if error.errno == errno.EROFS:
+        return RecordError(
+            f"{path}: its disk is read-only",
+            remedy="mount it for writing (`dmesg` says whether it failed), or set "
+            "run.output_directory to another one",
         )
     if isinstance(error, FileExistsError):
         return RecordError(

@@ -103,7 +103,11 @@ def test_every_command_has_help(command: str) -> None:
     [
         (MemoryError("Unable to allocate 8 GiB"), "out of memory: Unable", "ulimit -v"),
         (OSError(errno.EMFILE, "Too many open files"), "too many open files", "ulimit -n"),
-        (OSError(errno.EROFS, "Read-only", "/a/b"), "/a/b: no permission", "output_directory"),
+        (
+            OSError(errno.EROFS, "Read-only", "/a/b"),
+            "/a/b: its disk is read-only",
+            "output_directory",
+        ),
         (OSError(errno.ENOSPC, "No space", "/a/b"), "/a/b: no space left", "free some space"),
         (ValueError("odd"), "ValueError: odd", "fault of the program"),
     ],

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from drivers.device.faults import Device, Fault, FaultKind
-from tacauchy_rig.fault_table.cases import FaultCase, Moment, Victim
+from tacauchy_rig.fault_table.cases import Blow, BlowKind, FaultCase, Moment, Victim
 from tacauchy_rig.fault_table.observe import observe_case
 
 CASES = [
-    FaultCase(Victim.RECORDER, Moment.PRESS),
+    FaultCase(Blow(BlowKind.KILL, Victim.RECORDER), Moment.PRESS),
     FaultCase(Fault(device=Device.FORCE_SENSOR, kind=FaultKind.UNPLUG), Moment.DWELL),
 ]
 

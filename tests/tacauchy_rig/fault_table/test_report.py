@@ -9,7 +9,7 @@ import pytest
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.fault_table.arm import ArmOutcome
 from tacauchy_rig.fault_table.cases import all_cases
-from tacauchy_rig.fault_table.observation import KeptMessages, Observation, Resumed
+from tacauchy_rig.fault_table.observation import CommandEnd, KeptMessages, Observation
 from tacauchy_rig.fault_table.report import fault_page, summary_line
 from tacauchy_rig.store.codec import dumps, from_json, loads
 
@@ -42,7 +42,7 @@ GOOD = Observation(
     measured={},
     kept=KEPT,
     kept_after_resume=KEPT,
-    resumed=(Resumed(exit_code=0, told=""),),
+    resumed=(CommandEnd(exit_code=0, told=""),),
 )
 LOST = replace(KEPT, readable={"control": 98, "camera": 10})
 MOVING = replace(ARM, at_rest=False, stopped_after_s=None)
@@ -60,7 +60,7 @@ MOVING = replace(ARM, at_rest=False, stopped_after_s=None)
         ({"kept": replace(KEPT, force_gap_count=4)}, "4 samples are missing"),
         ({"told": ""}, "told nothing"),
         ({"resumed": ()}, "resume did not finish"),
-        ({"resumed": (Resumed(exit_code=2, told="error: x"),)}, "resume did not finish"),
+        ({"resumed": (CommandEnd(exit_code=2, told="error: x"),)}, "resume did not finish"),
         ({"exit_code": -11}, "exit status -11"),
         ({"force_rise_n": 2.6}, "the gel felt 3.60 N; at most 3.50 N is allowed"),
         ({"name": "robot:wrong-pose@press", "exit_code": 0}, "the run passed"),

@@ -1,0 +1,108 @@
+/* Trouble of a computer, for the one program that this library is preloaded into.
+ *
+ * While the file $HOST_TROUBLE/clock-back or clock-forward exists, the wall clock is wrong by an
+ * hour; while $HOST_TROUBLE/read-only exists, nothing below $HOST_TROUBLE_DISK can be written, as
+ * when the kernel has remounted a failing disk. Monotonic clocks are left alone, as a jump does.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+#define JUMP_S 3600
+
+static int is_on(const char *trouble) {
+    char path[PATH_MAX];
+    int before = errno;
+    const char *folder = getenv("HOST_TROUBLE");
+    snprintf(path, sizeof path, "%s/%s", folder ? folder : "", trouble);
+    int found = syscall(SYS_faccessat, AT_FDCWD, path, F_OK) == 0;
+    errno = before;
+    return found;
+}
+
+static time_t jump_s(void) { return JUMP_S * (is_on("clock-forward") - is_on("clock-back")); }
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    int status = syscall(SYS_clock_gettime, clock, now);
+    if (status == 0 && clock == CLOCK_REALTIME) now->tv_sec += jump_s();
+    return status;
+}
+
+int gettimeofday(struct timeval *restrict now, void *restrict zone) {
+    int status = syscall(SYS_gettimeofday, now, zone);
+    if (status == 0) now->tv_sec += jump_s();
+    return status;
+}
+
+time_t time(time_t *out) {
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    if (out) *out = now.tv_sec;
+    return now.tv_sec;
+}
+
+static int is_refused(const char *path) {
+    const char *disk = getenv("HOST_TROUBLE_DISK");
+    if (!disk || strncmp(path, disk, strlen(disk)) || !is_on("read-only")) return 0;
+    errno = EROFS;
+    return 1;
+}
+
+static int is_refused_at(int file) {
+    char link[64], path[PATH_MAX];
+    snprintf(link, sizeof link, "/proc/self/fd/%d", file);
+    int before = errno;
+    ssize_t length = readlink(link, path, sizeof path - 1);
+    errno = before;
+    if (length < 0) return 0;
+    path[length] = 0;
+    return is_refused(path);
+}
+
+static int opened(const char *path, int flags, mode_t mode) {
+    if ((flags & (O_WRONLY | O_RDWR | O_CREAT)) && is_refused(path)) return -1;
+    return syscall(SYS_openat, AT_FDCWD, path, flags, mode);
+}
+
+int open(const char *path, int flags, ...) {
+    va_list rest;
+    va_start(rest, flags);
+    mode_t mode = va_arg(rest, mode_t);
+    va_end(rest);
+    return opened(path, flags, mode);
+}
+
+int open64(const char *path, int flags, ...) __attribute__((alias("open")));
+
+ssize_t write(int file, const void *data, size_t size) {
+    return is_refused_at(file) ? -1 : syscall(SYS_write, file, data, size);
+}
+
+ssize_t pwrite64(int file, const void *data, size_t size, off_t at) {
+    return is_refused_at(file) ? -1 : syscall(SYS_pwrite64, file, data, size, at);
+}
+
+int ftruncate64(int file, off_t size) {
+    return is_refused_at(file) ? -1 : syscall(SYS_ftruncate, file, size);
+}
+
+int mkdir(const char *path, mode_t mode) {
+    return is_refused(path) ? -1 : syscall(SYS_mkdirat, AT_FDCWD, path, mode);
+}
+
+int rename(const char *from, const char *to) {
+    return is_refused(to) ? -1 : syscall(SYS_renameat2, AT_FDCWD, from, AT_FDCWD, to, 0);
+}
+
+int unlink(const char *path) {
+    return is_refused(path) ? -1 : syscall(SYS_unlinkat, AT_FDCWD, path, 0);
+}
