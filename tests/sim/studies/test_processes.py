@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -69,6 +70,18 @@ if __name__ == "__main__":
 """
 
 
+def _long_command(folder: Path, names: list[str]) -> subprocess.Popen[bytes]:
+    script = folder / "long.py"
+    script.write_text(_LONG.format(names=names), encoding="utf-8")
+    root = Path(__file__).parents[3]
+    return subprocess.Popen(
+        [sys.executable, str(script)],
+        env=os.environ | {"PYTHONPATH": str(root)},
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
 def _stay(name: str) -> None:
     Path(name).write_text(str(os.getpid()), encoding="utf-8")
     time.sleep(60.0)
@@ -77,16 +90,21 @@ def _stay(name: str) -> None:
 def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
     """SIGKILL leaves no process that goes on measuring."""
     names = [str(tmp_path / "a"), str(tmp_path / "b")]
-    script = tmp_path / "long.py"
-    script.write_text(_LONG.format(names=names), encoding="utf-8")
-    root = Path(__file__).parents[3]
-    with subprocess.Popen(
-        [sys.executable, str(script)], env=os.environ | {"PYTHONPATH": str(root)}
-    ) as command:
+    with _long_command(tmp_path, names) as command:
         assert _comes_true(lambda: all(map(_is_written, names))), "nothing was measured"
         command.kill()
     measuring = [int(Path(name).read_text()) for name in names]
     assert _comes_true(lambda: not any(map(psutil.pid_exists, measuring)))
+
+
+def test_ctrl_c_ends_what_runs_and_begins_nothing_more(tmp_path: Path) -> None:
+    """A terminal sends it to all of them; what was still to be measured is left."""
+    names = [str(tmp_path / name) for name in "abcdefgh"]
+    with _long_command(tmp_path, names) as command:
+        assert _comes_true(lambda: all(map(_is_written, names[:2]))), "nothing was measured"
+        os.killpg(command.pid, signal.SIGINT)
+        assert command.wait(timeout=30.0) != 0
+    assert not any(map(_is_written, names[2:]))
 
 
 def _is_written(name: str) -> bool:

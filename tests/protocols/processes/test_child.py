@@ -1,0 +1,47 @@
+"""What a child tells of its end."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+from typing import Never
+
+import pytest
+
+from protocols.processes import child
+from protocols.processes.channel import Channel
+from protocols.processes.messages import Failed
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "remedy"),
+    [
+        (MemoryError(), "control: out of memory", "look where the arm stands"),
+        (ValueError("odd"), "control: unforeseen ValueError: odd", "logs/control.log"),
+    ],
+)
+def test_an_error_is_told_even_where_no_log_can_be_written(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, message: str, remedy: str
+) -> None:
+    """A process without memory cannot print a traceback; the supervisor hears of it before."""
+
+    def work(*_: object) -> Never:
+        raise error
+
+    def log(*_: object, **__: object) -> Never:
+        raise MemoryError
+
+    ours, theirs = Channel.pair()
+    monkeypatch.setattr(faulthandler, "enable", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["child", str(os.dup(theirs.fileno()))])
+    monkeypatch.setattr(child, "_receive_job", lambda *_: None)
+    monkeypatch.setattr(child.logger, "critical", log)
+    with pytest.raises(MemoryError):
+        child.run_child("control", work)
+    (told,) = ours.receive()
+    assert isinstance(told, Failed)
+    assert told.message == message
+    assert remedy in told.remedy
+    ours.close()
+    theirs.close()
