@@ -43,8 +43,8 @@ class TrialImages:
         first_half: Median over the first half of the dwell; with ``second_half`` it gives the
             noise ceiling. None when the dwell has fewer than four frames.
         frame_count: Frames in the dwell.
-        settled_change: What changes from its first to its last third beyond noise, over what the
-            contact changes [1]; None when the dwell has fewer than three frames.
+        settled_change: By how much of the contact its first and its last third differ [1]; None
+            when the dwell has fewer than three frames.
     """
 
     real: ColorImage

@@ -39,18 +39,24 @@ def test_noise_alone_is_no_change(noise: float) -> None:
     assert settled_change(dwell([1.0] * FRAMES, noise=noise), REFERENCE) < 0.02
 
 
+def test_a_camera_that_repeats_its_noise_is_not_accused() -> None:
+    """As the emulated one does on a busy computer: three pictures for thirty frames."""
+    one, two, three = dwell([1.0] * 3)
+    assert settled_change([one] * 11 + [two] * 9 + [three] * 10, REFERENCE) < 0.02
+
+
 def test_a_creeping_gel_is_not_accused() -> None:
     """Three percent more contact at the end than at the beginning, step by step."""
     found = settled_change(dwell(np.linspace(0.97, 1.0, FRAMES).tolist()), REFERENCE)
-    assert 0.01 < found < MAX_SETTLED_CHANGE
+    assert 0.015 < found < MAX_SETTLED_CHANGE
 
 
 @pytest.mark.parametrize("late", [6, 12, 23, 27])
 def test_an_older_pose_is_found(late: int) -> None:
     """So many frames of a pose with three quarters of the contact: 23 frames are 0.93 s."""
     found = settled_change(dwell([0.75] * late + [1.0] * (FRAMES - late)), REFERENCE)
-    expected = 0.25 * min(late, FRAMES - late, 10) / 10.0
-    assert found == pytest.approx(expected, rel=0.25)
+    expected = 0.25 * min(late, FRAMES - late, 10) / 10.0 / (1.0 - 0.25 * late / FRAMES)
+    assert found == pytest.approx(expected, rel=0.1)
     assert found > MAX_SETTLED_CHANGE
 
 
