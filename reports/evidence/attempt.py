@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -25,6 +26,7 @@ from tacauchy_rig.run import FZ, ImageFrame, TrialRecord
 from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.store.run_store import RunStore
 
+T = TypeVar("T")
 IntArray = NDArray[np.int64]
 Z = 2  # of a position
 MIN_FRAMES_TO_SPLIT = 4
@@ -154,11 +156,7 @@ class RunReading:
     def attempt(self, trial: int) -> AttemptReading | None:
         """Return what is read of a trial; None where no recording of it can be opened."""
         record = self.records[trial]
-        try:
-            return None if record is None else self.read(record)
-        except RecordError as error:
-            logger.info("trial %d: %s", trial, error)
-            return None
+        return None if record is None else readable(lambda: self.read(record))
 
     def read(self, record: TrialRecord) -> AttemptReading:
         """Return what is read of an attempt, its recording opened once.
@@ -169,6 +167,15 @@ class RunReading:
         if record.index not in self._attempts:
             self._attempts[record.index] = AttemptReading(self.store, record, self.geometry)
         return self._attempts[record.index]
+
+
+def readable(read: Callable[[], T]) -> T | None:
+    """Return what is read; None where it is damaged, which the check of the run names."""
+    try:
+        return read()
+    except RecordError as error:
+        logger.info("%s", error)
+        return None
 
 
 def decode_frame(frame: ImageFrame) -> ColorImage | None:

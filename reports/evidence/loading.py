@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from reports.arrays import ColorImage, FloatArray
-from reports.evidence.attempt import AttemptReading, RunReading
+from reports.evidence.attempt import AttemptReading, RunReading, readable
 from reports.evidence.evidence import (
     EmulatedWorld,
     JournalSummary,
@@ -20,8 +20,11 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
+from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.store.check.attempt import RESULT_HASH, RESULT_WHOLE
+from tacauchy_rig.store.check.contradiction import agreement
 from tacauchy_rig.store.check.run import RunCheck, check_run
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.run_store import RunStore
@@ -44,24 +47,28 @@ def load_evidence(
         replay: Its replay; None where it was not replayed, which every trial then misses.
         simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
 
+    What is damaged is a criterion that is missed, and otherwise as if it were not there.
+
     Raises:
-        RecordError: A recording or a replayed image is missing or damaged.
+        RecordError: No result of the run can be read, though it has some; or its journal cannot.
     """
     store, config = run.store, run.store.config
     check = check_run(store)
+    _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curve = stated_curve(replay)
+    images, damaged = (
+        (simulated_images, {}) if simulated_images is not None else _simulated(store, replay)
+    )
     trials = tuple(
         TrialEvidence(
             index=index,
             force_target_n=target,
             record=run.records[index],
             replay=replayed.get(index),
-            simulated_image=_simulated_image(store, replay, index)
-            if simulated_images is None
-            else simulated_images.get(index),
             force_depth_simulated=curve,
-            checks=_checks(check, run.records[index]),
+            checks=(*_checks(check, index, run.records[index]), *damaged.get(index, ())),
+            simulated_image=images.get(index),
             **_recorded(run.attempt(index)),
         )
         for index, target in enumerate(config.protocol.force_targets, start=1)
@@ -83,7 +90,7 @@ def load_evidence(
         contact_force_n=config.protocol.contact_force,
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
-        force_check=store.load_force_check(),
+        force_check=readable(store.load_force_check),
         unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
@@ -91,8 +98,36 @@ def load_evidence(
     )
 
 
-def _checks(check: RunCheck, record: TrialRecord | None) -> tuple[Criterion, ...]:
-    return () if record is None else check.attempts.get((record.index, record.attempt), ())
+def _require_a_result(check: RunCheck, run: RunReading) -> None:
+    """Refuse a report that would have nothing to report but damage."""
+    damaged = [
+        c
+        for each in check.attempts.values()
+        for c in each
+        if c.name == RESULT_WHOLE and not c.passed
+    ]
+    if damaged and not any(run.records.values()):
+        raise RecordError(
+            f"{run.store.paths.root}: nothing is left to report: no result of it can be read "
+            f"({damaged[0].limit})",
+            remedy=damaged[0].remedy,
+        )
+
+
+def _checks(check: RunCheck, trial: int, record: TrialRecord | None) -> tuple[Criterion, ...]:
+    """Return what is said of the attempt that counts.
+
+    The result of a later attempt might have counted, so what is wrong with it counts too.
+    """
+    counting = 0 if record is None else record.attempt
+    later = [
+        criterion
+        for (index, attempt), criteria in check.attempts.items()
+        for criterion in criteria
+        if index == trial and attempt > counting
+        if criterion.name in (RESULT_WHOLE, RESULT_HASH) and not criterion.passed
+    ]
+    return (*check.attempts.get((trial, counting), ()), *later)
 
 
 def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
@@ -136,10 +171,25 @@ def stated_curve(replay: Replay | None) -> FloatArray | None:
     return merge_histories([stated, *fitted])
 
 
-def _simulated_image(store: RunStore, replay: Replay | None, index: int) -> ColorImage | None:
-    if replay is None or all(trial.index != index for trial in replay.trials):
-        return None
-    return store.load_replay_fields(replay.name, index).image
+def _simulated(
+    store: RunStore, replay: Replay | None
+) -> tuple[dict[int, ColorImage], dict[int, tuple[Criterion, ...]]]:
+    """Return the rendered images of a replay, and what is damaged of it, by trial."""
+    images: dict[int, ColorImage] = {}
+    damaged: dict[int, tuple[Criterion, ...]] = {}
+    if replay is None:
+        return images, damaged
+    for trial in replay.trials:
+        try:
+            image = store.load_replay_fields(replay.name, trial.index).image
+        except RecordError as error:
+            promise = f"what was simulated of trial {trial.index} is readable"
+            lost = agreement("replay_whole", promise, [error.message], remedy=error.remedy)
+            damaged[trial.index] = (lost,)
+        else:
+            if image is not None:
+                images[trial.index] = image
+    return images, damaged
 
 
 def summarize_journal(events: list[JournalEvent]) -> JournalSummary:
@@ -180,7 +230,7 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
 
 
 def _world(store: RunStore, records: Mapping[int, TrialRecord | None]) -> EmulatedWorld | None:
-    values = store.load_truth()
+    values = readable(store.load_truth)
     if values is None:
         return None
     windows = {

@@ -91,7 +91,8 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
         with the other witnesses, and its journal says so.
 
     Raises:
-        RecordError: The disk is full or gone, or the file is damaged.
+        RecordError: Another program works on the run, the disk is full or gone, or the file is
+            damaged.
     """
     known = store.load_expected()
     if known is not None:
@@ -101,7 +102,8 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
     except (ConfigError, ConvergenceError) as error:
         logger.warning("no expected press: %s", error)
         return None
-    store.save_expected(made)
+    with store.lock():
+        store.save_expected(made)
     return made
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
-from reports.evidence.attempt import RunReading
+from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence
 from reports.page.writing import ReportPaths, write_report
@@ -15,11 +15,11 @@ def evidence_of(run: RunReading) -> RunEvidence:
     """Return forces, depths and images of a run, each beside what its replay made of it.
 
     Raises:
-        RecordError: A recording or a replayed image is missing or damaged.
+        RecordError: Nothing is left to report.
     """
-    store = run.store
+    store, is_replayed = run.store, REPLAY_NAME in run.store.replays()
     return load_evidence(
-        run, store.load_replay(REPLAY_NAME) if REPLAY_NAME in store.replays() else None
+        run, readable(lambda: store.load_replay(REPLAY_NAME)) if is_replayed else None
     )
 
 

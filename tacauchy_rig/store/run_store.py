@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import logging
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -26,6 +27,8 @@ from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.replay_files import ReplayFields, read_fields, write_fields
 from tacauchy_rig.store.seals import Seal, file_sha256, seal
+
+logger = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -223,12 +226,19 @@ class RunStore:
         return next((result for result in self._results(trial) if result.passed), None)
 
     def _results(self, trial: int) -> Iterator[TrialRecord]:
-        """Yield the results of a trial's attempts, the latest first."""
-        results = (
-            self.load_result(trial, number)
-            for number in reversed(self.paths.attempt_indices(trial))
-        )
-        return (result for result in results if result is not None)
+        """Yield the readable results of a trial's attempts, the latest first.
+
+        One that is damaged is passed over, as if its attempt had been cut off; the check of the
+        run names it (``tacauchy_rig.store.check``).
+        """
+        for number in reversed(self.paths.attempt_indices(trial)):
+            try:
+                result = self.load_result(trial, number)
+            except RecordError as error:
+                logger.warning("%s; passed over", error.message)
+                continue
+            if result is not None:
+                yield result
 
     def counting(self, trial: int) -> TrialRecord | None:
         """Return the result that counts: the latest that passed, or else the latest that ended."""

@@ -93,24 +93,23 @@ class RunCopy:
         self,
         trial: int,
         change: Callable[[Messages], Messages],
-        *,
-        metadata: Callable[[dict[str, str]], dict[str, str]] = dict,
+        /,
+        **metadata: str,
     ) -> None:
-        """Write a recording anew with other messages."""
+        """Write a recording anew with other messages, and with other metadata where given."""
         path = self.recording(trial)
         recording = Recording.open(path)
         before = list(recording.raw_messages())
         path.unlink()
-        with RecordingWriter(path, metadata=metadata(recording.metadata)) as writer:
+        with RecordingWriter(path, metadata=recording.metadata | metadata) as writer:
             writer.write_raw(change(before))
         if self.care is Care.BYTES:
             _spoil_checksums(path, {message.data for message in before})
 
-    def change_json(self, path: Path, change: Callable[[Json], None]) -> None:
-        """Change the content of a JSON file."""
+    def change_json(self, path: Path, fields: Callable[[Json], Json]) -> None:
+        """Give fields of a JSON file another value, made from its content."""
         content = json.loads(path.read_bytes())
-        change(content)
-        path.write_bytes(dumps(content))
+        path.write_bytes(dumps(content | fields(content)))
 
     def change_journal(self, change: Callable[[list[Json]], list[Json]]) -> None:
         """Change the lines of the journal, without their numbers and hashes."""
@@ -132,8 +131,8 @@ class RunCopy:
         for key in self.paths.attempts():
             recording, result = self.paths.recording(*key), self.paths.result(*key)
             if recording.exists() and result.exists():
-                sha256 = _sha256(recording)
-                self.change_json(result, lambda r, s=sha256: r.update(recording_sha256=s))  # type: ignore[misc]
+                known = {"recording_sha256": _sha256(recording)}
+                self.change_json(result, lambda _, known=known: known)  # type: ignore[misc]
         self._reseal_replays()
         if self.paths.journal.exists():
             raw = self.paths.journal.read_bytes().splitlines()
@@ -142,13 +141,18 @@ class RunCopy:
 
     def _reseal_replays(self) -> None:
         for path in self.paths.replays.glob("*/replay.json"):
+            bases = {"made_from": self.root, "files": path.parent}
 
-            def rehash(replay: Json, folder: Path = path.parent) -> None:
-                for field, base in (("made_from", self.root), ("files", folder)):
-                    there = {name: base / name for name in replay[field]}
-                    replay[field] |= {n: _sha256(p) for n, p in there.items() if p.is_file()}
+            def hashes(replay: Json, bases: dict[str, Path] = bases) -> Json:
+                return {
+                    field: {
+                        n: _sha256(base / n) if (base / n).is_file() else known
+                        for n, known in replay[field].items()
+                    }
+                    for field, base in bases.items()
+                }
 
-            self.change_json(path, rehash)
+            self.change_json(path, hashes)
 
     def _resealed(self, line: Json) -> Json:
         """Return a line of the journal with the hashes of the files as they are now."""
@@ -162,6 +166,13 @@ class RunCopy:
             if line["name"] == name and path.is_file():
                 detail[field] = _sha256(path)
         return {**line, "detail": detail}
+
+
+def exchange(first: Path, second: Path) -> None:
+    """Give each of two files the other's content."""
+    content = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(content)
 
 
 def _spoil_checksums(path: Path, known: set[bytes]) -> None:

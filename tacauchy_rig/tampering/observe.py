@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +13,7 @@ from tacauchy_rig.errors import RigError
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.report import evidence_of
 from tacauchy_rig.run import Criterion
-from tacauchy_rig.store.check.run import RunCheck, check_run
+from tacauchy_rig.store.check.run import check_run
 from tacauchy_rig.store.recovery import recover_run
 from tacauchy_rig.store.run_store import RunStore
 from tacauchy_rig.tampering.case import TamperCase
@@ -34,68 +34,77 @@ class Observation:
 
     Attributes:
         named: Per command, the criteria that were missed, or the refusal in words.
-        judged: Where no check noticed it: criteria of the verdict that are missed now.
     """
 
     case: str
     care: Care
     named: dict[str, tuple[str, ...]]
-    judged: tuple[str, ...] = ()
 
     @property
     def unseen_by(self) -> tuple[str, ...]:
         """The commands that did not notice it."""
         return tuple(reader for reader, names in self.named.items() if not names)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the checks of the files name; where they name nothing, what the verdict misses."""
+        return self.named[Reader.REPLAY] or self.named[Reader.REPORT]
 
-def observe(case: TamperCase, care: Care, run: Path) -> Observation:
-    """Tamper with a copy of ``run`` and let every command read it."""
+    @property
+    def is_judged(self) -> bool:
+        """True where no check of the files names it, and the verdict does."""
+        return not self.named[Reader.REPLAY] and bool(self.named[Reader.REPORT])
+
+
+def observe(case: TamperCase, care: Care, run: Path, *, missed: Set[str]) -> Observation:
+    """Tamper with a copy of ``run`` and let every command read it.
+
+    Args:
+        case: What is done.
+        care: How far it is followed up.
+        run: The run; nothing of it is changed.
+        missed: What its own report misses.
+    """
     with tempfile.TemporaryDirectory() as folder:
         copy = RunCopy.of(run, Path(folder), care)
         case.change(copy)
         if care is Care.RESEALED:
             copy.reseal()
-        checked = _names(lambda: missed_of(check_run(RunStore.open(copy.root))))
         named = {
-            Reader.REPORT.value: _names(lambda: _opened(copy.root)) or checked,
-            Reader.REPLAY.value: checked,
+            Reader.REPORT.value: _named(lambda: _reported(copy.root, missed)),
+            Reader.REPLAY.value: _named(lambda: check_run(RunStore.open(copy.root)).missed_names()),
+            Reader.RECOVER.value: _named(lambda: _recovered(copy.root)),
         }
-        judged = () if checked else tuple(sorted(verdict_of(copy.root) - verdict_of(run)))
-        named[Reader.RECOVER.value] = _names(lambda: _recovered(copy.root))
-    return Observation(case=case.name, care=care, named=named, judged=judged)
-
-
-def missed_of(check: RunCheck) -> Iterator[str]:
-    """Yield the names of the criteria that are missed, each once."""
-    return _unmet([*check.run, *(c for criteria in check.attempts.values() for c in criteria)])
+    return Observation(case=case.name, care=care, named=named)
 
 
 def verdict_of(root: Path) -> set[str]:
     """Return the criteria that the report of a run misses."""
     report = compare(evidence_of(open_run(root)))
-    return set(_unmet([*report.criteria, *(c for trial in report.trials for c in trial.criteria)]))
+    return set(_missed(report.criteria, *(trial.criteria for trial in report.trials)))
 
 
-def _unmet(criteria: Iterable[Criterion]) -> Iterator[str]:
-    return iter(dict.fromkeys(c.name for c in criteria if not c.passed))
+def _reported(root: Path, missed: Set[str]) -> Iterable[str]:
+    """Return what the report lists of its checks; where they are met, what else it misses now."""
+    evidence = evidence_of(open_run(root))
+    checks = _missed(evidence.checks, *(trial.checks for trial in evidence.trials))
+    return checks or sorted(verdict_of(root) - missed)
 
 
-def _opened(root: Path) -> Iterator[str]:
-    """Open a run as the report does, which refuses what it cannot read."""
-    open_run(root)
-    return iter(())
+def _missed(*criteria: Sequence[Criterion]) -> Sequence[str]:
+    return list(dict.fromkeys(c.name for each in criteria for c in each if not c.passed))
 
 
-def _recovered(root: Path) -> Iterator[str]:
+def _recovered(root: Path) -> Iterable[str]:
     recovery = recover_run(RunStore.open(root))
-    yield from missed_of(recovery.check)
+    yield from recovery.check.missed_names()
     if any(report.problems for report in recovery.recordings):
         yield "not recovered"
     if recovery.was_cut_off:
         yield "journal had no end"
 
 
-def _names(read: Callable[[], Iterator[str]]) -> tuple[str, ...]:
+def _named(read: Callable[[], Iterable[str]]) -> tuple[str, ...]:
     try:
         return tuple(read())
     except RigError as error:

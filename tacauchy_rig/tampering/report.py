@@ -52,34 +52,27 @@ def tamper_page(seen: Sequence[Observation], *, command: str, press_count: int) 
             "version": __version__,
             "press_count": press_count,
             "tables": {name: _table(cases, seen) for name, cases in groups.items()},
-            "unseen": [s for s in unseen if not s.judged],
-            "judged": [s for s in unseen if s.judged],
+            "unseen": [s for s in unseen if not s.is_judged],
+            "judged": [s for s in unseen if s.is_judged],
         },
     )
 
 
 def _table(cases: Sequence[str], seen: Sequence[Observation]) -> Table:
-    found = {(s.case, s.care): s for s in seen}
+    found = {(s.case, s.care): _cell(s) for s in seen}
     return Table(
         columns=("what is done", *(care.value for care in Care)),
         rows=tuple(
-            (
-                case.partition(": ")[2],
-                *(_cell(found.get((case, care))) for care in Care),
-            )
+            (case.partition(": ")[2], *(found.get((case, care), "–") for care in Care))
             for case in cases
         ),
     )
 
 
-def _cell(seen: Observation | None) -> str:
-    if seen is None:
-        return "–"
-    names = next((names for names in seen.named.values() if names), ())
-    if not names:
-        judged = ", ".join(seen.judged)
-        return f"verdict: {judged}" if judged else "nothing"
-    names = tuple(sorted(names, key=lambda name: name == _FOLLOWS))
+def _cell(seen: Observation) -> str:
+    if seen.is_judged or not seen.names:
+        return f"verdict: {', '.join(seen.names)}" if seen.names else "nothing"
+    names = sorted(seen.names, key=lambda name: name == _FOLLOWS)
     shown = ", ".join(names[:_SHOWN])
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     unseen = f"; not by {', '.join(seen.unseen_by)}" if seen.unseen_by else ""

@@ -2,126 +2,160 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from tacauchy_rig.rgb import decode_rgb, encode_png
-from tacauchy_rig.tampering.case import TORN, TamperCase
-from tacauchy_rig.tampering.copy import Json, RunCopy
-from tacauchy_rig.tampering.recordings import OTHER, VICTIM
+from tacauchy_rig.tampering.case import (
+    OTHER,
+    TORN,
+    VICTIM,
+    TamperCase,
+    byte_cases,
+    cases_of,
+    json_cases,
+)
+from tacauchy_rig.tampering.copy import Json, RunCopy, exchange
 
 _MOVED_NS = 200_000_000
 _DEEPER_M = 1e-4
+_FELT_N = 3.0
+"""Beyond the noise of the estimate of any arm."""
+_HALVED = ("force_measured_n", "force_deviation_n", "force_rate_n_s", "force_drift_n")
 
 
 def result_cases() -> Iterator[TamperCase]:
     """Yield every case of a result."""
-    yield _result("forces halved", _halve)
-    yield _result("outcome of a failed attempt made passed", _forgiven)
-    yield _result("0.1 mm deeper", lambda r: _add(r, "depth_measured_m", _DEEPER_M))
-    yield _result("contact 0.1 mm higher", lambda r: _add(r, "contact_z_m", _DEEPER_M))
-    yield _result("dwell 0.2 s earlier", _moved_dwell)
-    yield _result("another target", lambda r: r.update(force_target_n=r["force_target_n"] + 0.5))
-    yield _result("another zero", _moved_zero)
-    yield _result("drift made none", lambda r: r.update(force_drift_n=0.0))
-    yield _result("of another attempt", lambda r: r.update(attempt=r["attempt"] + 1))
-    yield TamperCase(name="result: exchanged with another trial's", change=_swap_results)
-    yield TamperCase(name="result: cut in half", change=_cut_result, cares=TORN)
-    yield TamperCase(name="result: deleted", change=lambda c: c.result(VICTIM).unlink())
+    yield from json_cases(
+        "result",
+        lambda copy: copy.result(VICTIM),
+        {
+            "forces halved": lambda r: {field: 0.5 * r[field] for field in _HALVED},
+            "outcome of a failed attempt made passed": _forgiven,
+            "0.1 mm deeper": lambda r: {"depth_measured_m": r["depth_measured_m"] + _DEEPER_M},
+            "contact 0.1 mm higher": lambda r: {"contact_z_m": r["contact_z_m"] + _DEEPER_M},
+            "dwell 0.2 s earlier": lambda r: {
+                field: r[field] - _MOVED_NS for field in ("dwell_start_ns", "dwell_end_ns")
+            },
+            "another target": lambda r: {"force_target_n": r["force_target_n"] + 0.5},
+            "another zero": lambda r: {"tare_before": _other_mean(r["tare_before"])},
+            "drift made none": lambda _: {"force_drift_n": 0.0},
+            "the arm's own force 3 N larger": lambda r: {
+                "arm_force_n": (r["arm_force_n"] or 0.0) + _FELT_N
+            },
+            "of another attempt": lambda r: {"attempt": r["attempt"] + 1},
+        },
+    )
+    yield from cases_of(
+        "result",
+        {
+            "exchanged with another trial's": lambda copy: exchange(
+                copy.result(VICTIM), copy.result(OTHER)
+            )
+        },
+    )
+    cut = {"cut in half": lambda content: content[: len(content) // 2]}
+    yield from byte_cases("result", lambda copy: copy.result(VICTIM), cut)
+    yield from cases_of("result", {"deleted": lambda copy: copy.result(VICTIM).unlink()})
 
 
 def journal_cases() -> Iterator[TamperCase]:
-    """Yield every case of the journal, the description and the configuration."""
-    yield _journal("a line deleted", lambda lines: [*lines[:5], *lines[6:]])
-    yield _journal("a line twice", lambda lines: [*lines[:6], *lines[5:]])
-    yield _journal("two lines exchanged", lambda n: [*n[:5], n[6], n[5], *n[7:]])
-    yield _journal("force at an attempt's end edited", _edited_end)
-    yield _journal("an attempt's lines deleted", _without_attempt)
-    yield _journal("cut short by its last lines", lambda lines: lines[: 2 * len(lines) // 3])
-    yield TamperCase(name="journal: a line made unreadable", change=_garbled_line, cares=TORN)
-    yield TamperCase(
-        name="journal: deleted", change=lambda copy: copy.paths.journal.unlink(), cares=TORN
+    """Yield every case of the journal, the description, the configuration and the truth."""
+    yield from cases_of(
+        "journal",
+        {
+            "a line deleted": lambda lines: _where(lines, lambda _, two: [two]),
+            "a line twice": lambda lines: _where(lines, lambda one, two: [one, one, two]),
+            "two lines exchanged": lambda lines: _where(lines, lambda one, two: [two, one]),
+            "force at an attempt's end edited": _edited_end,
+            "an attempt's lines deleted": lambda n: [e for e in n if e["trial"] != VICTIM],
+            "cut short by its last lines": lambda lines: lines[: 2 * len(lines) // 3],
+        },
+        lambda copy, change: copy.change_journal(change),
     )
-    yield _described("sign of the cell flipped", _flip_sign)
-    yield _described("emulated devices made real", lambda d: d.update(simulated=False))
-    yield _described("a device's serial number edited", _other_device)
-    yield TamperCase(name="rig.toml: edited", change=_edited_toml)
-    yield TamperCase(name="attempt: its folder deleted", change=_without_folder)
-    yield TamperCase(name="attempt: its folder doubled as a later one", change=_doubled_folder)
+    garbled = {"a line made unreadable": _garbled_line}
+    yield from byte_cases("journal", lambda copy: copy.paths.journal, garbled)
+    deleted = {"deleted": lambda copy: copy.paths.journal.unlink()}
+    yield from cases_of("journal", deleted, cares=TORN)
+    yield from json_cases(
+        "run.json",
+        lambda copy: copy.paths.run_json,
+        {
+            "sign of the cell flipped": _flipped_sign,
+            "emulated devices made real": lambda _: {"simulated": False},
+            "a device's serial number edited": _other_device,
+        },
+    )
+    edited = {"edited": lambda copy: copy.paths.rig_toml.open("ab").write(b"\n# edited\n")}
+    yield from cases_of("rig.toml", edited)
+    softer = {"a softer gel": lambda truth: {"young_pa": 0.5 * truth["young_pa"]}}
+    yield from json_cases("truth.json", lambda copy: copy.paths.truth, softer)
+    torn = {"cut in half": lambda content: content[: len(content) // 2]}
+    yield from byte_cases("truth.json", lambda copy: copy.paths.truth, torn)
+    yield from cases_of(
+        "attempt",
+        {
+            "its folder deleted": lambda copy: shutil.rmtree(copy.result(VICTIM).parent),
+            "its folder doubled as a later one": lambda copy: shutil.copytree(
+                copy.result(VICTIM).parent, copy.paths.attempt(VICTIM, copy.attempt(VICTIM) + 1)
+            ),
+        },
+    )
 
 
 def replay_cases() -> Iterator[TamperCase]:
     """Yield every case of a replay."""
-    yield TamperCase(name="replay: images without contact", change=_no_contact)
-    yield TamperCase(name="replay: a trial's image is another's", change=_other_image)
-    yield TamperCase(name="replay: an image damaged", change=_cut_image, cares=TORN)
-    yield _replayed("simulated force edited", lambda t: _add(t, "force_simulated_n", 0.01))
-    yield _replayed("pressed to another force", lambda t: _add(t, "force_measured_n", 0.5))
-    yield TamperCase(name="replay: deleted", change=lambda copy: shutil.rmtree(copy.replay))
-
-
-def _result(name: str, change: Callable[[Json], None]) -> TamperCase:
-    return TamperCase(
-        name=f"result: {name}",
-        change=lambda copy: copy.change_json(copy.result(VICTIM), change),
+    yield from cases_of(
+        "replay",
+        {
+            "images without contact": _no_contact,
+            "a trial's image is another's": lambda copy: shutil.copyfile(
+                _image(copy, OTHER), _image(copy, VICTIM)
+            ),
+        },
     )
-
-
-def _journal(name: str, change: Callable[[list[Json]], list[Json]]) -> TamperCase:
-    return TamperCase(name=f"journal: {name}", change=lambda copy: copy.change_journal(change))
-
-
-def _described(name: str, change: Callable[[Json], None]) -> TamperCase:
-    return TamperCase(
-        name=f"run.json: {name}",
-        change=lambda copy: copy.change_json(copy.paths.run_json, change),
+    damaged = {"an image damaged": lambda content: content[:100]}
+    yield from byte_cases("replay", lambda copy: _image(copy, VICTIM), damaged)
+    yield from json_cases(
+        "replay",
+        lambda copy: copy.replay / "replay.json",
+        {
+            "simulated force edited": lambda r: _first_trial(r, "force_simulated_n", 0.01),
+            "pressed to another force": lambda r: _first_trial(r, "force_measured_n", 0.5),
+        },
     )
+    cut = {"cut in half": lambda content: content[: len(content) // 2]}
+    yield from byte_cases("replay", lambda copy: copy.replay / "replay.json", cut)
+    yield from cases_of("replay", {"deleted": lambda copy: shutil.rmtree(copy.replay)})
 
 
-def _replayed(name: str, change: Callable[[Json], None]) -> TamperCase:
-    def changed(copy: RunCopy) -> None:
-        path = copy.replay / "replay.json"
-        copy.change_json(path, lambda replay: change(replay["trials"][0]))
-
-    return TamperCase(name=f"replay: {name}", change=changed)
-
-
-def _add(content: Json, field: str, more: float) -> None:
-    content[field] += more
-
-
-def _halve(result: Json) -> None:
-    for field in ("force_measured_n", "force_deviation_n", "force_rate_n_s", "force_drift_n"):
-        result[field] *= 0.5
-
-
-def _forgiven(result: Json) -> None:
+def _forgiven(result: Json) -> Json:
     """Leave an outcome that its own criteria contradict."""
-    result["criteria"][0]["passed"] = False
+    first, *others = result["criteria"]
+    return {"criteria": [{**first, "passed": False}, *others]}
 
 
-def _moved_dwell(result: Json) -> None:
-    result["dwell_start_ns"] -= _MOVED_NS
-    result["dwell_end_ns"] -= _MOVED_NS
+def _other_mean(tare: Json) -> Json:
+    return {**tare, "mean": [value + 0.05 for value in tare["mean"]]}
 
 
-def _moved_zero(result: Json) -> None:
-    mean = result["tare_before"]["mean"]
-    result["tare_before"]["mean"] = [value + 0.05 for value in mean]
+def _where(lines: list[Json], change: Callable[[Json, Json], list[Json]]) -> list[Json]:
+    """Put others in the place of two lines that tell of phases of the attempt."""
+    place = _phase(lines)
+    return [*lines[:place], *change(lines[place], lines[place + 1]), *lines[place + 2 :]]
 
 
-def _swap_results(copy: RunCopy) -> None:
-    first, second = copy.result(VICTIM), copy.result(OTHER)
-    content = first.read_bytes()
-    first.write_bytes(second.read_bytes())
-    second.write_bytes(content)
-
-
-def _cut_result(copy: RunCopy) -> None:
-    path = copy.result(VICTIM)
-    path.write_bytes(path.read_bytes()[:200])
+def _phase(lines: list[Json]) -> int:
+    """Return where the first phase of the attempt stands."""
+    return next(
+        place
+        for place, line in enumerate(lines)
+        if line["name"] == "phase" and line["trial"] == VICTIM
+    )
 
 
 def _edited_end(lines: list[Json]) -> list[Json]:
@@ -130,39 +164,32 @@ def _edited_end(lines: list[Json]) -> list[Json]:
     return lines
 
 
-def _without_attempt(lines: list[Json]) -> list[Json]:
-    return [line for line in lines if line["trial"] != VICTIM]
+def _garbled_line(content: bytes) -> bytes:
+    lines = content.splitlines(keepends=True)
+    place = _phase([json.loads(line) for line in lines])
+    lines[place] = lines[place][: len(lines[place]) // 2] + b"\n"
+    return b"".join(lines)
 
 
-def _garbled_line(copy: RunCopy) -> None:
-    lines = copy.paths.journal.read_bytes().split(b"\n")
-    lines[5] = lines[5][: len(lines[5]) // 2]
-    copy.paths.journal.write_bytes(b"\n".join(lines))
-
-
-def _flip_sign(description: Json) -> None:
+def _flipped_sign(description: Json) -> Json:
     cell = description["config"]["force_sensor"]
-    cell["compression_sign"] = -cell["compression_sign"]
-    description["written"]["force_sensor.compression_sign"] = cell["compression_sign"]
+    other = -cell["compression_sign"]
+    return {
+        "config": {
+            **description["config"],
+            "force_sensor": {**cell, "compression_sign": other},
+        },
+        "written": {**description["written"], "force_sensor.compression_sign": other},
+    }
 
 
-def _other_device(description: Json) -> None:
-    device = next(iter(description["devices"].values()))
-    device["serial"] = "another"
+def _other_device(description: Json) -> Json:
+    name, device = next(iter(description["devices"].items()))
+    return {"devices": {**description["devices"], name: {**device, "serial": "another"}}}
 
 
-def _edited_toml(copy: RunCopy) -> None:
-    path = copy.paths.rig_toml
-    path.write_text(path.read_text("utf-8") + "\n# edited\n", encoding="utf-8")
-
-
-def _without_folder(copy: RunCopy) -> None:
-    shutil.rmtree(copy.result(VICTIM).parent)
-
-
-def _doubled_folder(copy: RunCopy) -> None:
-    attempt = copy.attempt(VICTIM)
-    shutil.copytree(copy.paths.attempt(VICTIM, attempt), copy.paths.attempt(VICTIM, attempt + 1))
+def _image(copy: RunCopy, trial: int) -> Path:
+    return copy.replay / "trials" / f"{trial:02d}" / "image.png"
 
 
 def _no_contact(copy: RunCopy) -> None:
@@ -174,13 +201,6 @@ def _no_contact(copy: RunCopy) -> None:
             path.write_bytes(encode_png(np.ascontiguousarray(even, dtype=np.uint8)))
 
 
-def _other_image(copy: RunCopy) -> None:
-    shutil.copyfile(
-        copy.replay / "trials" / f"{OTHER:02d}" / "image.png",
-        copy.replay / "trials" / f"{VICTIM:02d}" / "image.png",
-    )
-
-
-def _cut_image(copy: RunCopy) -> None:
-    path = copy.replay / "trials" / f"{VICTIM:02d}" / "image.png"
-    path.write_bytes(path.read_bytes()[:100])
+def _first_trial(replay: Json, field: str, more: float) -> Json:
+    first, *others = replay["trials"]
+    return {"trials": [{**first, field: first[field] + more}, *others]}

@@ -24,25 +24,25 @@ def tamper_table(
     """Tamper with copies of a finished, replayed run in every way; write what is noticed."""
     from tacauchy_rig.store.run_store import RunStore
     from tacauchy_rig.tampering.cases import all_cases
-    from tacauchy_rig.tampering.observe import observe
+    from tacauchy_rig.tampering.observe import observe, verdict_of
     from tacauchy_rig.tampering.report import misses, summary_line, tamper_page
 
     store = RunStore.open(folder)
     _require_whole(store)
+    missed = verdict_of(folder)
     seen: list[Observation] = []
     for case in all_cases():
         for care in case.cares:
-            found = observe(case, care, folder)
+            found = observe(case, care, folder, missed=missed)
             seen.append(found)
-            named = next((names for names in found.named.values() if names), found.judged)
-            say(f"{case.name} ({care.value}): {', '.join(named) or 'nothing'}")
+            say(f"{case.name} ({care.value}): {', '.join(found.names) or 'nothing'}")
     count = len(store.config.protocol.force_targets)
     write_text(out, tamper_page(seen, command="tacauchy-rig tamper-table RUN", press_count=count))
     write_json(json_file, {"cases": seen})
     say(summary_line(seen))
     say(f"table {out}")
-    for missed in misses(seen):
-        complain(f"{missed.case} ({missed.care.value}) is not named by {missed.unseen_by}")
+    for miss in misses(seen):
+        complain(f"{miss.case} ({miss.care.value}) is not named by {', '.join(miss.unseen_by)}")
     raise typer.Exit(1 if misses(seen) else 0)
 
 
@@ -50,17 +50,18 @@ def _require_whole(store: RunStore) -> None:
     """Refuse a run that has nothing to tamper with, or was tampered with.
 
     Raises:
-        RecordError: Fewer than two presses passed, it was not replayed, or it is not whole.
+        RecordError: It is not whole or not replayed, fewer than two presses passed, or nothing was
+            emulated.
     """
     from tacauchy_rig.store.check.run import check_run
-    from tacauchy_rig.tampering.recordings import OTHER
+    from tacauchy_rig.tampering.case import OTHER
 
     root = store.paths.root
     wrong = list(check_run(store).missed())
     if wrong:
         raise RecordError(f"{root}: is not whole: {wrong[0]}", remedy="give another run")
-    if not store.replays() or store.accepted(OTHER) is None:
+    if not store.replays() or store.accepted(OTHER) is None or not store.paths.truth.exists():
         raise RecordError(
-            f"{root}: needs {OTHER} passed presses and a replay",
+            f"{root}: needs {OTHER} passed presses, a replay and the truth of what was emulated",
             remedy="`tacauchy-rig dry-run` makes such a run",
         )

@@ -9,29 +9,30 @@ from pathlib import Path
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.run import Criterion, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.store.check.contradiction import SET_ASIDE, agreement
-from tacauchy_rig.store.check.journal import SHOWN_HASH, JournalReading
+from tacauchy_rig.store.check.contradiction import SET_ASIDE, agreement, shown, unlike
+from tacauchy_rig.store.check.journal import JournalReading
 from tacauchy_rig.store.codec import dumps, to_json
 from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.store.run_store import RunStore
-from tacauchy_rig.store.seals import Seal, file_sha256
+from tacauchy_rig.store.seals import Seal
 
+RESULT_WHOLE, RESULT_HASH = "result_whole", "result_hash"
 RECOVER = "`tacauchy-rig recover RUN` repairs what can be repaired of it; " + SET_ASIDE
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt at a trial: its files, and what the journal says of it.
-
-    Attributes:
-        record: Its result; None where it was cut off.
-    """
+    """An attempt at a trial: its files, and what the journal says of it."""
 
     store: RunStore
     journal: JournalReading
     trial: int
     attempt: int
-    record: TrialRecord | None
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Trial and attempt."""
+        return self.trial, self.attempt
 
     @property
     def name(self) -> str:
@@ -41,7 +42,20 @@ class Attempt:
     @property
     def path(self) -> Path:
         """Its recording."""
-        return self.store.paths.recording(self.trial, self.attempt)
+        return self.store.paths.recording(*self.key)
+
+    @cached_property
+    def result(self) -> TrialRecord | RecordError | None:
+        """The result, or why it cannot be read; None where it was cut off before it had one."""
+        try:
+            return self.store.load_result(*self.key)
+        except RecordError as error:
+            return error
+
+    @property
+    def record(self) -> TrialRecord | None:
+        """The result; None where there is none, or none that can be read."""
+        return None if isinstance(self.result, RecordError) else self.result
 
     @cached_property
     def recording(self) -> Recording | RecordError:
@@ -102,7 +116,12 @@ def judge_files(attempt: Attempt) -> Iterator[Criterion]:
             _exchanged_recording(attempt),
         )
     yield agreement(
-        "result_hash",
+        RESULT_WHOLE,
+        f"{attempt.name}/result.json is readable",
+        [attempt.result.message] if isinstance(attempt.result, RecordError) else [],
+    )
+    yield agreement(
+        RESULT_HASH,
         f"{attempt.name}/result.json is the file that was written",
         _exchanged_result(attempt),
     )
@@ -144,43 +163,34 @@ def _exchanged_recording(attempt: Attempt) -> Iterator[str]:
     record, seal, repacked = attempt.record, attempt.seal, attempt.seals(Seal.RECOVERED)
     in_result = None if record is None else record.recording_sha256
     in_journal = None if seal is None else seal.detail.get("recording_sha256")
-    if seal is not None and in_result != in_journal:
+    if seal is not None and record is not None and in_result != in_journal:
         yield (
-            f"result.json says that its sha256 was {_short(in_result)}, journal.jsonl "
-            f"{_short(in_journal)}"
+            f"result.json says that its sha256 was {shown(in_result)}, journal.jsonl "
+            f"{shown(in_journal)}"
         )
-    known = repacked[-1].detail.get("recording_sha256") if repacked else in_result
-    if known is None:
-        return
-    found = file_sha256(attempt.path, what="the recording")
-    if found != known:
-        yield f"its sha256 is {_short(found)}, and was {_short(known)}"
+    known = repacked[-1].detail.get("recording_sha256") if repacked else in_result or in_journal
+    if known is not None:
+        yield from unlike(attempt.path, known)
     originals = [event.detail.get("original_sha256") for event in repacked]
     if in_result is not None and repacked and in_result not in originals:
         yield (
-            f"it was closed with the sha256 {_short(in_result)}, then damaged, and what was "
-            f"readable of {_short(originals[0])} was repacked"
+            f"it was closed with the sha256 {shown(in_result)}, then damaged, and what was "
+            f"readable of {shown(originals[0])} was repacked"
         )
 
 
 def _exchanged_result(attempt: Attempt) -> Iterator[str]:
-    path, seal, journal = attempt.store.paths.result(*_key(attempt)), attempt.seal, attempt.journal
-    if attempt.record is None:
-        if seal is not None:
-            yield f"{path.name} is missing; journal.jsonl says that the attempt has one"
-        return
-    if seal is None:
-        if journal.is_sealed and not journal.is_open and not journal.was_cut:
-            yield "journal.jsonl does not know of it"
-    else:
-        found, known = file_sha256(path, what="the result"), seal.detail.get("result_sha256")
-        if found != known:
-            yield f"its sha256 is {_short(found)}, and was {_short(known)}"
+    seal, journal = attempt.seal, attempt.journal
+    if seal is not None:
+        path = attempt.store.paths.result(*attempt.key)
+        yield from unlike(path, seal.detail.get("result_sha256"))
+    elif attempt.record is not None and journal.is_sealed and not journal.may_lack_a_seal:
+        yield "journal.jsonl does not know of it"
 
 
 def _told_otherwise(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
     """Yield what the result says otherwise than journal and configuration do."""
-    if (record.index, record.attempt) != _key(attempt):
+    if (record.index, record.attempt) != attempt.key:
         yield f"it tells of attempt {record.attempt} at trial {record.index}"
     targets = attempt.store.config.protocol.force_targets
     target = targets[attempt.trial - 1] if attempt.trial <= len(targets) else None
@@ -189,7 +199,7 @@ def _told_otherwise(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
     missed = [c.name for c in record.criteria if not c.passed]
     if record.passed and (missed or not record.criteria):
         yield f"its outcome is passed, with criteria missed: {', '.join(missed) or 'all'}"
-    for event in attempt.journal.of_attempt(*_key(attempt)):
+    for event in attempt.journal.of_attempt(*attempt.key):
         if event.name != "attempt-end":
             continue
         for field, told in event.detail.items():
@@ -209,7 +219,7 @@ def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
 
 def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
     in_recording = {dumps(event, indent=None): event for event in recording.events()}
-    told = _until_its_end(attempt.journal.of_attempt(*_key(attempt)))
+    told = _until_its_end(attempt.journal.of_attempt(*attempt.key))
     in_journal = {dumps(event, indent=None): event for event in told}
     if attempt.journal.exists:
         for key, event in in_recording.items():
@@ -233,11 +243,3 @@ def _until_its_end(events: Sequence[JournalEvent]) -> Sequence[JournalEvent]:
 
 def _named(event: JournalEvent) -> str:
     return f"{event.name} {event.detail.get('phase', '')}".strip() + f" at {event.stamp_ns} ns"
-
-
-def _key(attempt: Attempt) -> tuple[int, int]:
-    return attempt.trial, attempt.attempt
-
-
-def _short(sha256: object) -> str:
-    return "none" if sha256 is None else str(sha256)[:SHOWN_HASH]

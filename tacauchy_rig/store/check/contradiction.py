@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from tacauchy_rig.run import Criterion
+from tacauchy_rig.store.seals import file_sha256
 
 TRIAL = "TRIAL"
 """In a remedy, where the trial's number goes."""
@@ -15,6 +17,8 @@ SET_ASIDE = (
 )
 _TOLD = 3
 """Contradictions that are written out; one edit often breaks many lines."""
+_SHOWN_HASH = 12
+"""Digits of a hash that are written out: 48 bits, and the file has the rest."""
 
 
 def agreement(
@@ -39,3 +43,24 @@ def agreement(
         unit="wrong",
         remedy=remedy if found else "",
     )
+
+
+def unlike(path: Path, *known: object, name: str = "") -> Iterator[str]:
+    """Yield that a file is missing, or is none of those that are known.
+
+    Args:
+        path: The file.
+        known: SHA-256 that it may have, the newest last.
+        name: What it is called; left out, its own name.
+    """
+    if not path.is_file():
+        yield f"{name or path.name} is missing"
+        return
+    found = file_sha256(path, what="a file of the run")
+    if found not in known:
+        yield f"{name or path.name} has the sha256 {shown(found)}, and had {shown(known[-1])}"
+
+
+def shown(sha256: object) -> str:
+    """Return a hash as it is written out."""
+    return str(sha256 or "none")[:_SHOWN_HASH]

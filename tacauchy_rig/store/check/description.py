@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-from tacauchy_rig.run import Criterion, JournalEvent
-from tacauchy_rig.store.check.contradiction import agreement
-from tacauchy_rig.store.check.journal import SHOWN_HASH, JournalReading
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import Criterion
+from tacauchy_rig.store.check.contradiction import agreement, shown, unlike
+from tacauchy_rig.store.check.journal import JournalReading
 from tacauchy_rig.store.run_store import RunStore
-from tacauchy_rig.store.seals import Seal, file_sha256
+from tacauchy_rig.store.seals import Seal
 
 _REMEDY = (
     "what the run is was edited after it was recorded: restore run.json and rig.toml from a copy, "
@@ -35,43 +35,34 @@ def _contradictions(store: RunStore, journal: JournalReading) -> Iterator[str]:
     recorded = described.get("config")
     found = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode()).hexdigest()
     if found != said:
-        yield f"run.json: config has the hash {found[:12]}, config_hash says {said[:12]}"
+        yield f"run.json: config has the hash {shown(found)}, config_hash says {shown(said)}"
     for field, kept, read in _differing(recorded, store.config.model_dump(mode="json")):
         yield f"run.json: config.{field} is {kept!r}, as written it reads {read!r}"
     answered = described["devices"].items()
     pretending = [name for name, device in answered if device.get("simulated")]
     if pretending and not store.simulated:
         yield f"run.json: simulated is false, but so is no {', '.join(pretending)}"
+    for load in (store.load_truth, store.load_force_check, store.load_expected):
+        try:
+            load()
+        except RecordError as error:
+            yield error.message
     yield from _hashes(store, journal)
 
 
 def _hashes(store: RunStore, journal: JournalReading) -> Iterator[str]:
     written = store.description.get("rig_toml_sha256")
     if written is not None:
-        found = file_sha256(store.paths.rig_toml, what="the configuration as it was written")
-        if found != written:
-            yield f"rig.toml has the hash {_short(found)}, run.json says {_short(written)}"
+        yield from unlike(store.paths.rig_toml, written)
     sealed = journal.seals(Seal.WRITTEN)
     for name in dict.fromkeys(str(event.detail.get("file")) for event in sealed):
         told = [event for event in sealed if event.detail.get("file") == name]
-        yield from _changed(store.paths.root / name, told, is_last=journal.events[-1] is told[-1])
-
-
-def _changed(path: Path, told: Sequence[JournalEvent], *, is_last: bool) -> Iterator[str]:
-    """Yield how a file differs from the newest line about it.
-
-    The line goes out before the file: where it is the journal's last, a crash may have left the
-    file that the line before tells of.
-    """
-    known = [event.detail.get("sha256") for event in told]
-    if is_last and len(told) == 1:
-        return
-    if not path.exists():
-        yield f"{path.name} is missing; journal.jsonl says that it was written"
-        return
-    found = file_sha256(path, what="a file of the run")
-    if found not in known[-2 if is_last else -1 :]:
-        yield f"{path.name} has the hash {_short(found)}, journal.jsonl says {_short(known[-1])}"
+        known = [event.detail.get("sha256") for event in told]
+        # The line goes out before the file: where it is the journal's last, a crash may have left
+        # the file that the line before tells of, or none.
+        may_be_older = journal.events[-1] is told[-1]
+        if not may_be_older or len(told) > 1:
+            yield from unlike(store.paths.root / name, *known[-2 if may_be_older else -1 :])
 
 
 def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -85,7 +76,3 @@ def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, An
             yield from _differing(kept[name], read[name], where)
     elif kept != read:
         yield prefix, kept, read
-
-
-def _short(sha256: Any) -> str:
-    return str(sha256)[:SHOWN_HASH]

@@ -10,14 +10,12 @@ from itertools import pairwise
 from pathlib import Path
 
 from tacauchy_rig.run import Criterion, JournalEvent
-from tacauchy_rig.store.check.contradiction import agreement
+from tacauchy_rig.store.check.contradiction import agreement, shown
 from tacauchy_rig.store.codec import to_json
 from tacauchy_rig.store.journal import JournalLine, line_hash, read_lines
 from tacauchy_rig.store.seals import Seal
 
 START, END = "run-start", "run-end"
-SHOWN_HASH = 12
-"""Digits of a hash that are written out: 48 bits, and the file has the rest."""
 
 _REMEDY = (
     "journal.jsonl was edited or damaged after it was written: nothing puts that right. "
@@ -70,6 +68,11 @@ class JournalReading:
     def was_cut(self) -> bool:
         """True where a session was cut off, said or not."""
         return Seal.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
+
+    @property
+    def may_lack_a_seal(self) -> bool:
+        """True where a crash may have come between a result and the line about it."""
+        return self.is_open or self.was_cut
 
     @cached_property
     def _ends(self) -> list[str]:
@@ -128,8 +131,7 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
         elif line.previous != before:
             yield (
                 f"{where} ({line.event.name}) follows a line with the hash "
-                f"{line.previous[:SHOWN_HASH] or 'of none'}, the line before it has "
-                f"{before[:SHOWN_HASH] or 'none'}"
+                f"{shown(line.previous)}, the line before it has {shown(before)}"
             )
         before = line_hash(line.raw)
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import Criterion
-from tacauchy_rig.store.check.contradiction import agreement
-from tacauchy_rig.store.check.journal import SHOWN_HASH, JournalReading
+from tacauchy_rig.store.check.contradiction import agreement, shown, unlike
+from tacauchy_rig.store.check.journal import JournalReading
 from tacauchy_rig.store.run_store import RunStore
-from tacauchy_rig.store.seals import Seal, file_sha256
+from tacauchy_rig.store.seals import Seal
 
 _REMEDY = "`tacauchy-rig replay RUN` makes forces and images again from what was recorded"
 
@@ -42,46 +42,34 @@ def _contradictions(store: RunStore, name: str, journal: JournalReading) -> Iter
         yield error.message
         return
     if told:
-        found, known = file_sha256(path, what="the replay"), told[-1].detail.get("replay_sha256")
-        if found != known:
-            yield f"replay/{name}/replay.json: sha256 {_short(found)}, and was {_short(known)}"
+        known = told[-1].detail.get("replay_sha256")
+        yield from unlike(path, known, name=f"replay/{name}/replay.json")
     elif replay.made_from or "rig_toml_sha256" in store.description:
         yield f"replay/{name} is unknown to journal.jsonl"
-    yield from _changed_sources(store, name, replay)
-    yield from _changed_files(store, name, replay)
+    yield from _other_sources(store, name, replay)
+    yield from _other_files(store, name, replay)
     yield from _other_forces(store, name, replay)
 
 
-def _changed_sources(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
-    config_hash = replay.made_from.get("config")
-    if config_hash is not None and config_hash != store.config_hash:
-        yield (
-            f"replay/{name} was made with the configuration {_short(config_hash)}, the run's is "
-            f"{_short(store.config_hash)}"
-        )
+def _other_sources(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     for file, known in replay.made_from.items():
         if file != "config":
-            yield from _changed(store, file, known, f"replay/{name} was made from another one")
+            yield from unlike(store.paths.root / file, known, name=file)
+        elif known != store.config_hash:
+            yield (
+                f"replay/{name} was made with the configuration {shown(known)}, the run's is "
+                f"{shown(store.config_hash)}"
+            )
 
 
-def _changed_files(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
-    for file, known in replay.files.items():
-        yield from _changed(store, f"replay/{name}/{file}", known, "as it was made")
+def _other_files(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     folder = store.paths.replays / name
+    for file, known in replay.files.items():
+        yield from unlike(folder / file, known, name=f"replay/{name}/{file}")
     for trial in replay.trials if replay.files else ():
         for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
             if str(path.relative_to(folder)) not in replay.files:
                 yield f"replay/{name}: {path.relative_to(folder)} was not made by this replay"
-
-
-def _changed(store: RunStore, file: str, known: str, what: str) -> Iterator[str]:
-    path = store.paths.root / file
-    if not path.is_file():
-        yield f"{file} is missing, {what}"
-        return
-    found = file_sha256(path, what="a file of the replay")
-    if found != known:
-        yield f"{file} has the sha256 {_short(found)}, {what}: {_short(known)}"
 
 
 def _other_forces(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
@@ -94,7 +82,3 @@ def _other_forces(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
                 f"replay/{name} pressed trial {trial.index} to {trial.force_measured_n!r} N, "
                 f"result.json says {measured_n!r} N"
             )
-
-
-def _short(sha256: object) -> str:
-    return str(sha256)[:SHOWN_HASH]

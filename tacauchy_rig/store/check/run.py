@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import Criterion, TrialRecord
+from tacauchy_rig.run import Criterion
 from tacauchy_rig.store.check.attempt import Attempt, judge_events, judge_files
 from tacauchy_rig.store.check.contradiction import TRIAL, agreement
 from tacauchy_rig.store.check.description import judge_description
@@ -41,68 +41,67 @@ class RunCheck:
     @property
     def passed(self) -> bool:
         """True where nothing contradicts anything."""
-        return not any(True for _ in self.missed())
+        return not any(self._missed())
 
     def missed(self) -> Iterator[str]:
         """Yield a line for each criterion that is not met: where, which, what, and what to do."""
-        for criterion in self.run:
-            if not criterion.passed:
-                yield _told(criterion)
-        for (trial, attempt), criteria in self.attempts.items():
-            for criterion in criteria:
-                if not criterion.passed:
-                    yield f"trial {trial}, attempt {attempt}: {_told(criterion)}"
+        return (f"{where}{_told(criterion)}" for where, criterion in self._missed())
+
+    def missed_names(self) -> tuple[str, ...]:
+        """Return the names of the criteria that are not met, each once."""
+        return tuple(dict.fromkeys(criterion.name for _, criterion in self._missed()))
+
+    def _missed(self) -> Iterator[tuple[str, Criterion]]:
+        places = [("", self.run)]
+        places += [(f"trial {t}, attempt {a}: ", each) for (t, a), each in self.attempts.items()]
+        return ((where, c) for where, each in places for c in each if not c.passed)
 
 
 def check_run(store: RunStore) -> RunCheck:
     """Hold all that a run says of itself against its recordings, its journal and its hashes.
 
     Raises:
-        RecordError: A result or the journal is no longer readable; the message names the file.
+        RecordError: The journal is no longer readable; the message names the line.
     """
     journal = JournalReading.of(store.paths.journal)
-    results = {key: store.load_result(*key) for key in store.paths.attempts()}
+    attempts = [Attempt(store, journal, *key) for key in store.paths.attempts()]
     return RunCheck(
-        run=tuple(_judge_run(store, journal, results)),
+        run=tuple(_judge_run(store, journal, attempts)),
         attempts={
-            (trial, number): tuple(
-                replace(c, remedy=c.remedy.replace(TRIAL, str(trial)))
-                for c in _judge_attempt(Attempt(store, journal, trial, number, record))
+            each.key: tuple(
+                replace(c, remedy=c.remedy.replace(TRIAL, str(each.trial)))
+                for c in _judge_attempt(each)
             )
-            for (trial, number), record in results.items()
+            for each in attempts
         },
-        notes=tuple(_notes(store, journal, results)),
+        notes=tuple(_notes(journal, attempts)),
         journal_head=journal.head,
     )
 
 
 def _judge_run(
-    store: RunStore,
-    journal: JournalReading,
-    results: dict[tuple[int, int], TrialRecord | None],
+    store: RunStore, journal: JournalReading, attempts: Sequence[Attempt]
 ) -> Iterator[Criterion]:
     yield judge_description(store, journal)
     if journal.is_sealed or "rig_toml_sha256" in store.description:
-        yield from judge_journal(journal, was_begun=bool(results))
+        yield from judge_journal(journal, was_begun=bool(attempts))
     yield agreement(
         "journal_attempts",
         "every attempt that journal.jsonl tells of has its folder, and the other way round",
-        _strangers(journal, results),
+        _strangers(journal, attempts),
     )
     yield from judge_replays(store, journal)
 
 
-def _strangers(
-    journal: JournalReading, results: dict[tuple[int, int], TrialRecord | None]
-) -> Iterator[str]:
+def _strangers(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
     told = {
         (e.trial, e.attempt) for e in journal.events if e.name in ("attempt-start", Seal.SEALED)
     }
-    for trial, attempt in sorted(told - set(results)):
+    for trial, attempt in sorted(told - {each.key for each in attempts}):
         yield f"attempt {attempt} at trial {trial} is in journal.jsonl and has no folder"
-    for (trial, attempt), record in results.items():
-        if record is not None and (trial, attempt) not in told:
-            yield f"trials/{trial:02d}/attempt-{attempt} is unknown to journal.jsonl"
+    for each in attempts:
+        if each.result is not None and each.key not in told:
+            yield f"{each.name} is unknown to journal.jsonl"
 
 
 def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
@@ -124,11 +123,7 @@ def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
         )
 
 
-def _notes(
-    store: RunStore,
-    journal: JournalReading,
-    results: dict[tuple[int, int], TrialRecord | None],
-) -> Iterator[str]:
+def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
     if not journal.is_sealed:
         yield (
             "This run was recorded without hashes, by an earlier version of the program: what was "
@@ -137,12 +132,11 @@ def _notes(
     if journal.was_cut:
         yield "A session of this run was cut off; what was on the disk then was kept."
     yield from _changed_settings(journal)
-    for (trial, attempt), record in results.items():
-        at = Attempt(store, journal, trial, attempt, record)
-        for event in at.seals(Seal.RECOVERED):
+    for each in attempts:
+        for event in each.seals(Seal.RECOVERED):
             yield (
-                f"The recording of trial {trial}, attempt {attempt} was repacked by recover: it "
-                f"was {event.detail.get('before')}."
+                f"The recording of trial {each.trial}, attempt {each.attempt} was repacked by "
+                f"recover: it was {event.detail.get('before')}."
             )
 
 

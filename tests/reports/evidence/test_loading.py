@@ -14,6 +14,7 @@ from reports.comparison.compare import compare
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrueDwell
 from reports.evidence.loading import load_evidence, read_true_dwells, summarize_journal
+from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.run_store import RunStore
@@ -138,3 +139,44 @@ def test_trace_is_averaged_over_the_dwell(tmp_path: Path) -> None:
     found = read_true_dwells(trace, {1: (0, 490), 2: (5000, 6000)})
     assert found == {1: TrueDwell(force_n=2.0, depth_m=pytest.approx(1e-4))}
     assert read_true_dwells(tmp_path / "absent.jsonl", {1: (0, 490)}) == {}
+
+
+def test_a_damaged_result_is_a_criterion_of_its_trial(
+    store: RunStore, press: SimpleNamespace
+) -> None:
+    """An older attempt that passed does not count in its place without a word."""
+    store.save_result(replace(press.record(1), attempt=2))
+    path = store.paths.result(1, 2)
+    path.write_bytes(path.read_bytes()[:200])
+    trial, *others = compare(evidence_of(store, store.load_replay("main"))).trials
+    missed = {c.name: c for c in trial.criteria if not c.passed}
+    assert trial.attempt == 1
+    assert "attempt-2/result.json: not valid JSON" in missed["result_whole"].limit
+    assert "resume RUN --again 1" in missed["result_whole"].remedy
+    kept = [c for other in others for c in other.criteria if c.name == "result_whole"]
+    assert kept
+    assert all(criterion.passed for criterion in kept)
+
+
+def test_a_run_without_any_readable_result_is_refused(store: RunStore) -> None:
+    """There is nothing to make a page of; the file is named."""
+    for trial in (1, 2):
+        store.paths.result(trial, 1).write_bytes(b"{")
+    with pytest.raises(RecordError, match=r"nothing is left to report.*result\.json"):
+        evidence_of(store, None)
+
+
+def test_damaged_files_beside_the_trials_are_criteria(store: RunStore) -> None:
+    """A replayed image, the truth and the check of the cell: the page says so and goes on."""
+    image = store.paths.replay_trial("main", 1) / "image.png"
+    image.write_bytes(image.read_bytes()[:100])
+    for path in (store.paths.truth, store.paths.force_check):
+        path.write_bytes(b"{")
+    evidence = evidence_of(store, store.load_replay("main"))
+    report = compare(evidence)
+    missed = {c.name: c for c in (*report.criteria, *report.trials[0].criteria) if not c.passed}
+    assert "image.png: not a readable PNG" in missed["replay_whole"].limit
+    assert "truth.json: not valid JSON" in missed["run_description"].limit
+    assert {"contact_residual", "replay_files"} <= missed.keys()
+    assert evidence.world is None
+    assert evidence.force_check is None

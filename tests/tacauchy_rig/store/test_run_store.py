@@ -125,12 +125,15 @@ def test_attempts_are_counted_and_never_overwritten(store: RunStore) -> None:
 
 
 def test_a_damaged_result_is_named(store: RunStore) -> None:
-    """A result that was edited is refused with file and field."""
+    """A result that was edited is refused with file and field, and does not count."""
     store.save_result(_record(1, Outcome.PASSED))
-    path = store.paths.result(1, 1)
+    store.save_result(_record(2, Outcome.PASSED))
+    path = store.paths.result(1, 2)
     path.write_text(path.read_text().replace('"passed"', '"good"'))
     with pytest.raises(RecordError, match=r"result\.json: outcome: 'good' is not one of passed"):
-        store.accepted(1)
+        store.load_result(1, 2)
+    assert store.counting(1) == _record(1, Outcome.PASSED)
+    assert store.next_attempt(1) == 3
 
 
 def test_a_replay_comes_back(store: RunStore) -> None:

@@ -30,7 +30,7 @@ def assert_untouched(parent: Path, *, seed: int) -> None:
     check = check_run(store)
     assert list(check.missed()) == []
     assert check.notes == ()
-    assert {len(criteria) for criteria in check.attempts.values()} == {17}
+    assert {len(criteria) for criteria in check.attempts.values()} == {18}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -162,7 +162,7 @@ def test_an_edited_truth_is_found(tmp_path: Path) -> None:
     _edit(store.paths.truth, "young_pa", 1e3)
     (line,) = check_run(store).missed()
     assert "run_description" in line
-    assert "truth.json has the hash" in line
+    assert "truth.json has the sha256" in line
 
 
 def test_what_was_changed_for_a_session_is_noted(tmp_path: Path) -> None:
