@@ -21,12 +21,13 @@ def require_devices(config: RigConfig) -> None:
     Raises:
         DeviceError: One or more do not answer; each is named with what to do.
     """
-    errors = list(_missing(config))
+    errors = list(missing_devices(config))
     if errors:
         raise DeviceError("\n".join(map(str, errors)))  # each with its own remedy below it
 
 
-def _missing(config: RigConfig) -> Iterator[RigError]:
+def missing_devices(config: RigConfig) -> Iterator[RigError]:
+    """Yield why a device does not answer, for each that does not."""
     looks: tuple[tuple[DeviceSection, Callable[[RigConfig], None]], ...] = (
         (config.robot, _ask_arm),
         (config.force_sensor, _ask_force_sensor),

@@ -81,21 +81,7 @@ def _compare_trial(
     matrices: Sequence[WrongForceMatrix],
     margin: ForceMargin | None,
 ) -> TrialResult:
-    others = [t for t in evidence.trials if t.index != trial.index]
-    images, simulated = trial.images, trial.simulated_image
-    scale = _scale_mm_px(evidence.geometry)
-    scores = grey = contact = corrections = None
-    if images is not None and simulated is not None:
-        scores = crossed[trial.index][trial.index]
-        grey = score(to_grey(images.real), to_grey(simulated))
-        contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
-        corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
-    floors = None
-    if images is not None:
-        wrong = {t.index for t in others if t.force_target_n != trial.force_target_n}
-        own = crossed[trial.index]
-        floors = trial_floors(images, [own[index] for index in own if index in wrong])
-    ceiling = trial_ceiling(trial, others)
+    seen = _compare_images(trial, evidence, crossed)
     discriminates = {
         m.metric: m.diagonal_wins[m.trials.index(trial.index)]
         for m in matrices
@@ -113,8 +99,8 @@ def _compare_trial(
             trial,
             evidence.thresholds,
             margin=margin,
-            contact=contact,
-            corrections=corrections,
+            contact=seen["contact"],
+            corrections=seen["corrections"],
             force=force,
         ),
     )
@@ -123,20 +109,42 @@ def _compare_trial(
         passed=all(criterion.passed for criterion in criteria),
         force_mismatch_n=force.mismatch_n,
         force=force,
-        metrics=scores,
-        metrics_grey=grey,
-        floors=floors,
-        ceiling=ceiling,
-        skill=_skills(trial, scores, floors, ceiling),
+        **seen,
         discriminates=discriminates,
         force_margin=margin,
-        contact=contact,
-        contact_no_contact_residual=None
-        if images is None
-        else contact_residuals(images, [images.reference])[0],
-        corrections=corrections,
         criteria=criteria,
     )
+
+
+def _compare_images(
+    trial: TrialEvidence, evidence: RunEvidence, crossed: CrossScores
+) -> dict[str, Any]:
+    """Return what images say, by the fields of a result; None where one is missing."""
+    others = [t for t in evidence.trials if t.index != trial.index]
+    images, simulated = trial.images, trial.simulated_image
+    scale = _scale_mm_px(evidence.geometry)
+    scores = grey = contact = corrections = floors = unexplained = None
+    if images is not None and simulated is not None:
+        scores = crossed[trial.index][trial.index]
+        grey = score(to_grey(images.real), to_grey(simulated))
+        contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
+        corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
+    if images is not None:
+        wrong = {t.index for t in others if t.force_target_n != trial.force_target_n}
+        own = crossed[trial.index]
+        floors = trial_floors(images, [own[index] for index in own if index in wrong])
+        unexplained = contact_residuals(images, [images.reference])[0]
+    ceiling = trial_ceiling(trial, others)
+    return {
+        "metrics": scores,
+        "metrics_grey": grey,
+        "floors": floors,
+        "ceiling": ceiling,
+        "skill": _skills(trial, scores, floors, ceiling),
+        "contact": contact,
+        "contact_no_contact_residual": unexplained,
+        "corrections": corrections,
+    }
 
 
 def _pressed(trial: TrialEvidence) -> dict[str, Any]:

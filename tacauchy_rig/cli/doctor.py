@@ -30,11 +30,16 @@ def doctor(
     from drivers.checks import device_checks
     from tacauchy_rig.config.load import load_config
     from tacauchy_rig.doctor.host import host_checks
-    from tacauchy_rig.loop.gel_limits import gel_check
-    from tacauchy_rig.loop.settings import replay_check
+    from tacauchy_rig.doctor.result import checked
+    from tacauchy_rig.loop.gel_limits import check_gel
+    from tacauchy_rig.loop.settings import check_replay
 
     config = load_config(path, overrides=overrides or ()).config
-    checks = [*host_checks(config), gel_check(config), replay_check(config)]
+    checks = [
+        *host_checks(config),
+        checked("gel", lambda: check_gel(config)),
+        checked("replay", lambda: check_replay(config)),
+    ]
     for check in checks:
         _show(check)
     if not host_only:

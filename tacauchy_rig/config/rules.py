@@ -21,76 +21,87 @@ def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[tuple[st
         config: The checked configuration.
         placed: Home, gel and workspace box are all known.
     """
-    yield from _force_rules(config)
+    force_rules = (*_limit_rules(config), *_protocol_rules(config))
+    yield from (rule[1:] for rule in force_rules if rule[0])
     if placed:
         yield from _workspace_rules(config)
     yield from _device_rules(config)
 
 
-def _force_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+def _limit_rules(config: RigConfig) -> tuple[tuple[bool, str, str, str], ...]:
+    """Return what is wrong or not with the limits on force: where, why, and what to do."""
     limits, protocol, sensor = config.limits, config.protocol, config.force_sensor
     highest = max(protocol.force_targets)
-    lowest = min(protocol.force_targets)
-    if limits.soft_force <= highest + protocol.force_tolerance:
-        yield (
+    return (
+        (
+            limits.soft_force <= highest + protocol.force_tolerance,
             "limits.soft_force",
             (
                 f"{limits.soft_force:g} N does not clear the highest target {highest:g} N "
                 f"plus its tolerance {protocol.force_tolerance:g} N"
             ),
             "raise soft_force or lower the targets",
-        )
-    if limits.hard_force <= limits.soft_force:
-        yield (
+        ),
+        (
+            limits.hard_force <= limits.soft_force,
             "limits.hard_force",
             f"{limits.hard_force:g} N is not above soft_force {limits.soft_force:g} N",
             "raise hard_force",
-        )
-    if limits.hard_force > sensor.capacity:
-        yield (
+        ),
+        (
+            limits.hard_force > sensor.capacity,
             "limits.hard_force",
             f"{limits.hard_force:g} N exceeds the force sensor's capacity {sensor.capacity:g} N",
             "lower hard_force, or correct force_sensor.capacity from the calibration sheet",
-        )
-    if limits.lateral_force > limits.soft_force:
-        yield (
+        ),
+        (
+            limits.lateral_force > limits.soft_force,
             "limits.lateral_force",
             (
                 f"{limits.lateral_force:g} N is above soft_force {limits.soft_force:g} N: friction "
                 "pulls sideways with less than what presses"
             ),
             "lower lateral_force",
-        )
-    if protocol.force_tolerance > TOLERANCE_SHARE * lowest:
-        yield (
+        ),
+    )
+
+
+def _protocol_rules(config: RigConfig) -> tuple[tuple[bool, str, str, str], ...]:
+    """Return what is wrong or not with targets and thresholds: where, why, and what to do."""
+    limits, protocol = config.limits, config.protocol
+    lowest = min(protocol.force_targets)
+    return (
+        (
+            protocol.force_tolerance > TOLERANCE_SHARE * lowest,
             "protocol.force_tolerance",
             (
                 f"{protocol.force_tolerance:g} N is more than {TOLERANCE_SHARE:.0%} of the lowest "
                 f"target {lowest:g} N"
             ),
             "lower force_tolerance or raise the target",
-        )
-    if lowest <= protocol.contact_force:
-        yield (
+        ),
+        (
+            lowest <= protocol.contact_force,
             "protocol.force_targets",
             f"{lowest:g} N is not above contact_force {protocol.contact_force:g} N",
             "raise the target or lower contact_force",
-        )
-    if limits.early_contact <= protocol.contact_force:
-        yield (
+        ),
+        (
+            limits.early_contact <= protocol.contact_force,
             "limits.early_contact",
             f"{limits.early_contact:g} N is not above contact_force {protocol.contact_force:g} N",
             "raise early_contact",
-        )
-    if protocol.tare_deviation >= protocol.contact_force:
-        yield (
+        ),
+        (
+            protocol.tare_deviation >= protocol.contact_force,
             "protocol.tare_deviation",
             (
                 f"{protocol.tare_deviation:g} N of allowed noise hides a contact of "
                 f"{protocol.contact_force:g} N"
             ),
             "lower tare_deviation or raise contact_force",
-        )
+        ),
+    )
 
 
 def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -65,3 +66,11 @@ def failed(name: str, error: RigError) -> CheckResult:
     return CheckResult(
         name=name, status=CheckStatus.FAIL, finding=error.message, remedy=error.remedy
     )
+
+
+def checked(name: str, check: Callable[[], str]) -> CheckResult:
+    """Return what a check says that refuses by an error and otherwise tells what it found."""
+    try:
+        return passed(name, check())
+    except RigError as error:
+        return failed(name, error)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, failed, passed
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.settings import sensor_of
 
@@ -55,11 +54,3 @@ def check_gel(config: RigConfig) -> str:
         f"{(height_m - config.limits.max_depth) * 1e3:.3g} mm of it, hard_force presses with "
         f"{pressure_pa * 1e-6:.2g} MPa on {stiffest_pa * 1e-6:g} MPa"
     )
-
-
-def gel_check(config: RigConfig) -> CheckResult:
-    """Say whether the gel bears what the limits allow, as a line of ``doctor``."""
-    try:
-        return passed("gel", check_gel(config))
-    except ConfigError as error:
-        return failed("gel", error)

@@ -14,7 +14,6 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Preset
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.config.model import IndenterKind, RigConfig
-from tacauchy_rig.doctor.result import CheckResult, failed, passed
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import calibrated_optics
 
@@ -75,14 +74,6 @@ def check_optics(config: RigConfig, sensor: Sensor) -> str:
         return "optics calibrated on the emulated sensor"
     nominal_model(sensor)
     return "nominal optics of the sensor's file, not calibrated"
-
-
-def replay_check(config: RigConfig) -> CheckResult:
-    """Say whether a run's replay could be made, as a line of ``doctor``."""
-    try:
-        return passed("replay", check_replay(config))
-    except ConfigError as error:
-        return failed("replay", error)
 
 
 def sensor_of(config: RigConfig) -> Sensor:

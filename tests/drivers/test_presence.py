@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.presence import require_devices
+from drivers.presence import missing_devices, require_devices
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig, RobotModel
 from tacauchy_rig.config.real_devices import ARM_REQUIRES
@@ -44,7 +44,9 @@ def test_all_that_is_missing_is_told_together(tmp_path: Path) -> None:
 
 def test_devices_that_the_run_starts_are_not_asked() -> None:
     """A dry run has nothing to plug in."""
-    require_devices(load_config().config)
+    config = load_config().config
+    assert not any(each.is_real for each in (config.robot, config.force_sensor, config.camera))
+    assert list(missing_devices(config)) == []
 
 
 def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
@@ -52,5 +54,5 @@ def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
     robot = emulate_ur(RobotModel.E_SERIES)
     with run_box(tmp_path) as port:
         config = real(host=robot.host, port=port)
-        require_devices(config)
-        require_devices(config)
+        assert list(missing_devices(config)) == []
+        assert list(missing_devices(config)) == []

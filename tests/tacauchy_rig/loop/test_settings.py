@@ -11,8 +11,8 @@ from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckStatus
-from tacauchy_rig.loop.settings import check_optics, check_replay, replay_check
+from tacauchy_rig.doctor.result import CheckStatus, checked
+from tacauchy_rig.loop.settings import check_optics, check_replay
 
 MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 
@@ -53,7 +53,8 @@ def test_the_line_names_the_calibration(tmp_path: Path) -> None:
 )
 def test_doctor_fails_what_no_replay_is_made_with(override: str, found: str) -> None:
     """Each has its finding and its remedy."""
-    result = replay_check(configured(override))
+    config = configured(override)
+    result = checked("replay", lambda: check_replay(config))
     assert result.status is CheckStatus.FAIL
     assert found in result.finding
     assert result.remedy
