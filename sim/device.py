@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.warp_log import WarpLog
 from tacauchy_rig.errors import ConfigError
 
 # For kernels on the processor that much time goes by: products and sums in one instruction. Warp's
@@ -25,7 +26,8 @@ KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ign
 
 def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
-    wp.config.log_level = wp.LOG_WARNING
+    wp.config.log_level = wp.LOG_INFO
+    wp.set_logger(WarpLog())
     has_driver = ctypes.util.find_library("cuda") is not None
     with nullcontext() if has_driver else _silent_stderr():
         wp.init()  # type: ignore[no-untyped-call]

@@ -91,10 +91,11 @@ class Launched:
 
 
 def _environment() -> dict[str, str]:
-    """Return our environment; the child finds the same packages as this process."""
+    """Return our environment; the child finds the same packages, and computes with one thread."""
     root = str(Path(protocols.__file__).parents[1])
     known = os.environ.get("PYTHONPATH", "")
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, known)))}
+    one_thread = {"OPENBLAS_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    return {**one_thread, **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, known)))}
 
 
 Ends = dict[str, dict[str, socket.socket | Channel]]

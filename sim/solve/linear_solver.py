@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib
-import os
 import weakref
 from typing import Any, Protocol
 
@@ -14,12 +12,12 @@ import scipy.sparse.linalg
 
 from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
+from sim.mkl import pardiso_module, take_threads
 from tacauchy_rig.errors import ConvergenceError
 
 # Pardiso's phases, and its error for a negative or zero pivot.
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_POSITIVE_DEFINITE = -4
-_LIBRARY = "PYPARDISO_MKL_RT"
 # Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
 _UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
 # The same for single precision: no scaling, rows from 0. Second is the order of elimination:
@@ -59,8 +57,7 @@ def linear_solver(pattern: SparsePattern, *, refined: bool = True) -> LinearSolv
             takes three times as long.
     """
     try:
-        pypardiso = importlib.import_module("pypardiso")
-        return PardisoSolver(pattern, pypardiso, refined=refined)
+        return PardisoSolver(pattern, pardiso_module(), refined=refined)
     except ImportError:
         return SuperLuSolver(pattern)
 
@@ -73,12 +70,9 @@ class PardisoSolver:
     def __init__(self, pattern: SparsePattern, pypardiso: Any, *, refined: bool) -> None:
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
-        # Without it, the library is searched for anew each time, which takes 0.1 to 0.3 s.
-        os.environ.setdefault(_LIBRARY, str(self._pardiso.libmkl._name))  # noqa: SLF001
         if not refined:
             for place, value in _UNREFINED.items():
                 self._pardiso.set_iparm(place, value)
-        self._pardiso.libmkl.MKL_Set_Num_Threads(_thread_count())
         self._matrix = pattern.upper(np.ones(len(pattern.indices)))
         self._zero = np.zeros(pattern.dof_count)
         weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
@@ -94,6 +88,7 @@ class PardisoSolver:
         return self._run(_SOLVE, right_side)
 
     def _run(self, phase: int, right_side: FloatArray) -> FloatArray:
+        take_threads(self._pardiso.libmkl, len(self._zero))
         self._pardiso.set_phase(phase)
         try:
             solution = self._pardiso._call_pardiso(self._matrix, right_side)  # noqa: SLF001
@@ -140,23 +135,15 @@ class SuperLuSolver:
 
 
 def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
+    take_threads(pardiso.libmkl, len(zero))
     pardiso.set_phase(_RELEASE)
     pardiso._call_pardiso(matrix, zero)  # noqa: SLF001
-
-
-def _thread_count() -> int:
-    """Return the threads that Pardiso may use; a free choice slows machines that are shared."""
-    for name in ("MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        text = os.environ.get(name, "")
-        if text.isdigit() and int(text) > 0:
-            return int(text)
-    return min(4, len(os.sched_getaffinity(0)))
 
 
 def single_precision_solver(pattern: SparsePattern) -> LinearSolver:
     """Return Pardiso in single precision where it is installed, else SuperLU in double."""
     try:
-        return SinglePrecisionPardiso(pattern, importlib.import_module("pypardiso"))
+        return SinglePrecisionPardiso(pattern, pardiso_module())
     except ImportError:
         return linear_solver(pattern, refined=False)
 
@@ -197,6 +184,7 @@ class SinglePrecisionPardiso:
         return self._found.astype(np.float64)
 
     def _run(self, phase: int) -> None:
+        take_threads(self._library, len(self._found))
         self._call(phase)
         if self._error.value == _NOT_POSITIVE_DEFINITE:
             raise NotPositiveDefiniteError("negative pivot")

@@ -16,6 +16,7 @@ from threading import Thread
 from typing import Any, Self, TypeVar
 
 from tacauchy_rig.errors import RigError
+from tacauchy_rig.threads import take_one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -92,7 +93,7 @@ def _started() -> tuple[Connection, SpawnProcess]:
 
 def _serve(calls: Connection) -> None:
     os.setsid()
-    _end_with_parent()
+    _begin()
     while True:
         try:
             function, limit_s = calls.recv()
@@ -124,7 +125,7 @@ def side_by_side(
             yield item, measure(item)
         return
     with ProcessPoolExecutor(
-        jobs, mp_context=_CONTEXT, max_tasks_per_child=1, initializer=_end_with_parent
+        jobs, mp_context=_CONTEXT, max_tasks_per_child=1, initializer=_begin
     ) as pool:
         begun: deque[tuple[Item, Future[Result]]] = deque()
         for item in items:
@@ -144,8 +145,9 @@ def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
     return item, future.result()
 
 
-def _end_with_parent() -> None:
-    """Let this process end when the one that waits for it is killed."""
+def _begin() -> None:
+    """Take one thread, since others compute beside this process, and end when its parent does."""
+    take_one_thread(solver_too=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
         Thread(target=_await_end, args=(parent.sentinel,), daemon=True).start()

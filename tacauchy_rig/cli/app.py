@@ -11,10 +11,12 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
+from tacauchy_rig.cli.compilation import compilation_told
 from tacauchy_rig.cli.lazy import lazy_group
 from tacauchy_rig.cli.output import complain, say
 from tacauchy_rig.errors import AbortedError, RigError
 from tacauchy_rig.store.durable import write_error
+from tacauchy_rig.threads import take_one_thread
 
 COMMANDS = {
     "dry-run": "tacauchy_rig.cli.session:dry_run",
@@ -116,8 +118,10 @@ def options(
 def main() -> None:
     """Run the program; exit 0 pass, 1 criteria missed, 2 error, 3 aborted."""
     debug = "--debug" in sys.argv
+    take_one_thread()
     try:
-        app(standalone_mode=True)
+        with compilation_told():
+            app(standalone_mode=True)
     except RigError as error:
         if debug:
             raise

@@ -16,6 +16,8 @@ class Part(StrEnum):
     REPLAY = "replay"
     GROWTH = "growth"
     SCENES = "scenes"
+    START = "start"
+    THREADS = "threads"
 
 
 class Peer(StrEnum):

@@ -19,12 +19,14 @@ from sim.studies.bench.batches import (
     exact_force,
     measure_batches,
 )
+from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
 from sim.studies.bench.frames import TRAVEL_M, FrameRow, ReuseRow, measure_reuse, travels
 from sim.studies.bench.part import Part, Peer
 from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
 from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, part_times
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
+from sim.studies.bench.start import StartRow, measure_start
 
 _PRESETS = (Preset.FAST, Preset.BALANCED)
 _PHASE_DEPTH_M = 0.5e-3
@@ -55,6 +57,8 @@ class Benchmark:
     rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
+    start: tuple[StartRow, ...] = ()
+    threads: tuple[ThreadsRow, ...] = ()
     absent: tuple[str, ...] = ()
 
 
@@ -111,6 +115,12 @@ def run_bench(
     if Part.GROWTH in parts:
         on_progress("growth with elements")
         rows["growth"] += growth(scene, depth_m=_PHASE_DEPTH_M)
+    if Part.START in parts:
+        on_progress("start-up")
+        rows["start"] += measure_start()
+    if Part.THREADS in parts:
+        on_progress("threads of a factor")
+        rows["threads"] += measure_threads(scene)
     if Part.RENDERING in parts:
         on_progress(f"rendering, batches on {batch_device()}")
         rows["rendering"] += measure_rendering(scene)

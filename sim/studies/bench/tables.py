@@ -13,6 +13,7 @@ from sim.studies.bench.press_parts import EXPONENT_WANTED, PartRow, exponent, lo
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
+from sim.studies.bench.start import HELP_MAX_S, PRESS_MAX_S
 from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.page import table_prose
 from tacauchy_rig.tables import Table, table_of
@@ -39,6 +40,8 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,
+        _start: found.start,
+        _threads: found.threads,
     }
     return [table(found) for table, rows in tables.items() if rows]
 
@@ -272,4 +275,33 @@ def _growth(found: Benchmark) -> Table:
             power=f"{power:.2f}",
             of_one=f"{exponent(sizes, each):.2f}",
         ),
+    )
+
+
+def _start(found: Benchmark) -> Table:
+    return table_of(
+        found.start,
+        {
+            "what": lambda row: row.what,
+            "processor time [s]": lambda row: row.cpu_s,
+            "time [s]": lambda row: row.wall_s,
+            "at most [s]": lambda row: row.limit_s,
+        },
+        passed=all(row.limit_s is None or row.cpu_s < row.limit_s for row in found.start),
+        **_prose("start", help_max=HELP_MAX_S, press_max=PRESS_MAX_S),
+    )
+
+
+def _threads(found: Benchmark) -> Table:
+    return table_of(
+        found.threads,
+        {
+            "unknowns": lambda row: row.unknown_count,
+            "threads": lambda row: row.thread_count,
+            "factor [ms]": lambda row: 1e3 * row.factor_s,
+            "processor time of it [ms]": lambda row: 1e3 * row.factor_cpu_s,
+            "solution [ms]": lambda row: 1e3 * row.solve_s,
+            "processor time of that [ms]": lambda row: 1e3 * row.solve_cpu_s,
+        },
+        **_prose("threads"),
     )

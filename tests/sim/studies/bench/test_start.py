@@ -1,0 +1,38 @@
+"""What the benchmark says of start-up and of a factor's threads."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from sim.press_command import scene_from
+from sim.studies.bench import factor_threads, start
+from tacauchy_rig.errors import RigError
+
+WASTE = "sum(range(3_000_000)); print(42)"
+
+
+def test_a_process_is_charged_with_its_own_time() -> None:
+    """Time that it computes counts, time that this process computes does not."""
+    cpu_s, wall_s, told = start._spent([sys.executable, "-c", WASTE])
+    assert told == "42\n"
+    assert 0.0 < cpu_s < 10.0 * wall_s
+
+
+def test_a_command_that_fails_gives_no_number() -> None:
+    """Its error is told instead."""
+    with pytest.raises(RigError, match="no_such_module"):
+        start._spent([sys.executable, "-c", "import no_such_module"])
+
+
+def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each size has a row for one thread and for two."""
+    monkeypatch.setattr(factor_threads, "_BUDGET_S", 0.0)
+    scene = scene_from(
+        "--pad box:10x10x3mm --young 0.1MPa --poisson 0.48 --indenter plane --depth 0.1mm"
+    )
+    rows = factor_threads.measure_threads(scene, refinements=(0.5,))
+    assert {row.thread_count for row in rows} >= {1, 2}
+    assert len({row.unknown_count for row in rows}) == 1
+    assert all(row.factor_cpu_s > 0.0 for row in rows)

@@ -1,0 +1,34 @@
+"""What Warp says of its kernels."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+import warp as wp
+
+from sim.device import start_warp
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def set_to_one(values_out: wp.array(dtype=wp.float32)) -> None:  # type: ignore[valid-type]
+    """Write ones."""
+    values_out[wp.tid()] = wp.float32(1.0)  # type: ignore[index]
+
+
+def test_a_compiled_module_is_told_with_its_time_and_a_cached_one_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """An empty cache makes Warp compile, and the record has the seconds; then nothing is new."""
+    start_warp()
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    caplog.set_level(logging.INFO, logger="sim.warp_log.compiled")
+    values: Any = wp.zeros(3, dtype=wp.float32, device="cpu")
+    for _ in range(2):
+        wp.launch(set_to_one, dim=3, outputs=[values], device="cpu")
+    assert values.numpy().tolist() == [1.0, 1.0, 1.0]
+    (record,) = caplog.records
+    assert "set_to_one" in record.getMessage()
+    assert record.__dict__["compiled_s"] > 0.0
