@@ -11,7 +11,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec, get_type_hints
 import typer
 
 from sim.scene.material import LawName
-from sim.scene.scene import Output
+from sim.scene.scene import Drive, Output, Preset
 from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.registry import Kind, names, unknown
 
@@ -38,7 +38,7 @@ def _law(text: str) -> str:
 
 
 _HELP: dict[str, str | None] = {
-    "indenter": "cylinder:diameter=5mm[,fillet=], sphere:diameter=, plane, mesh:FILE",
+    "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE",
     "sensor": "Sensor by name or TOML file.",
     "pad": "box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm",
     "depth": "Travel, such as 0.5mm.",
@@ -49,22 +49,26 @@ _HELP: dict[str, str | None] = {
     "tilt": "Of the indenter about x and y, such as 2,0deg.",
     "young": "Such as 0.3MPa.",
     "poisson": "Such as 0.48.",
-    "layer": "share=0.925,young=0.1MPa,poisson=0.48; once a layer, from the base upwards.",
-    "law": None,
+    "layer": "share=, young= and poisson=, joined by commas; once a layer, from the base upwards.",
+    "law": f"One of {', '.join(LawName)}, or another package's.",
     "contact": "frictionless, bonded or friction:MU.",
     "duration": "Time that the press takes; 1 s if not given.",
-    "preset": "balanced, unless --tolerance chooses one.",
-    "mesh": "Settings of fTetWild, for scenes that it meshes; those left out are the preset's.",
-    "tolerance": "Take the cheapest preset that keeps F_z within it; with --preset, leave out "
-    "effects within it.",
-    "effect": "Overrule the plan; may be repeated.",
-    "drive": "How a force is reached.",
+    "preset": f"{', '.join(Preset)}; balanced, unless --tolerance chooses one.",
+    "mesh": "Settings of fTetWild, for scenes that it meshes: l_r=, epsilon_r=, stop_energy=, "
+    "dihedral_min=; those left out are the preset's.",
+    "tolerance": "0.02N or 2%: take the cheapest preset that keeps F_z within it; with --preset, "
+    "leave out effects within it.",
+    "effect": "Overrule the plan: NAME=on or NAME=off; may be repeated.",
+    "drive": f"How a force is reached: {' or '.join(Drive)}.",
 }
 _FURTHER: dict[str, dict[str, Any]] = {
-    "law": {"parser": _law, "metavar": f"<{'|'.join(LawName)}>"},
-    "mesh": {"metavar": "l_r=,epsilon_r=,stop_energy=,dihedral_min="},
-    "tolerance": {"metavar": "0.02N|1%"},
-    "effect": {"metavar": "NAME=on|off"},
+    "law": {"parser": _law, "metavar": "LAW"},
+    "mesh": {"metavar": "NAME=X,"},
+    "preset": {"metavar": "PRESET"},
+    "drive": {"metavar": "DRIVE"},
+    "layer": {"metavar": "LAYER"},
+    "tolerance": {"metavar": "2%"},
+    "effect": {"metavar": "NAME=on"},
 }
 
 

@@ -54,7 +54,7 @@ def bench(
         typer.Option(
             "--tolerance",
             metavar="5%|1%",
-            help="Of the scenes: what their presets are chosen for; may be repeated. [default: 5%]",
+            help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
         ),
     ] = None,
     device: Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")] = "cpu",
@@ -79,7 +79,7 @@ def bench(
         typer.Option(
             "--against",
             metavar="FILE",
-            help=f"Of the scenes: what forces are compared with. [default: OUT/{REFERENCE_FILE}]",
+            help=f"Of the scenes: what forces are compared with; else OUT/{REFERENCE_FILE}.",
         ),
     ] = None,
     compare: Annotated[

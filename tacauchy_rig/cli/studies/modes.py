@@ -26,7 +26,12 @@ _SENSORS = ("gelsight-mini", "digit", "9dtact")
 def modes(
     out: FigureFolder,
     indenter: Annotated[
-        str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
+        str,
+        typer.Option(
+            "--indenter",
+            help="cylinder:diameter=,fillet= or sphere:diameter=",
+            show_default="a punch of 5 mm with a fillet of 0.5 mm",
+        ),
     ] = _PUNCH,
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
     page: FigurePage = None,

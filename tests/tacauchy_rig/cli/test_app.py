@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tacauchy_rig.cli.app import app, foreseen
+from tacauchy_rig.cli.app import COMMANDS, app, foreseen
 from tacauchy_rig.config.load import example_text
 from tacauchy_rig.errors import AbortedError
 
@@ -119,3 +119,12 @@ def test_what_the_computer_refuses_is_no_fault_of_the_program(
     told = foreseen(error)
     assert told.message.startswith(message)
     assert remedy in told.remedy
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_is_whole_on_a_terminal_of_80_columns(command: str) -> None:
+    """No word of an option's help is cut."""
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"})
+    assert shown.exit_code == 0
+    assert max(map(len, shown.output.splitlines())) <= 80
+    assert "…" not in shown.output
