@@ -21,8 +21,8 @@ from tacauchy_rig.figure_style import (
 )
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY)
-# Of a scene's bars together, and of the axis with its labels [inch].
-_BAR_IN, _LABELS_IN = 0.1, 0.55
+# Of a bar, of a scene at least, and of the axis with its labels and the legend [inch].
+_BAR_IN, _SCENE_IN, _LABELS_IN = 0.1, 0.16, 1.0
 
 
 def draw_scenes(found: SceneBench, *, folder: Path) -> list[Path]:
@@ -37,7 +37,7 @@ def draw_scenes(found: SceneBench, *, folder: Path) -> list[Path]:
     names = [row.scene for row in groups[0]]
     height = 0.8 / len(groups)
     with rc_context(STYLE):
-        tall = _LABELS_IN + len(names) * max(0.16, _BAR_IN * len(groups))
+        tall = _LABELS_IN + len(names) * max(_SCENE_IN, _BAR_IN * len(groups))
         figure = Figure(figsize=(1.4 * COLUMN_IN, tall), layout="constrained")
         axes = figure.add_subplot()
         for k, rows in enumerate(groups):

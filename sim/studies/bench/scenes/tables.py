@@ -20,6 +20,8 @@ _WANTED: dict[tuple[bool, int | None], tuple[float, float]] = {
     (False, 60): (10_000.0, 10_000.0),
 }
 _JUDGED = "5%"
+# From here on frames a second are shown as whole numbers.
+_WHOLE = 100.0
 _prose = partial(table_prose, "sim.studies.bench.scenes", "scenes.md.jinja")
 
 
@@ -66,7 +68,7 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
         {
             "scene": lambda row: row.scene,
             "preset": lambda row: row.setting,
-            "frames/s": lambda row: _of(row, round(row.frames_per_s, 1)),
+            "frames/s": lambda row: None if row.press is None else _counted(row.frames_per_s),
             "processor [s]": _each(lambda press: press.cpu_s),
             "wall [s]": _each(lambda press: press.wall_s),
         },
@@ -87,7 +89,8 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
 
 
 def _worth(rows: Sequence[SceneRow], references: dict[str, Reference]) -> Table:
-    allowed = parse_tolerance(rows[0].tolerance, field="--tolerance") if rows[0].tolerance else None
+    text = rows[0].tolerance if any(row.scene in references for row in rows) else ""
+    allowed = parse_tolerance(text, field="--tolerance") if text else None
 
     def error(row: SceneRow) -> float | None:
         known = references.get(row.scene)
@@ -118,7 +121,7 @@ def _worth(rows: Sequence[SceneRow], references: dict[str, Reference]) -> Table:
         **_prose(
             "worth",
             way=way(rows[0]),
-            allowed=None if allowed is None else str(allowed),
+            allowed=text,
             unknown=[row.scene for row in rows if row.scene not in references],
         ),
     )
@@ -169,6 +172,10 @@ def _each(value: Callable[[ScenePress], Cell]) -> Callable[[SceneRow], Cell]:
 
 def _of(row: SceneRow, value: float) -> float | None:
     return None if row.press is None else value
+
+
+def _counted(speed: float) -> Cell:
+    return round(speed) if speed >= _WHOLE else f"{speed:.3g}"
 
 
 def _percent(share: float | None) -> Cell:

@@ -74,7 +74,7 @@ def test_speed_counts_processor_time_and_its_mean_is_geometric() -> None:
         ([_row()], [True, True, True]),
         ([_row(), _row(press=replace(_PRESS, cpu_s=2.5))], [False, True, True]),
         ([_row(press=replace(_PRESS, force_n=(0.0, 0.0, 1.89)))], [True, False, True]),
-        ([_row("unknown")], [True, False, True]),
+        ([_row(), _row("unknown")], [True, False, True]),
         ([_row(), _row("two", None, "the press stopped")], [False, False, True, False]),
     ],
 )
@@ -82,6 +82,15 @@ def test_a_criterion_can_be_missed(rows: list[SceneRow], met: list[bool]) -> Non
     """A slow scene, a force too far off, one without a reference, one without numbers."""
     tables = scene_tables(SceneBench(groups=(tuple(rows),), references={"one": _REFERENCE}))
     assert [table.passed for table in tables] == met
+    assert tables[0].criterion == "geometric mean at least 40 frames/s, none below 10"
+    assert tables[1].criterion == "F_z within 5% of the reference in every scene"
+
+
+def test_nothing_is_judged_without_any_reference() -> None:
+    """The page says so, and how to make one."""
+    worth = scene_tables(SceneBench(groups=((_row(),),)))[1]
+    assert worth.result == "reported"
+    assert "`--reference` makes: one." in worth.note
 
 
 def test_a_setting_that_promises_nothing_is_marked() -> None:
