@@ -15,6 +15,8 @@ from tacauchy_rig.cli.lazy import lazy_group
 
 # Each takes a tenth of a second or more, and no help is made with one.
 HEAVY = ("warp", "scipy", "matplotlib", "vtk", "pyvista", "skimage", "cv2", "pypardiso", "mcap")
+# What a press of an analytic indenter has no use for.
+UNUSED = ("matplotlib", "vtk", "pyvista", "skimage", "cv2", "pytetwild", "jinja2", "mcap")
 SCRIPT = """
 import sys
 import typer
@@ -50,3 +52,17 @@ def test_a_place_that_is_not_there_is_named() -> None:
     group = lazy_group({"lost": "tacauchy_rig.cli.press:no_such"})(name="group")
     with pytest.raises(ImportError, match="press has no function no_such"):
         group.list_commands(typer.Context(group))
+
+
+def test_a_press_imports_no_figures_and_no_images() -> None:
+    """Until a press begins, what draws, meshes triangles or handles images is not waited for."""
+    script = f"""
+import sys
+import sim.force_error_estimate, sim.press, sim.press_command
+loaded = [name for name in {UNUSED!r} if name in sys.modules]
+assert not loaded, f"a press imports {{loaded}}"
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
