@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
-from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
-from sim.scene.pad import Pad
 from sim.scene.tetwild_options import TetWildOptions
 from tacauchy_rig.errors import ConfigError
+
+if TYPE_CHECKING:  # shapes bring NumPy, which the help of a command has no use for
+    from sim.scene.indenter import Indenter
+    from sim.scene.pad import Pad
 
 BARRIER_M = 5e-6
 SHARP_BARRIER_M = 1e-6
@@ -168,6 +171,8 @@ class Scene:
     @property
     def has_sharp_rim(self) -> bool:
         """A sharp edge presses on the gel: stress is singular there."""
+        from sim.scene.indenter import Cylinder  # noqa: PLC0415 - see above
+
         return isinstance(self.indenter, Cylinder) and self.indenter.fillet_m == 0.0
 
     @property
@@ -208,6 +213,8 @@ class Scene:
     @property
     def _edge_radius_m(self) -> float:
         """Radius at which a rigid body is rounded where the contact ends [m]; zero if it is not."""
+        from sim.scene.indenter import Cylinder, Sphere  # noqa: PLC0415 - see above
+
         if isinstance(self.indenter, Cylinder):
             return self.indenter.fillet_m
         return self.indenter.radius_m if isinstance(self.indenter, Sphere) else 0.0

@@ -14,7 +14,18 @@ from tacauchy_rig.cli.emulate.fault import fault
 from tacauchy_rig.cli.lazy import lazy_group
 
 # Each takes a tenth of a second or more, and no help is made with one.
-HEAVY = ("warp", "scipy", "matplotlib", "vtk", "pyvista", "skimage", "cv2", "pypardiso", "mcap")
+HEAVY = (
+    "numpy",
+    "warp",
+    "scipy",
+    "matplotlib",
+    "vtk",
+    "pyvista",
+    "skimage",
+    "cv2",
+    "pypardiso",
+    "mcap",
+)
 # What a press of an analytic indenter has no use for.
 UNUSED = ("matplotlib", "vtk", "pyvista", "skimage", "cv2", "pytetwild", "jinja2", "mcap")
 SCRIPT = """
