@@ -235,7 +235,7 @@ class RunStore:
             try:
                 result = self.load_result(trial, number)
             except RecordError as error:
-                logger.warning("%s; passed over", error.message)
+                logger.info("%s; passed over", error.message)
                 continue
             if result is not None:
                 yield result
