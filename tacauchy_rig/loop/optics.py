@@ -75,7 +75,7 @@ def calibrate_folder(
     scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
     geometry, residual_px = nominal, None
     if places:
-        circles = calibrate_presses(presses, scene, sensor, blurred=False)
+        circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False)
         touched = _touched(places, sensor, ball_diameter_m)
         fit, known = _fit_scale(presses, circles, touched, nominal)
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
@@ -85,7 +85,7 @@ def calibrate_folder(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
             f", residual {residual_px:.2f} px over {known} presses"
         )
-    found = calibrate_presses(presses, scene, sensor)
+    found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
     source = {
         BLUR_PX: found.blur_px,

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
 from sim.optics.calibrate.fit.photometric_fit import (
     REFERENCE,
     RIDGE,
-    PhotometricSamples,
     fit_photometric,
     fit_response,
-    fit_ridge,
-    joined,
 )
+from sim.optics.calibrate.fit.samples import PhotometricSamples, joined
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import exposed
+from sim.optics.calibrate.presses.press_samples import PressSamples
 from sim.optics.calibrate.presses.scene import BEYOND_RIM, PressScene
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.response import LINEAR, Response
+from sim.optics.colour.response import LINEAR
 from sim.optics.colour.shading_terms import ShadingTerms
 from sim.sensor.optics import ShadowCaster
 from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
+
+_FEW = 6000  # samples by which a response and lamps are searched for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +79,7 @@ def calibrate_optics(
     for turn in range(rounds):
         for i, press in enumerate(presses):
             lights[i] = averaged.light(press, circles[i], model)
-            circles[i] = averaged.nudged(press, model, lights[i])
+            circles[i] = averaged.nudged(press, model, lights[i], circles[i])
         frame = averaged_no_contact(presses, circles, lights, model, scene)
         averaged = replace(scene, background=frame)
         model = fit_model(presses, circles, lights, averaged, model)
@@ -107,55 +108,58 @@ def fit_model(
         blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
     """
     exponents = scene.exponents
-
-    def parts_of(response: Response, model: PhotometricModel | None) -> list[PhotometricSamples]:
-        return [
-            scene.samples(press, circle, light, model, response=response, blur_px=blur_px)
-            for press, circle, light in zip(presses, circles, lights, strict=True)
-        ]
-
-    response = LINEAR
+    found = list(zip(presses, circles, lights, strict=True))
+    whole = [PressSamples(scene, *each, blur_px=blur_px) for each in found]
+    every = max(1, sum(len(each.surface.change) for each in whole) // _FEW)
+    few = [PressSamples(scene, *each, blur_px=blur_px, every=every) for each in found]
+    polynomial = [each.surface.polynomial(exponents) for each in whole]
     if known is not None:
-        known = _seen_through(known, lambda seen: joined(parts_of(seen, None)), exponents)
-        response = known.response
-    parts = parts_of(response, known)
-    samples = joined(parts)
-    terms = _terms(samples, scene, known)
-    ridge = RIDGE if known is None else fit_ridge(parts, exponents=exponents, terms=terms)
+        known = _seen_through(known, whole, few, polynomial)
+    response = LINEAR if known is None else known.response
+    terms = _terms(joined([each.through(response, known) for each in few]), scene, known)
     return fit_photometric(
-        samples,
+        [each.through(response, known) for each in whole],
         exponents=exponents,
-        ridge=ridge,
+        features=_with_terms(polynomial, whole, terms),
+        ridge=RIDGE if known is None else None,
         terms=terms,
         response=response,
         reference=REFERENCE,
-        provenance={
-            "press_count": len(presses),
-            "pixel_count": len(samples.change),
-            "ridge": ridge,
-        },
     )
 
 
 def _seen_through(
     known: PhotometricModel,
-    samples_of: Callable[[Response], PhotometricSamples],
-    exponents: IntArray,
+    whole: Sequence[PressSamples],
+    few: Sequence[PressSamples],
+    polynomial: Sequence[FloatArray],
 ) -> PhotometricModel:
     """Return a model as the camera's response is now: begun anew where that has moved.
 
     Its light is not comparable with that of another response.
     """
-    response = fit_response(samples_of, exponents=exponents, terms=known.terms)
+    shapes = [each.surface.polynomial(known.exponents) for each in few]
+    response = fit_response(
+        lambda tried: [each.through(tried) for each in few], _with_terms(shapes, few, known.terms)
+    )
     if response == known.response:
         return known
     return fit_photometric(
-        samples_of(response),
-        exponents=exponents,
+        [each.through(response) for each in whole],
+        exponents=known.exponents,
+        features=_with_terms(polynomial, whole, known.terms),
         terms=known.terms,
         response=response,
         reference=REFERENCE,
     )
+
+
+def _with_terms(
+    polynomial: Sequence[FloatArray], presses: Sequence[PressSamples], terms: ShadingTerms | None
+) -> list[FloatArray]:
+    """Return what the model is linear in, of each press."""
+    pairs = zip(polynomial, presses, strict=True)
+    return [np.concatenate([shape, press.surface.shading(terms)]) for shape, press in pairs]
 
 
 def _terms(

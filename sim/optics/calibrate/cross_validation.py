@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import no_light
 from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.side_by_side import side_by_side
 from tacauchy_rig.errors import ConfigError
 
 _NUDGES = 2
@@ -66,7 +68,7 @@ def render_presses(
         lit = without_shadows(press, circle, scene, calibration.shadows)
         light = scene.light(lit, circle, model)
         for _ in range(_NUDGES if nudge else 0):
-            circle = scene.nudged(lit, model, light)
+            circle = scene.nudged(lit, model, light, circle)
             lit = without_shadows(press, circle, scene, calibration.shadows)
             light = scene.light(lit, circle, model)
         image = press_image(calibration, circle)
@@ -102,7 +104,9 @@ def cross_validate(
     *,
     fit: Callable[[Sequence[BallPress]], Calibration],
     folds: int = 7,
-) -> tuple[CheckScores, list[RenderedPress]]:
+    jobs: int = 1,
+    on_fold: Callable[[int], None] = lambda _: None,
+) -> tuple[CheckScores, list[RenderedPress], Calibration]:
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
 
     Args:
@@ -110,10 +114,12 @@ def cross_validate(
         scene: With the no-contact frame that the scores are compared with.
         fit: Makes a calibration of some presses.
         folds: How many.
+        jobs: Fits at a time.
+        on_fold: Told the number of each fold that is done, from 0; the last is of all presses.
 
     Returns:
-        Scores over all presses, and each press as rendered by the model that had not seen it
-        (nudged circle), in fold order.
+        Scores over all presses, each press as rendered by the model that had not seen it
+        (nudged circle), in fold order, and the calibration from all presses.
 
     Raises:
         ConfigError: There are fewer presses than folds, or fewer than two folds.
@@ -125,13 +131,29 @@ def cross_validate(
         )
     labelled: list[RenderedPress] = []
     nudged: list[RenderedPress] = []
-    for fold in range(folds):
-        seen = [press for i, press in enumerate(presses) if i % folds != fold]
-        held_out = presses[fold::folds]
-        calibration = fit(seen)
-        labelled += render_presses(held_out, calibration, nudge=False)
-        nudged += render_presses(held_out, calibration, nudge=True)
-    return _scores(labelled, nudged, scene), nudged
+    held_out = [presses[fold::folds] for fold in range(folds)]
+    seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
+    parts = [*zip(seen, held_out, strict=True), (presses, [])]
+    for fold, found in enumerate(side_by_side(partial(_fitted, fit), parts, jobs=jobs)):
+        calibration, as_labelled, as_nudged = found
+        labelled += as_labelled
+        nudged += as_nudged
+        on_fold(fold)
+    return _scores(labelled, nudged, scene), nudged, calibration
+
+
+def _fitted(
+    fit: Callable[[Sequence[BallPress]], Calibration],
+    presses: tuple[Sequence[BallPress], Sequence[BallPress]],
+) -> tuple[Calibration, list[RenderedPress], list[RenderedPress]]:
+    """Fit to some presses; return the calibration, and others as it renders them both ways."""
+    seen, held_out = presses
+    found = fit(seen)
+    return (
+        found,
+        render_presses(held_out, found, nudge=False),
+        render_presses(held_out, found, nudge=True),
+    )
 
 
 def _scores(

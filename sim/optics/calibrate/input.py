@@ -41,6 +41,7 @@ class OpticsRequest:
         sensor: Its pad is pressed in the simulator to know the gel around the ball.
         preset: Of those presses.
         folds: Of the cross-validation.
+        jobs: Fits at a time, each in a process of its own.
     """
 
     folder: Path
@@ -53,6 +54,7 @@ class OpticsRequest:
     sensor: Sensor
     preset: Preset
     folds: int = 7
+    jobs: int = 1
 
     @property
     def slopes(self) -> Path:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,16 +21,18 @@ from sim.optics.calibrate.cross_validation import (
 from sim.optics.calibrate.figures import draw_coverage, draw_presses
 from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.calibrate.shadow_fit import SHADOWS
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError
 
-log = logging.getLogger(__name__)
-
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
+
+OnStep = Callable[[str, int, int], None]
+"""Told what was done, and as which step of how many."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +71,14 @@ class OpticsResult:
         }
 
 
-def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
+def calibrate_and_check(
+    request: OpticsRequest, *, on_step: OnStep = lambda *_: None
+) -> OpticsResult:
     """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
+
+    Args:
+        request: What it is made of.
+        on_step: Told what was done, and as which step of how many.
 
     Raises:
         ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
@@ -79,21 +86,34 @@ def calibrate_and_check(request: OpticsRequest) -> OpticsResult:
         RecordError: A result cannot be written.
     """
     read = read_input(request)
+    count = len(read.labelled or read.images)
+    folds, depths = min(request.folds, count), len(DEPTHS_M)
+    total = depths + folds + 1
+
+    def pressed(done: int) -> None:
+        on_step(
+            f"ball pressed {DEPTHS_M[done - 1] * 1e3:.2f} mm deep in the simulator", done, total
+        )
+
+    def fitted(fold: int) -> None:
+        what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
+        on_step(what, depths + fold + 1, total)
+
+    on_step("pressing the ball in the simulator", 0, total)
     scene = pressed_scene(
         request.sensor,
         read.background,
         read.geometry,
         ball_diameter_m=request.ball_diameter_m,
         preset=request.preset,
+        on_press=pressed,
     )
     presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
-    log.info("cross-validating %d presses", len(presses))
-    fit = partial(calibrate_presses, scene=scene, sensor=request.sensor)
-    scores, held_out = cross_validate(
-        presses, scene, fit=fit, folds=min(request.folds, len(presses))
+    fit = partial(calibrate_presses, scene=scene, shadows=request.sensor.optics.shadows)
+    scores, held_out, calibration = cross_validate(
+        presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
     )
     warnings = warnings + check_after(scores, held_out, scene)
-    calibration = fit(presses)
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_coverage(coverage)
     checked = check_presses(read.check, calibration, scene)[0] if read.check else None

@@ -16,7 +16,7 @@ from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
-from sim.sensor.sensor import Sensor
+from sim.sensor.optics import ShadowCaster
 
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
@@ -27,24 +27,27 @@ _REACH = 1.4  # radii of the contact that are looked at
 
 
 def calibrate_presses(
-    presses: Sequence[BallPress], scene: PressScene, sensor: Sensor, *, blurred: bool = True
+    presses: Sequence[BallPress],
+    scene: PressScene,
+    shadows: ShadowCaster | None,
+    *,
+    blurred: bool = True,
 ) -> Calibration:
     """Fit colours, shadows where the sensor's file says that there are any, and the blur.
 
     Args:
         presses: Images with labelled circles.
         scene: Camera, no-contact frame and gel.
-        sensor: Says how the colours are modelled and which lamps cast shadows.
+        shadows: Lamps of the sensor's file that cast some; None is a sensor that shows none.
         blurred: Find the camera's blur; who only wants the circles is spared that.
 
     Raises:
         ConfigError: As ``calibrate_optics``.
     """
-    nominal = sensor.optics.shadows
-    if nominal is None:
+    if shadows is None:
         found = calibrate_optics(presses, scene)
     else:
-        found = calibrate_with_shadows(presses, scene, nominal)
+        found = calibrate_with_shadows(presses, scene, shadows)
     if not blurred:
         return found
     return _sharpened(lit_presses(presses, found), found)

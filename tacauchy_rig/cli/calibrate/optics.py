@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.scene.scene import Preset
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, writable_folder, write_json
+from tacauchy_rig.cli.steps import Steps
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
@@ -44,6 +45,7 @@ def optics(
     ] = "gelsight-mini",
     preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
     folds: Annotated[int, typer.Option("--folds", min=2, help="Of the cross-validation.")] = 7,
+    jobs: Jobs = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file."""
@@ -52,22 +54,23 @@ def optics(
     from sim.sensor.sensor import load_sensor
 
     writable_folder(out.parent)
-    result = calibrate_and_check(
-        OpticsRequest(
-            folder=folder,
-            background=background,
-            circles=circles,
-            ball_diameter_m=parse_quantity(
-                ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
-            ),
-            scale_px_m=_scale(scale),
-            out=out,
-            check=check,
-            sensor=load_sensor(sensor),
-            preset=preset,
-            folds=folds,
-        )
+    request = OpticsRequest(
+        folder=folder,
+        background=background,
+        circles=circles,
+        ball_diameter_m=parse_quantity(
+            ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
+        ),
+        scale_px_m=_scale(scale),
+        out=out,
+        check=check,
+        sensor=load_sensor(sensor),
+        preset=preset,
+        folds=folds,
+        jobs=jobs,
     )
+    with Steps() as steps:
+        result = calibrate_and_check(request, on_step=steps)
     for warning in result.warnings:
         complain(f"warning: {warning}")
     _show(result)

@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.fields.press_fields import surface_state
 from sim.mesh.tet_mesh import TetMesh
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.press import path_for
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.errors import ConfigError
 
 _PIXEL_M = 2e-5
@@ -29,7 +30,7 @@ _GROWTH = 1.5
 _SECTORS = 16
 _CONTACT_DISTANCE_M = 1e-6
 _TOUCHING_M = 1.2e-6
-_DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
+DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,6 +152,7 @@ def ball_profiles(
     *,
     ball_diameter_m: float,
     preset: Preset = Preset.FAST,
+    on_press: Callable[[int], None] = lambda _: None,
 ) -> PressedProfiles:
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.
 
@@ -158,21 +160,24 @@ def ball_profiles(
         sensor: Pad and material; only the ratio of layers' moduli matters for the shape.
         ball_diameter_m: Diameter of the ball [m].
         preset: Element, and mesh away from the ball.
+        on_press: Told how many depths are done.
 
     Raises:
         ConvergenceError: A depth finds no equilibrium.
     """
-    ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=_DEPTHS_M[-1])
+    ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=DEPTHS_M[-1])
     scene = sensor.scene(ball, target, preset=preset, barrier_m=_CONTACT_DISTANCE_M)
-    path = LoadingPath(build_model(scene, mesh=_mesh(scene)), scene.indenter, scene.centre_m)
+    path = path_for(scene, plan_effects(scene), model=build_model(scene, mesh=_mesh(scene)))
+    path.step_max_m = target.depth_m or 0.0  # depths lie so near that each is one step
     geometry = CameraGeometry.centred(_PIXELS, _PIXELS, scale_x_m=_PIXEL_M, scale_y_m=_PIXEL_M)
     found = []
-    for depth in _DEPTHS_M:
+    for depth in DEPTHS_M:
         # The profile is a mean over all directions: circles drawn round would shift it, held-out
         # presses are then predicted 10 % worse.
         surface = replace(surface_state(path, path.advance(depth)), mesh_axis_m=None)
         maps = height_maps(surface, geometry, contact_gap_m=_TOUCHING_M, pad=sensor.pad)
         found.append(radial_profile(maps, geometry))
+        on_press(len(found))
     return PressedProfiles(found)
 
 

@@ -6,28 +6,24 @@ no-contact frame: both are estimated here.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray, IntArray
-from sim.optics.calibrate.fit.photometric_fit import REFERENCE, PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
 from sim.optics.calibrate.presses.light import (
     fit_light,
     light_at,
-    light_weights,
     seen_change,
-    seen_light,
 )
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.response import LINEAR, Response
 from sim.optics.height.rest_slope import rest_slopes
 from sim.optics.markers.printed_markers import marker_mask
 from sim.scene.scene import Preset
@@ -38,6 +34,8 @@ _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
+_SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
+_SETTLED_MISFIT = 1e-6  # likewise of what is left over, which noise holds up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +61,7 @@ class PressScene:
     masked: NDArray[np.bool_] | None = None
     rest_slope: FloatArray | None = None
     lamp_count: int = 0
-    stride: int = 3
+    stride: int = 4
 
     @property
     def aspect(self) -> float:
@@ -94,6 +92,13 @@ class PressScene:
             tilt = slope / np.sqrt(1.0 + np.sum(slope**2, axis=0))
         return tilt, indentation, curvature
 
+    def reach_px(self, circle: Circle) -> float:
+        """Return how far from a contact's centre the gel moves [px]."""
+        geometry = self.geometry
+        profile = self.profile(circle.radius_px * geometry.mean_scale_m)
+        scale_m = min(geometry.scale_x_m, geometry.scale_y_m)
+        return float(profile.radius_m[-1]) / scale_m + 1.0
+
     def rest_tilt(self, columns: FloatArray, rows: FloatArray) -> FloatArray | None:
         """Return the unloaded gel's tilt at pixels, shape [2, n]; None on level gel."""
         if self.rest_slope is None:
@@ -114,7 +119,9 @@ class PressScene:
         if rest is not None:
             level = np.zeros(len(columns))
             change = np.asarray(model.evaluate(rest, position, level), dtype=np.float64)
-        there = self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+        light = model.response.light(
+            self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+        )
         return PredictedPixels(
             scene=self,
             model=model,
@@ -122,7 +129,7 @@ class PressScene:
             rows=rows,
             position=position,
             rest_change=change,
-            background=there,
+            light=np.asarray(light, dtype=np.float64),
         )
 
     def whole_image(self, model: PhotometricModel) -> PredictedPixels:
@@ -158,67 +165,10 @@ class PressScene:
         rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
 
-    def samples(
-        self,
-        press: BallPress,
-        circle: Circle,
-        light: FloatArray,
-        model: PhotometricModel | None,
-        *,
-        response: Response = LINEAR,
-        blur_px: float = 0.0,
-    ) -> PhotometricSamples:
-        """Return the press's pixels for a fit.
-
-        Args:
-            press: The image.
-            circle: Its contact.
-            light: Its light, shape [3, 3].
-            model: Stands in for pixels that are too bright or too dark for the camera; without
-                one they do not count.
-            response: Of the camera.
-            blur_px: Standard deviation of the camera's blur [px].
-        """
-        rows, columns = self.pixels_around(press.circle)
-        x, y = columns.astype(np.float64), rows.astype(np.float64)
-        tilt, indentation, curvature = self.surface(circle, x, y)
-        levels = press.image[rows, columns]
-        seen = seen_light(levels, self._expected(rows, columns, light), response)
-        gain = np.maximum(response.light(self.background[rows, columns]), 1.0) / REFERENCE
-        change, counts = seen.change, seen.exposed
-        if model is not None:
-            change = seen.completed(gain * self.pixels(model, x, y).light_change(circle))
-            counts = np.ones_like(counts)
-        return PhotometricSamples(
-            tilt=tilt,
-            position=self.normalised(x, y),
-            indentation_m=indentation,
-            change=change / gain,
-            counts=counts,
-            curvature=curvature,
-            rest_tilt=self.rest_tilt(x, y),
-            weights=gain * light_weights(levels, response),
-            around=self._blurred_over(circle, x, y, blur_px),
-        )
-
-    def _blurred_over(
-        self, circle: Circle, columns: FloatArray, rows: FloatArray, blur_px: float
-    ) -> tuple[SurfacePoints, ...]:
-        """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
-        if blur_px == 0.0:
-            return ()
-        height, width = self.background.shape[:2]
-        found = []
-        for right, down in product((-blur_px, blur_px), repeat=2):
-            x = np.clip(columns + right, 0.0, width - 1.0)
-            y = np.clip(rows + down, 0.0, height - 1.0)
-            tilt, indentation, curvature = self.surface(circle, x, y)
-            found.append(SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature))
-        return tuple(found)
-
-    def _expected(
+    def expected(
         self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray
     ) -> FloatArray:
+        """Return levels of a frame's unloaded gel at pixels of the image, shape [n, 3]."""
         position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
         return np.asarray(self.background[rows, columns] + light_at(light, position))
 
@@ -241,19 +191,28 @@ class PressScene:
         rows, columns = rows[outside], columns[outside]
         seen = seen_change(press.image[rows, columns], self.background[rows, columns])
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        change = (
-            seen.change if model is None else seen.change - self.pixels(model, x, y).predict(circle)
-        )
+        change = seen.change
+        if model is not None:
+            moved = distance[outside] < self.reach_px(circle)
+            change[moved] -= self.pixels(model, x[moved], y[moved]).predict(circle)
         return fit_light(change, seen.exposed, self.normalised(x, y), level_only=model is None)
 
-    def nudged(self, press: BallPress, model: PhotometricModel, light: FloatArray) -> Circle:
+    def nudged(
+        self, press: BallPress, model: PhotometricModel, light: FloatArray, start: Circle
+    ) -> Circle:
         """Move the labelled circle to where the model explains the image best.
 
         Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
+
+        Args:
+            press: The image.
+            model: Colours.
+            light: Of the frame, shape [3, 3].
+            start: Where the search begins.
         """
         rows, columns = self.pixels_around(press.circle)
         x, y = columns.astype(np.float64), rows.astype(np.float64)
-        expected = self._expected(rows, columns, light)
+        expected = self.expected(rows, columns, light)
         seen = seen_change(press.image[rows, columns], expected)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
@@ -266,7 +225,14 @@ class PressScene:
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
-        move = least_squares(residual, np.zeros(3), diff_step=1e-2, x_scale=1.0, max_nfev=10).x
+        move = least_squares(
+            residual,
+            np.array(start.moved_from(press.circle)),
+            diff_step=1e-2,
+            ftol=_SETTLED_MISFIT,
+            xtol=_SETTLED_SHARE,
+            max_nfev=10,
+        ).x
         px, py, radius = (float(value) for value in label + move)
         return Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
 
@@ -281,7 +247,7 @@ class PredictedPixels:
         columns, rows: Of the pixels, shape [n].
         position: The same as the model wants it, shape [2, n].
         rest_change: The model's change of light of the unloaded gel, shape [3, n]; None is level.
-        background: Of the no-contact frame [grey levels], shape [n, 3].
+        light: Of the no-contact frame [grey levels], shape [n, 3].
     """
 
     scene: PressScene
@@ -290,23 +256,37 @@ class PredictedPixels:
     rows: FloatArray
     position: FloatArray
     rest_change: FloatArray | None
-    background: FloatArray
+    light: FloatArray
 
     def light_change(self, circle: Circle) -> FloatArray:
         """Return the model's change of light over its reference, shape [n, 3]."""
-        tilt, indentation, curvature = self.scene.surface(circle, self.columns, self.rows)
-        change = self.model.evaluate(tilt, self.position, indentation, curvature)
-        if self.rest_change is not None:
-            change = change - self.rest_change
-        return np.asarray(change.T, dtype=np.float64)
+        found = np.zeros_like(self.light)
+        moved = self._moved(circle)
+        found[moved] = self._change(circle, moved)
+        return found
 
     def predict(self, circle: Circle) -> FloatArray:
         """Return the model's colour change [grey levels], shape [n, 3]."""
-        change, model = self.light_change(circle), self.model
-        if not model.response.bends and model.reference is None:
-            return change
-        unloaded = model.shown(np.zeros_like(change), self.background)
-        return np.asarray(model.shown(change, self.background) - unloaded)
+        found = np.zeros_like(self.light)
+        moved, response = self._moved(circle), self.model.response
+        light, change = self.light[moved], self._change(circle, moved)
+        gain = self.model.gain(light)
+        loaded = light + (change if gain is None else gain * change)
+        found[moved] = response.levels(loaded) - response.levels(light)
+        return found
+
+    def _moved(self, circle: Circle) -> NDArray[np.intp]:
+        """Return which pixels see gel that the contact moves."""
+        distance = circle.distance(self.columns, self.rows)
+        return np.flatnonzero(distance < self.scene.reach_px(circle))
+
+    def _change(self, circle: Circle, chosen: NDArray[np.intp]) -> FloatArray:
+        surface = self.scene.surface(circle, self.columns[chosen], self.rows[chosen])
+        tilt, indentation, curvature = surface
+        change = self.model.evaluate(tilt, self.position[:, chosen], indentation, curvature)
+        if self.rest_change is not None:
+            change = change - self.rest_change[:, chosen]
+        return np.asarray(change.T, dtype=np.float64)
 
 
 def pressed_scene(
@@ -316,6 +296,7 @@ def pressed_scene(
     *,
     ball_diameter_m: float,
     preset: Preset = Preset.FAST,
+    on_press: Callable[[int], None] = lambda _: None,
 ) -> PressScene:
     """Press the ball in the simulator, and put camera, no-contact frame and gel together.
 
@@ -325,6 +306,7 @@ def pressed_scene(
         geometry: Scale of the pixels.
         ball_diameter_m: Diameter of the ball [m].
         preset: Of the simulated presses.
+        on_press: Told how many depths are pressed.
 
     Raises:
         ConfigError: The sensor's renderer cannot be calibrated.
@@ -336,6 +318,8 @@ def pressed_scene(
         geometry=geometry,
         background=unloaded.astype(np.float64),
         masked=marker_mask(unloaded, sensor.markers, geometry),
-        profile=ball_profiles(sensor, ball_diameter_m=ball_diameter_m, preset=preset),
+        profile=ball_profiles(
+            sensor, ball_diameter_m=ball_diameter_m, preset=preset, on_press=on_press
+        ),
         rest_slope=rest_slopes(sensor.pad, geometry),
     )

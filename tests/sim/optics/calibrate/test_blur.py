@@ -41,7 +41,7 @@ def test_colours_are_fitted_to_the_sharp_gel() -> None:
         for press in labelled
     ]
     plain = calibrate_optics(seen, scene)
-    told = calibrate_presses(seen, scene, sensor)
+    told = calibrate_presses(seen, scene, sensor.optics.shadows)
 
     def off(found: Calibration) -> float:
         sharp, true = scene.whole_image(found.model), scene.whole_image(true_model())

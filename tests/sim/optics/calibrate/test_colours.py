@@ -12,15 +12,14 @@ import pytest
 
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_presses, cross_validate
-from sim.optics.calibrate.fit.photometric_fit import (
-    PhotometricSamples,
-    fit_photometric,
-    fit_ridge,
-)
+from sim.optics.calibrate.fit.photometric_fit import fit_photometric
+from sim.optics.calibrate.fit.samples import PhotometricSamples
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.press_samples import PressSamples
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
+from sim.optics.colour.response import LINEAR
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
@@ -34,11 +33,11 @@ def test_fit_recovers_the_coefficients() -> None:
     depth = rng.uniform(0, 1e-3, 4000)
     change = true_model().evaluate(tilt, position, depth).T
     change[::7, 1] = -300.0
-    counts = change > -300.0
+    weights = (change > -300.0).astype(np.float64)
     samples = PhotometricSamples(
-        tilt=tilt, position=position, indentation_m=depth, change=change, counts=counts
+        tilt=tilt, position=position, indentation_m=depth, change=change, weights=weights
     )
-    fitted = fit_photometric(samples, exponents=EXPONENTS, ridge=1e-12)
+    fitted = fit_photometric([samples], exponents=EXPONENTS, ridge=1e-12)
     np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
     assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
     assert fitted.indentation_limit_m == pytest.approx(depth.max())
@@ -51,10 +50,9 @@ def test_too_few_pixels_are_refused() -> None:
         position=np.zeros((2, 5)),
         indentation_m=np.zeros(5),
         change=np.zeros((5, 3)),
-        counts=np.ones((5, 3), dtype=np.bool_),
     )
     with pytest.raises(ConfigError, match="5 pixels cannot fix the"):
-        fit_photometric(few, exponents=EXPONENTS)
+        fit_photometric([few], exponents=EXPONENTS)
 
 
 def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
@@ -64,7 +62,7 @@ def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
 def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
     """Good labels, steady light: held-out error is the noise of the pixels alone."""
     scene = press_scene()
-    scores, rendered = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
+    scores, rendered, _ = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
     noise_mae = np.sqrt(2 / np.pi) * np.hypot(1.0, np.sqrt(2 / 12))
     assert scores.raw.mae < 1.25 * noise_mae
     assert scores.raw.r2 > 0.99
@@ -119,7 +117,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
         )
         for i in range(4)
     ]
-    scores, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
+    scores, _, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
     assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.03)
     assert scores.raw.mae == pytest.approx(scores.raw.mae_no_contact, rel=0.05)
     assert scores.raw.r2 < 0.1
@@ -177,9 +175,10 @@ def test_noise_holds_a_fit_back() -> None:
     def ridge(noise: float) -> float:
         shown, circles, _ = presses(12, noise=noise, seed=8)
         parts = [
-            scene.samples(press, circle, np.zeros((3, 3)), None)
+            PressSamples(scene, press, circle, np.zeros((3, 3))).through(LINEAR)
             for press, circle in zip(shown, circles, strict=True)
         ]
-        return fit_ridge(parts, exponents=BALL_EXPONENTS, terms=None)
+        model = fit_photometric(parts, exponents=BALL_EXPONENTS, ridge=None)
+        return float(str(model.provenance["ridge"]))
 
     assert ridge(20.0) > ridge(0.3)

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
-from sim.optics.calibrate.fit.photometric_fit import (
-    PhotometricSamples,
-    fit_photometric,
-)
+from sim.optics.calibrate.fit.photometric_fit import fit_photometric
+from sim.optics.calibrate.fit.samples import PhotometricSamples
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
@@ -67,14 +65,13 @@ def test_lamps_are_found_from_colours_alone() -> None:
         position=position,
         indentation_m=np.zeros(6000),
         change=change + rng.normal(0.0, 1.0, change.shape),
-        counts=np.ones(change.shape, dtype=np.bool_),
         curvature=curvature,
     )
     terms = fit_terms(samples, lamp_count=3, aspect=0.75, pixel_m=1e-4)
     found = sorted(math.remainder(lamp.azimuth_rad, math.tau) for lamp in terms.lamps)
     np.testing.assert_allclose(found, [-1.6, 0.4, 2.5], atol=0.03)
     np.testing.assert_allclose([lamp.elevation_rad for lamp in terms.lamps], 0.2, atol=0.03)
-    model = fit_photometric(samples, exponents=BALL_EXPONENTS, terms=terms)
+    model = fit_photometric([samples], exponents=BALL_EXPONENTS, terms=terms)
     zero = np.zeros(6000)
     off = model.evaluate(tilt, position, zero, curvature).T - change
     assert np.sqrt(np.mean(off**2)) < 0.3

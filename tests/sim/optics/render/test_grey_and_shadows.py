@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from sim.arrays import Float32Array, RealArray
-from sim.optics.calibrate.fit.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.calibrate.fit.photometric_fit import fit_photometric
+from sim.optics.calibrate.fit.samples import PhotometricSamples
 from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
 from sim.optics.colour.nominal import nominal_photometric
 from sim.optics.colour.pixel_colours import PixelColours, SampleColours
@@ -114,9 +115,8 @@ def test_grey_is_fitted_with_depth_alone() -> None:
         position=position,
         indentation_m=depth,
         change=np.repeat(change[:, None], 3, axis=1),
-        counts=np.ones((3000, 3), dtype=np.bool_),
     )
-    model = fit_photometric(samples, exponents=GREY_EXPONENTS)
+    model = fit_photometric([samples], exponents=GREY_EXPONENTS)
     assert np.abs(model.evaluate(tilt, position, depth) - change).max() < 0.5
 
 

@@ -25,6 +25,7 @@ from tests.sim.optics.synthetic_presses import PROFILE, press_scene, presses
 
 HEADER = ["image", "center_x_px", "center_y_px", "radius_px"]
 OPTIONS = ["--ball-diameter", "4.70mm", "--scale", "10px/mm", "--background", "no_contact.png"]
+OPTIONS += ["--jobs", "1"]  # processes take seconds to start
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,96 @@
+"""The pixels of a press, as samples for a fit of colours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.optics.calibrate.fit.photometric_fit import REFERENCE
+from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.light import light_weights, seen_light
+from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.response import Response
+
+
+class PressSamples:
+    """Pixels around a contact; their surface is the same through every camera's response.
+
+    Args:
+        scene: Camera, no-contact frame and gel.
+        press: The image.
+        circle: Its contact.
+        light: Its light, shape [3, 3].
+        blur_px: Standard deviation of the camera's blur [px].
+        every: Only so many-th pixel is taken.
+
+    Attributes:
+        surface: The samples, without their colours.
+    """
+
+    def __init__(
+        self,
+        scene: PressScene,
+        press: BallPress,
+        circle: Circle,
+        light: FloatArray,
+        *,
+        blur_px: float = 0.0,
+        every: int = 1,
+    ) -> None:
+        rows, columns = (places[::every] for places in scene.pixels_around(press.circle))
+        self._scene, self._circle = scene, circle
+        self._columns, self._rows = columns.astype(np.float64), rows.astype(np.float64)
+        self._levels = press.image[rows, columns]
+        self._expected = scene.expected(rows, columns, light)
+        self._unloaded = scene.background[rows, columns]
+        tilt, indentation, curvature = scene.surface(circle, self._columns, self._rows)
+        self.surface = PhotometricSamples(
+            tilt=tilt,
+            position=scene.normalised(self._columns, self._rows),
+            indentation_m=indentation,
+            change=np.zeros_like(self._expected),
+            curvature=curvature,
+            rest_tilt=scene.rest_tilt(self._columns, self._rows),
+            around=self._blurred_over(blur_px),
+        )
+
+    def through(
+        self, response: Response, model: PhotometricModel | None = None
+    ) -> PhotometricSamples:
+        """Return the samples with the light that the camera saw.
+
+        Args:
+            response: Of the camera.
+            model: Stands in for pixels that are too bright or too dark for the camera; without
+                one they do not count.
+        """
+        seen = seen_light(self._levels, self._expected, response)
+        gain = np.maximum(response.light(self._unloaded), 1.0) / REFERENCE
+        change, weights = seen.change, gain * light_weights(self._levels, response)
+        if model is None:
+            weights *= seen.exposed
+        else:
+            lost = np.flatnonzero(~seen.exposed.all(axis=1))
+            pixels = self._scene.pixels(model, self._columns[lost], self._rows[lost])
+            predicted = change.copy()
+            predicted[lost] = gain[lost] * pixels.light_change(self._circle)
+            change = seen.completed(predicted)
+        return replace(self.surface, change=change / gain, weights=weights)
+
+    def _blurred_over(self, blur_px: float) -> tuple[SurfacePoints, ...]:
+        """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
+        if blur_px == 0.0:
+            return ()
+        height, width = self._scene.background.shape[:2]
+        found = []
+        for right, down in product((-blur_px, blur_px), repeat=2):
+            x = np.clip(self._columns + right, 0.0, width - 1.0)
+            y = np.clip(self._rows + down, 0.0, height - 1.0)
+            tilt, indentation, curvature = self._scene.surface(self._circle, x, y)
+            found.append(SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature))
+        return tuple(found)
