@@ -49,7 +49,7 @@ class GreyDepthModel:
         return PixelColours(light=frame, function=self._changed)
 
     def _changed(self, _tilt: Float32Array, indentation_m: Float32Array) -> RealArray:
-        level = np.interp(indentation_m, self.depth_m, self.change)
+        level = np.interp(indentation_m, self.depth_m, self.change).astype(np.float32)
         return np.broadcast_to(level, (3, *level.shape))
 
 

@@ -227,13 +227,13 @@ class _Images:
         for tilt, dent in zip(np.stack([along, across], axis=1), self._dent.numpy(), strict=True):
             change = function(tilt, dent)
             _check_shape("a renderer's change of light", change.shape, (3, *dent.shape))
-            if not np.isfinite(change).all():
+            parts = [change[:, a::n, c::n] for a in range(n) for c in range(n)]
+            changes.append(sum(parts[1:], start=parts[0]) / n**2)
+            if not np.isfinite(changes[-1]).all():
                 raise ConfigError(
                     "a renderer's change of light is not finite",
                     remedy="correct the function of NumPy that optics.kind stands for",
                 )
-            parts = [change[:, a::n, c::n] for a in range(n) for c in range(n)]
-            changes.append(sum(parts[1:], start=parts[0]) / n**2)
         wp.copy(self.change.blocks, layout.pixel_rows(np.stack(changes, axis=1)))
 
     def _darkened(self, lamp: Lamp, softness_m: float) -> list[list[Task]]:
