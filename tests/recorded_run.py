@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Set
+from collections.abc import Callable, Set
 from pathlib import Path
 
 from drivers.camera.touch import Look, TouchWatch
+from drivers.device.faults import parse_fault
 from drivers.device.interface import StreamHealth
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
@@ -107,8 +108,18 @@ def press_run(
     start_ns: int = 10**9,
     again: Set[int] = frozenset(),
     config: RigConfig | None = None,
+    lie: tuple[str, str] | None = None,
 ) -> ProgrammeResult:
-    """Press every trial without a passed attempt, in simulated time."""
+    """Press every trial without a passed attempt, in simulated time.
+
+    Args:
+        store: The run.
+        seed: Of the noise.
+        start_ns: When it begins [ns].
+        again: Trials to press once more though they passed.
+        config: The run's own if None.
+        lie: A phase, and the fault that begins there and stays.
+    """
     config = config or store.config
     world = MockWorld(SimulatedClock(start_ns=start_ns), config, seed=seed)
     bench = MockBench.on(world)
@@ -122,11 +133,19 @@ def press_run(
     store.set_devices({"robot": bench.arm.connect(), "camera": bench.camera.connect()})
     note(store, world, "run-start", pids={})
     cycle = Cycle(rig, config, sink=sink, abort=Abort(same_wish_s=0.0))
-    journal = Journal(sink, world.clock, listener=lambda _: None)
+    journal = Journal(sink, world.clock, listener=_liar(world, lie))
     result = run_programme(cycle, journal, plan_session(store, again=again))
     sink.keeper.close()
     note(store, world, "run-end", outcome=result.outcome.value, reason=result.reason)
     return result
+
+
+def _liar(world: MockWorld, lie: tuple[str, str] | None) -> Callable[[JournalEvent], None]:
+    def heard(event: JournalEvent) -> None:
+        if lie is not None and event.detail.get("phase") == lie[0] and not world.lies:
+            world.lies.append(parse_fault(lie[1]))
+
+    return heard
 
 
 def note(store: RunStore, world: MockWorld, name: str, **detail: object) -> None:

@@ -131,6 +131,40 @@ def test_a_trial_that_is_pressed_again_leaves_the_first_attempt_out(tmp_path: Pa
     assert record.attempt == 2
 
 
+@pytest.mark.parametrize(
+    ("fault", "outcome"),
+    [("camera:repeat-image", Outcome.FAILED), ("camera:freeze-image", Outcome.FAULT)],
+)
+def test_what_an_attempt_failed_by_is_no_contradiction(
+    tmp_path: Path, fault: str, outcome: Outcome
+) -> None:
+    """Old images fail a press, or stop it in its dwell; a run that is resumed then is whole."""
+    store = new_run(tmp_path, "limits.repeat_count=30")
+    assert press_run(store, lie=("dwell", fault)).outcome is outcome
+    first = store.load_result(1, 1)
+    assert first is not None
+    assert first.dwell_end_ns is not None
+    assert not first.passed
+    recovery = recover_run(store)
+    assert list(recovery.check.missed()) == []
+    assert recovery.is_whole
+    assert press_run(store, seed=2, start_ns=10**12).outcome is Outcome.PASSED
+    assert list(check_run(store).missed()) == []
+
+
+def test_a_failed_result_that_denies_old_images_is_contradicted(tmp_path: Path) -> None:
+    """Its criterion made a met one, it says otherwise than its recording."""
+    store = new_run(tmp_path)
+    press_run(store, lie=("dwell", "camera:repeat-image"))
+    path = store.paths.result(1, 1)
+    content = json.loads(path.read_text())
+    (told,) = (c for c in content["criteria"] if c["name"] == "repeated_frames")
+    assert not told["passed"]
+    told.update(passed=True, measured=0.0)
+    path.write_text(json.dumps(content))
+    assert {"recorded_images", "result_hash"} <= set(found(check_run(store)))
+
+
 @pytest.mark.parametrize(("model", "more_n"), [("e-series", 0.6), ("cb3", 3.0)])
 def test_what_the_arm_felt_is_computed_again(tmp_path: Path, model: str, more_n: float) -> None:
     """Of an arm that counts a push as negative; a force that it never felt is found."""
