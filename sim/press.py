@@ -15,19 +15,18 @@ from sim.error.measured_errors import setting_of
 from sim.error.tolerance import alternatives, expected_error
 from sim.fields.stress import surface_stress
 from sim.material.elastic_body import densities_of
-from sim.scene.scene import Drive, Effect, Preset, Scene
+from sim.scene.scene import Drive, Effect, Scene
 from sim.scene.tilted_indenter import tilted
 from sim.solve.dynamics.implicit import moving_press
 from sim.solve.dynamics.weight_and_inertia import weight
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
-from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from tacauchy_rig.replayed import Alternative
 
-_LIGHT = NewtonOptions(residual_relative=1e-6)
+_LIGHT = SolverOptions(residual_relative=1e-6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,22 +130,14 @@ def path_for(
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
-    lbfgs = LbfgsOptions() if keeps_factors(scene, model) else None
     return LoadingPath(
         model,
         scene.indenter,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
-        options=_LIGHT if lbfgs and scene.is_light else NewtonOptions(),
-        lbfgs=lbfgs,
+        options=_LIGHT if scene.is_light else SolverOptions(),
     )
-
-
-def keeps_factors(scene: Scene, model: Model) -> bool:
-    """Return whether a scene's path keeps its factors from state to state."""
-    plain = scene.is_smooth and scene.preset is not Preset.PAPER
-    return plain and model.relaxation is None and model.device == "cpu"
 
 
 def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:

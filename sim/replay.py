@@ -171,7 +171,7 @@ def _replay_model(
         mesh=model.mesh.name,
         mesh_hash=model.mesh.content_hash,
         barrier_m=scene.contact_distance_m,
-        linear_solver=path.solver_name,
+        linear_solver=path.solver.factor.name,
         device=model.device,
         setup_s=path.setup_s,
         tolerance=None if tolerance is None else str(tolerance),

@@ -22,12 +22,11 @@ from sim.effects.presets import BATCH, build_model, mesh_for
 from sim.mesh.sparsity import SparsePattern
 from sim.scene.indenter import Indenter, MeshIndenter
 from sim.scene.scene import Effect, Scene
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.linear_solver import linear_solver
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
-from sim.solve.preconditioned_lbfgs import LbfgsOptions
 from tacauchy_rig.errors import ConfigError
 
 # A barrier of 1 % of the height makes F_z 1 % too large and halves Newton's iterations.
@@ -126,8 +125,7 @@ class Pilot:
             self.model,
             self.indenter,
             self.centre_m,
-            options=NewtonOptions(residual_relative=_RESIDUAL),
-            lbfgs=LbfgsOptions(),
+            options=SolverOptions(residual_relative=_RESIDUAL),
         )
         self.touch_m = path.touch_m
         points = [path.advance(float(depth)) for depth in self.depths_m]

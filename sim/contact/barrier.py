@@ -10,16 +10,11 @@ by a factor of four an iteration, where this one frees it in one. Below s = exte
 goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
 overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
 What happens along the surface is ``sim.contact.friction``'s.
-All kernels launch over [face_count, face_point_count] but ``hessian``.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import warp as wp
-
-from sim.contact.indenter_distance import Body, BodyKernel, distance_curvature, signed_distance
 
 
 @wp.struct
@@ -97,80 +92,16 @@ def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
     return v - n * wp.dot(v, n)
 
 
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def gap(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    # Data out:
-    gap_out: wp.array2d(dtype=wp.float64),
-):
-    """Measure the gap of every contact point [m]."""
-    f, q = wp.tid()
-    distance, _ = signed_distance(body, surface_point(surface, positions, f, q))
-    gap_out[f, q] = distance
+@wp.func
+def normal_contact(surface: TouchedSurface, s: wp.float64):
+    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m] at gap s d_hat < d_hat.
 
-
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def energy(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    # Data out:
-    energy_out: wp.array2d(dtype=wp.float64),
-):
-    """Evaluate the contact energy of every point [J]."""
-    f, q = wp.tid()
-    x = surface_point(surface, positions, f, q)
-    distance, _ = signed_distance(body, x)
-    total = wp.float64(0.0)
-    if distance < surface.distance:
-        total = surface.stiffness * _barrier(distance / surface.distance, surface.extension)
-    energy_out[f, q] = surface.areas[f, q] * total
-
-
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def force(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    curved: wp.bool,
-    # Data out:
-    point_out: wp.array2d(dtype=wp.vec3d),
-    force_out: wp.array2d(dtype=wp.vec3d),
-    stiffness_out: wp.array2d(dtype=wp.mat33d),
-):
-    """Give each point's position [m], the energy's gradient [N] and its stiffness [N/m].
-
-    The gradient is the force on the indenter. With ``curved`` the stiffness is exact; without, the
-    indenter's curvature is left out, which keeps it positive semidefinite.
+    The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
-    f, q = wp.tid()
-    x = surface_point(surface, positions, f, q)
-    distance, n = signed_distance(body, x)
-    pull = wp.vec3d()
-    stiffness = wp.mat33d()
-    if distance < surface.distance:
-        s = distance / surface.distance
-        scale = surface.areas[f, q] * surface.stiffness / surface.distance
-        pull = n * (scale * barrier_slope(s, surface.extension))
-        along = scale / surface.distance * barrier_curvature(s, surface.extension)
-        stiffness = wp.outer(n, n) * along
-        if curved:
-            slope = scale * barrier_slope(s, surface.extension)
-            stiffness += distance_curvature(body, x) * slope
-    point_out[f, q] = x
-    force_out[f, q] = pull
-    stiffness_out[f, q] = stiffness
+    scale = surface.stiffness / surface.distance
+    pressure = scale * barrier_slope(s, surface.extension)
+    change = scale / surface.distance * barrier_curvature(s, surface.extension)
+    return surface.stiffness * _barrier(s, surface.extension), pressure, change
 
 
 @wp.kernel(enable_backward=False)
@@ -182,7 +113,7 @@ def scatter(
     # Data out:
     nodes_out: wp.array(dtype=wp.vec3d),
 ):
-    """Add a vector at every contact point to its nodes."""
+    """Add a vector at every contact point to its nodes; launches over [face_count, point_count]."""
     f, q = wp.tid()
     v = point_vectors[f, q]
     if wp.dot(v, v) > wp.float64(0.0):
@@ -213,29 +144,3 @@ def hessian(
                 for q in range(stiffness.shape[1]):
                     total += stiffness[f, q] * (face_values[q, i] * face_values[q, j])
                 wp.atomic_add(values_out, slot // 2, total)
-
-
-@wp.kernel(enable_backward=False)
-def push(
-    # Model:
-    surface: TouchedSurface,
-    body: Body,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    # Data out:
-    nodes_out: wp.array(dtype=wp.vec3d),
-    push_out: wp.array(dtype=wp.vec3d),
-    gap_out: wp.array(dtype=wp.float64),
-):
-    """Add the contact energy's gradient [N] to the nodes; launches over [face_count, point_count].
-
-    Its sum is the force on the indenter; the smallest gap is that of the points that touch [m].
-    """
-    f, q = wp.tid()
-    distance, n = signed_distance(body, surface_point(surface, positions, f, q))
-    if distance < surface.distance:
-        scale = surface.areas[f, q] * surface.stiffness / surface.distance
-        v = n * (scale * barrier_slope(distance / surface.distance, surface.extension))
-        add_to_nodes(v, surface, f, q, nodes_out)
-        wp.atomic_add(push_out, 0, v)
-        wp.atomic_min(gap_out, 0, distance)

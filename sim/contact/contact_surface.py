@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,8 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact import barrier, friction
-from sim.contact.indenter_distance import body_at
+from sim.contact.contact_kernels import ContactKernels, contact_kernels
+from sim.contact.indenter_distance import body_at, body_kind
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
@@ -30,6 +33,12 @@ class ContactSurface:
         self._shape = (len(pad.faces), len(pad.reference.face_weights))
         self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
         areas = pad.face_areas[:, None] * pad.reference.face_weights
+        self._no_grip = filled(
+            friction.GripArrays,
+            held=device.zeros((1, 1), wp.int32),
+            anchors=device.zeros((1, 1), wp.vec3d),
+            loads=device.zeros((1, 1), wp.vec3d),
+        )
         self._surface = filled(
             barrier.TouchedSurface,
             faces=device.array(pad.faces, wp.int32),
@@ -60,39 +69,52 @@ class ContactSurface:
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
         out = self._points(wp.float64)
-        inputs = self._inputs(positions, indenter, state)
-        self._device.launch(barrier.gap.of(indenter), self._shape, inputs, [out])
+        inputs = [*self._at(indenter, state), self._device.vectors(positions)]
+        self._device.launch(self._kernels(indenter).gap, self._shape, inputs, [out])
         return on_host(out)
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        out = self._points(wp.float64)
-        inputs = self._inputs(positions, indenter, state)
-        self._device.launch(barrier.energy.of(indenter), self._shape, inputs, [out])
-        if state.grip is not None:
-            inputs.append(self._grip(state.grip))
-            self._device.launch(friction.add_energy.of(indenter), self._shape, inputs, [out])
-        return float(on_host(out).sum())
+        room = self.room()
+        self.recorded(self._device.vectors(positions), room, indenter, state).launch()
+        return float(on_host(room[2]).sum())
 
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        out = self._barrier_forces(positions, indenter, state, curved=curved)
-        if state.grip is not None:
-            inputs = [*self._inputs(positions, indenter, state), self._grip(state.grip)]
-            self._device.launch(friction.add_force.of(indenter), self._shape, inputs, out[1:])
+        out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
+        at = self._device.vectors(positions)
+        inputs = [*self._at(indenter, state), self.grip_arrays(state.grip), at, curved]
+        self._device.launch(self._kernels(indenter).force, self._shape, inputs, out)
         points, forces, stiffness = (on_host(array) for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
-    def recorded_push(
-        self, positions: Any, outputs: list[Any], indenter: Indenter, *, extension: float
+    def room(self) -> tuple[Any, ...]:
+        """Return what an evaluation fills: nodal forces [N], their sum, energies [J], gaps [m]."""
+        zeros, points = self._device.zeros, self._points
+        counts = len(self._pad.nodes), 1
+        nodal, push = (zeros(count, wp.vec3d) for count in counts)
+        return nodal, push, points(wp.float64), points(wp.float64)
+
+    def recorded(
+        self, positions: Any, room: Sequence[Any], indenter: Indenter, state: State
     ) -> Any:
-        """Return a launch of ``barrier.push`` at positions [m] on the device."""
-        body = body_at(indenter, np.zeros(3), np.eye(3), device=self._device.name)
-        surface = replaced(barrier.TouchedSurface, self._surface, extension=extension)
-        inputs = [surface, body, positions]
-        return self._device.record(barrier.push, self._shape, inputs, outputs)
+        """Return a launch that adds to nodal forces and their sum, and sets energies and gaps.
+
+        Its parameters ``surface``, ``body`` and ``grip`` are those of a state, and may be set anew.
+
+        Args:
+            positions: Nodes [m], on the device.
+            room: What ``room`` gave.
+        """
+        inputs = [*self._at(indenter, state), self.grip_arrays(state.grip), positions]
+        touch = self._kernels(indenter).touch
+        return self._device.record(touch, self._shape, inputs, list(room))
+
+    def stretched(self, extension: float) -> Any:
+        """Return the surface with a barrier that is a parabola below a share of d_hat."""
+        return replaced(barrier.TouchedSurface, self._surface, extension=extension)
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
@@ -124,11 +146,9 @@ class ContactSurface:
         grip = state.grip
         if grip is None:
             return 0.0
-        before = grip.loads
-        _, forces, _ = self._barrier_forces(state.positions, indenter, state, curved=True)
-        held_on = self._grip(grip)
-        inputs = [*self._inputs(state.positions, indenter, state), forces]
-        self._device.launch(friction.refresh.of(indenter), self._shape, inputs, [held_on])
+        before, held_on = grip.loads, self.grip_arrays(grip)
+        inputs = [*self._at(indenter, state), self._device.vectors(state.positions)]
+        self._device.launch(self._kernels(indenter).hold, self._shape, inputs, [held_on])
         state.grip = Grip(
             held=on_host(held_on.held).copy(),
             anchors=on_host(held_on.anchors).copy(),
@@ -145,35 +165,31 @@ class ContactSurface:
         grip = state.grip
         if grip is None or self._options.bonded:
             return
-        held_on = self._grip(grip)
-        inputs = self._inputs(state.positions, indenter, state)
-        self._device.launch(friction.drag.of(indenter), self._shape, inputs, [held_on])
-        grip.anchors = on_host(held_on.anchors).copy()
+        held_on = self.grip_arrays(grip)
+        inputs = [*self._at(indenter, state), self._device.vectors(state.positions)]
+        self._device.launch(self._kernels(indenter).drag, self._shape, inputs, [held_on])
+        state.grip = replace(grip, anchors=on_host(held_on.anchors).copy())
 
-    def _points(self, kind: Any) -> Any:
-        return self._device.empty(self._shape, kind)
-
-    def _inputs(self, positions: FloatArray, indenter: Indenter, state: State) -> list[Any]:
-        surface = replaced(barrier.TouchedSurface, self._surface, extension=state.extension)
-        body = body_at(indenter, state.tip, state.rotation, device=self._device.name)
-        return [surface, body, self._device.vectors(positions)]
-
-    def _barrier_forces(
-        self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool
-    ) -> list[Any]:
-        """Return points [m], forces [N] and their stiffness [N/m] without grip, on the device."""
-        out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
-        inputs = [*self._inputs(positions, indenter, state), curved]
-        self._device.launch(barrier.force.of(indenter), self._shape, inputs, out)
-        return out
-
-    def _grip(self, grip: Grip) -> Any:
+    def grip_arrays(self, grip: Grip | None) -> Any:
+        """Return a memory on the device; one of nothing where nothing is kept."""
+        if grip is None:
+            return self._no_grip
         return filled(
             friction.GripArrays,
             held=self._device.array(grip.held, wp.int32),
             anchors=self._device.array(grip.anchors, wp.vec3d),
             loads=self._device.array(grip.loads, wp.vec3d),
         )
+
+    def _kernels(self, indenter: Indenter) -> ContactKernels:
+        return contact_kernels(body_kind(indenter), grips=self._options.is_tangential)
+
+    def _points(self, kind: Any) -> Any:
+        return self._device.empty(self._shape, kind)
+
+    def _at(self, indenter: Indenter, state: State) -> list[Any]:
+        body = body_at(indenter, state.tip, state.rotation, device=self._device.name)
+        return [self.stretched(state.extension), body]
 
 
 def contact_rounding_n(found: ContactForces) -> float:

@@ -12,8 +12,6 @@ taken. Pressure p and normal are lagged: they are refreshed when Newton has ende
 again until they stand still. Where u exceeds s, the anchor is then dragged along to that distance.
 A point that comes to touch within a step takes hold where its gap fell to d_hat on the way, so that
 gel running in under an edge is gripped from the start.
-
-Kernels launch over [face_count, face_point_count].
 """
 
 from __future__ import annotations
@@ -22,8 +20,10 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.barrier import TouchedSurface, surface_point, tangential_part
-from sim.contact.indenter_distance import BodyKernel, local_point, signed_distance
+from sim.contact.barrier import TouchedSurface, tangential_part
+from sim.contact.indenter_distance import local_point, signed_distance
+
+_TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 
 @wp.struct
@@ -36,7 +36,7 @@ class GripArrays:
 
 
 @wp.func
-def _offset(body: Any, grip: GripArrays, f: wp.int32, q: wp.int32, x: wp.vec3d) -> wp.vec3d:
+def grip_offset(body: Any, grip: GripArrays, f: wp.int32, q: wp.int32, x: wp.vec3d) -> wp.vec3d:
     """Return the tangential offset from the anchor in the pad's frame [m]."""
     p = wp.length(grip.loads[f, q])
     away = local_point(body, x) - grip.anchors[f, q]
@@ -61,21 +61,17 @@ def _first_hold(
     return free + (here - free) * ((before - reach) / (before - distance))
 
 
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def refresh(
-    # Model:
+@wp.func
+def taken_hold(
     surface: TouchedSurface,
     body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    normal_forces: wp.array2d(dtype=wp.vec3d),
-    # Data in and out:
+    x: wp.vec3d,
+    pressure: wp.float64,
+    f: wp.int32,
+    q: wp.int32,
     grip: GripArrays,
 ):
-    """Hold points that touch, free those that left, and take over pressure and normal."""
-    f, q = wp.tid()
-    x = surface_point(surface, positions, f, q)
+    """Hold a point that touches, free one that left, and take over pressure [Pa] and normal."""
     distance, n = signed_distance(body, x)
     if distance >= surface.distance:
         grip.held[f, q] = 0
@@ -86,105 +82,49 @@ def refresh(
             grip.anchors[f, q] = _first_hold(
                 body, grip.anchors[f, q], local_point(body, x), distance, surface.distance
             )
-        p = wp.length(normal_forces[f, q]) / surface.areas[f, q]
         # Where there is no pressure yet, a tiny one carries the direction.
-        grip.loads[f, q] = (wp.transpose(body.rotation) * n) * wp.max(p, wp.float64(1.0e-12))
+        grip.loads[f, q] = (wp.transpose(body.rotation) * n) * wp.max(pressure, _TINY_PA)
 
 
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def drag(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    # Data in and out:
-    grip: GripArrays,
+@wp.func
+def dragged(
+    surface: TouchedSurface, body: Any, x: wp.vec3d, f: wp.int32, q: wp.int32, grip: GripArrays
 ):
-    """Bring the anchors of sliding points up to the slip length behind them.
+    """Bring the anchor of a sliding point up to the slip length behind it.
 
-    Those of free points come along, to know where they were last free.
+    That of a free point comes along, to know where it was last free.
     """
-    f, q = wp.tid()
     if grip.held[f, q] == 0:
-        grip.anchors[f, q] = local_point(body, surface_point(surface, positions, f, q))
+        grip.anchors[f, q] = local_point(body, x)
     elif surface.bond == wp.float64(0.0):
-        x = surface_point(surface, positions, f, q)
-        u = _offset(body, grip, f, q, x)
+        u = grip_offset(body, grip, f, q, x)
         length = wp.length(u)
         if length > surface.slip:
             u = u * (surface.slip / length)
             grip.anchors[f, q] = local_point(body, x) - wp.transpose(body.rotation) * u
 
 
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def add_energy(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    grip: GripArrays,
-    # Data out:
-    energy_out: wp.array2d(dtype=wp.float64),
-):
-    """Add the tangential energy of every point [J]."""
-    f, q = wp.tid()
-    if grip.held[f, q] == 1:
-        x = surface_point(surface, positions, f, q)
-        u = wp.length(_offset(body, grip, f, q, x))
-        density = wp.float64(0.5) * surface.bond * u * u
-        if surface.bond == wp.float64(0.0):
-            y = u / surface.slip
-            third = wp.float64(1.0) / wp.float64(3.0)
-            share = y - third
-            if y < wp.float64(1.0):
-                share = y * y * (wp.float64(1.0) - y * third)
-            density = surface.friction * wp.length(grip.loads[f, q]) * surface.slip * share
-        energy_out[f, q] += surface.areas[f, q] * density
+@wp.func
+def tangential_contact(surface: TouchedSurface, load: wp.float64, length: wp.float64):
+    """Return energy [J/m^2] and stiffness across and along an offset [Pa/m], at its length [m].
 
-
-@BodyKernel
-@wp.kernel(enable_backward=False)
-def add_force(
-    # Model:
-    surface: TouchedSurface,
-    body: Any,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    grip: GripArrays,
-    # Data out:
-    force_out: wp.array2d(dtype=wp.vec3d),
-    stiffness_out: wp.array2d(dtype=wp.mat33d),
-):
-    """Add the tangential force on the indenter [N] and its stiffness [N/m] of every point."""
-    f, q = wp.tid()
-    if grip.held[f, q] == 1:
-        one = wp.float64(1.0)
-        x = surface_point(surface, positions, f, q)
-        u = _offset(body, grip, f, q, x)
-        length = wp.length(u)
-        across = surface.bond
-        along = surface.bond
-        if surface.bond == wp.float64(0.0):
-            strength = surface.friction * wp.length(grip.loads[f, q])
-            y = length / surface.slip
-            if y < one:
-                across = strength * (wp.float64(2.0) - y) / surface.slip
-                along = strength * (wp.float64(2.0) - wp.float64(2.0) * y) / surface.slip
-            else:
-                across = strength / length
-                along = wp.float64(0.0)
-        tangent = wp.identity(n=3, dtype=wp.float64)
-        p = wp.length(grip.loads[f, q])
-        if p > wp.float64(0.0):
-            n = body.rotation * (grip.loads[f, q] / p)
-            tangent = tangent - wp.outer(n, n)
-        K = tangent * across
-        if length > wp.float64(1.0e-30):
-            t = u / length
-            K += wp.outer(t, t) * (along - across)
-        force_out[f, q] = force_out[f, q] + u * (surface.areas[f, q] * across)
-        stiffness_out[f, q] = stiffness_out[f, q] + K * surface.areas[f, q]
+    Args:
+        load: Lagged pressure [Pa].
+    """
+    one = wp.float64(1.0)
+    across = surface.bond
+    along = surface.bond
+    density = wp.float64(0.5) * surface.bond * length * length
+    if surface.bond == wp.float64(0.0):
+        strength = surface.friction * load
+        y = length / surface.slip
+        third = one / wp.float64(3.0)
+        if y < one:
+            across = strength * (wp.float64(2.0) - y) / surface.slip
+            along = strength * (wp.float64(2.0) - wp.float64(2.0) * y) / surface.slip
+            density = strength * surface.slip * (y * y * (one - y * third))
+        else:
+            across = strength / length
+            along = wp.float64(0.0)
+            density = strength * surface.slip * (y - third)
+    return density, across, along

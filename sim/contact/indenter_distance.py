@@ -1,12 +1,12 @@
 """Signed distance to the rigid indenter on the device.
 
-Kernels take either kind of body and are compiled for the analytic one; a mesh has its own build of
-them, made when the first mesh is pressed, so that the others carry nothing of its search.
+Kernels are compiled for analytic bodies and, when the first mesh is pressed, for those: the others
+carry nothing of its search.
 """
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import warp as wp
 
@@ -40,26 +40,9 @@ class MeshBody:
     rotation: wp.mat33d
 
 
-class BodyKernel:
-    """A kernel whose argument ``body`` may be of either kind; a decorator of such kernels."""
-
-    every: ClassVar[list[BodyKernel]] = []
-
-    def __init__(self, kernel: Any) -> None:
-        self.kernel = kernel
-        self.analytic = wp.overload(kernel, {"body": Body})
-        self.meshed: Any = None
-        self.every.append(self)
-
-    def of(self, indenter: Indenter) -> Any:
-        """Return the build that an indenter needs."""
-        if not isinstance(indenter, MeshIndenter):
-            return self.analytic
-        if self.meshed is None:
-            # All at once, because every declaration outdates what was compiled of its module.
-            for other in self.every:
-                other.meshed = wp.overload(other.kernel, {"body": MeshBody})
-        return self.meshed
+def body_kind(indenter: Indenter) -> Any:
+    """Return the type of an indenter's description."""
+    return MeshBody if isinstance(indenter, MeshIndenter) else Body
 
 
 def body_at(

@@ -11,7 +11,7 @@ import warp as wp
 
 from sim.arrays import FloatArray, IntArray
 from sim.device import KERNEL_EPSILON, Device, filled, on_host
-from sim.material.elasticity import GelArrays, elastic_kernels, element_gradient_kernel
+from sim.material.elasticity import GelArrays, elastic_kernels, element_kernel
 from sim.material.laws.tangent import Law, Tangent
 from sim.material.relaxation import PronySeries, Relaxation, prony_series
 from sim.mesh.discretisation import Discretisation
@@ -81,6 +81,8 @@ class ElasticBody:
         self._device = device
         self._law, self._kernels = law, elastic_kernels(law)
         self._reference = pad.reference
+        self._element_kernel = element_kernel(law, pad.reference.order, remembers=prony is not None)
+        self._nothing = device.zeros((1, 1), wp.mat33d), device.zeros(1, wp.float64)
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
         materials = np.column_stack([young_pa, poisson])
@@ -102,38 +104,38 @@ class ElasticBody:
 
     def energy(self, positions: FloatArray) -> tuple[float, float]:
         """Return the elastic energy [J] and the smallest volume ratio J."""
-        energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
-        at = self._device.vectors(positions)
-        inputs = [self._loaded, at]
-        self._device.launch(self._kernels.energy, self._shape, inputs, [energies, ratios])
-        if self.relaxation is not None:
-            self.relaxation.add_energy(at, energies)
+        _, energies, ratios = self._evaluated(positions)
         return float(on_host(energies).sum()), float(on_host(ratios).min())
 
     def gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
-        out = self._device.zeros(self._node_count, wp.vec3d)
-        at = self._device.vectors(positions)
-        self._device.launch(self._kernels.gradient, self._shape, [self._loaded, at], [out])
-        if self.relaxation is not None:
-            self.relaxation.add_gradient(at, out)
-        return on_host(out)
+        return on_host(self._evaluated(positions)[0])
 
-    def recorded_gradient(self, positions: Any, out: Any) -> Any:
-        """Return a launch that adds the gradient [N] at positions [m], both on the device.
+    def room(self) -> tuple[Any, Any, Any]:
+        """Return what an evaluation fills: gradient [N], energies [J], volume ratios."""
+        device, count = self._device, self._shape[0]
+        energies, ratios = (device.empty((count,), wp.float64) for _ in range(2))
+        return device.zeros(self._node_count, wp.vec3d), energies, ratios
 
-        What the gel remembers is left out.
+    def recorded(self, positions: Any, room: Sequence[Any]) -> Any:
+        """Return a launch that adds to the gradient and sets energies and volume ratios.
+
+        What the gel remembers is that of now: with relaxation, a launch serves one time step.
+
+        Args:
+            positions: Nodes [m], on the device.
+            room: What ``room`` gave.
         """
-        kernel = element_gradient_kernel(self._law, self._reference.order)
-        return self._device.record(kernel, self._shape[:1], [self._arrays, positions], [out])
+        history, stiffening = self._nothing
+        if self.relaxation is not None:
+            history, stiffening = self.relaxation.history, self.relaxation.stiffening
+        inputs = [self._arrays, stiffening, history, positions]
+        return self._device.record(self._element_kernel, self._shape[:1], inputs, list(room))
 
-    def recorded_ratios(self, positions: Any) -> tuple[FloatArray, Any]:
-        """Return volume ratios, and a launch that finds them at positions [m] on the CPU."""
-        energies, ratios = (self._device.empty(self._shape, wp.float64) for _ in range(2))
-        launch = self._device.record(
-            self._kernels.energy, self._shape, [self._arrays, positions], [energies, ratios]
-        )
-        return on_host(ratios), launch
+    def _evaluated(self, positions: FloatArray) -> tuple[Any, Any, Any]:
+        room = self.room()
+        self.recorded(self._device.vectors(positions), room).launch()
+        return room
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""

@@ -28,15 +28,11 @@ class ElasticKernels:
     """The kernels of one law; each launches over [element_count, point_count] but ``hessian``.
 
     Attributes:
-        energy: Energy [J], volume ratio and no more.
-        gradient: Adds the energy's gradient [N] to the nodes.
         tangent: Tangent structs for ``hessian``.
         hessian: Launches over [element_count, element_node_count]; adds 3 x 3 blocks [N/m].
         stress: Cauchy stress [Pa] at every point.
     """
 
-    energy: Any
-    gradient: Any
     tangent: Any
     hessian: Any
     stress: Any
@@ -73,16 +69,6 @@ def deformation_gradient(
 
 
 @wp.func
-def add_to_nodes(
-    P: wp.mat33d, gel: GelArrays, e: wp.int32, q: wp.int32, out: wp.array(dtype=wp.vec3d)
-):
-    """Add the nodal forces [N] of a first Piola-Kirchhoff stress [Pa] at an element's point."""
-    K = (P * wp.transpose(gel.inverse_jacobians[e])) * gel.weights[e, q]
-    for node in range(gel.nodes.shape[1]):
-        wp.atomic_add(out, gel.nodes[e, node], K * gel.reference_gradients[q, node])
-
-
-@wp.func
 def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
     """Return sigma = P F^T / J [Pa] (paper, Eq. 3)."""
     return (P * wp.transpose(F)) * (wp.float64(1.0) / wp.determinant(F))
@@ -91,35 +77,7 @@ def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
 @cache
 def elastic_kernels(law: Law) -> ElasticKernels:
     """Build the kernels of a law; Warp compiles them at their first launch and keeps the result."""
-    law_energy, law_stress, law_tangent = law.energy, law.stress, law.tangent
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def energy(
-        # Model:
-        gel: GelArrays,
-        # Data in:
-        positions: wp.array(dtype=wp.vec3d),
-        # Data out:
-        energy_out: wp.array2d(dtype=wp.float64),
-        volume_ratio_out: wp.array2d(dtype=wp.float64),
-    ):
-        e, q = wp.tid()
-        F = deformation_gradient(gel, positions, e, q)
-        energy_out[e, q] = gel.weights[e, q] * law_energy(F, gel.parameters[e])
-        volume_ratio_out[e, q] = wp.determinant(F)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def gradient(
-        # Model:
-        gel: GelArrays,
-        # Data in:
-        positions: wp.array(dtype=wp.vec3d),
-        # Data out:
-        gradient_out: wp.array(dtype=wp.vec3d),
-    ):
-        e, q = wp.tid()
-        F = deformation_gradient(gel, positions, e, q)
-        add_to_nodes(law_stress(F, gel.parameters[e]), gel, e, q, gradient_out)
+    law_stress, law_tangent = law.stress, law.tangent
 
     @wp.kernel(enable_backward=False, module="unique")
     def tangent(
@@ -166,9 +124,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         F = deformation_gradient(gel, positions, e, q)
         stress_out[e, q] = cauchy(law_stress(F, gel.parameters[e]), F)
 
-    return ElasticKernels(
-        energy=energy, gradient=gradient, tangent=tangent, hessian=hessian, stress=stress
-    )
+    return ElasticKernels(tangent=tangent, hessian=hessian, stress=stress)
 
 
 @wp.func
@@ -229,28 +185,40 @@ def shape_gradients(reference: ReferenceElement) -> list[Any]:
 
 
 @cache
-def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
-    """Build the kernel of a law; it launches over [element_count]."""
-    law_stress, reference = law.stress, reference_element(order)
+def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
+    """Build the kernel of a law's energy and forces; it launches over [element_count].
+
+    Args:
+        remembers: The gel relaxes: its history H, constant over a step, adds H : (F^T F - 1) / 2
+            to the energy, or H : (F - 1) where the law is not objective.
+    """
+    law_energy, law_stress, objective = law.energy, law.stress, law.is_objective
+    reference = reference_element(order)
     gradients, node_count = shape_gradients(reference), reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
     @wp.kernel(
         enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
     )
-    def element_gradient(
+    def element(
         # Model:
         gel: GelArrays,
+        stiffening: wp.array(dtype=wp.float64),
         # Data in:
+        history: wp.array2d(dtype=wp.mat33d),
         positions: wp.array(dtype=wp.vec3d),
         # Data out:
         gradient_out: wp.array(dtype=wp.vec3d),
+        energy_out: wp.array(dtype=wp.float64),
+        volume_ratio_out: wp.array(dtype=wp.float64),
     ):
         e = wp.tid()
         inverse = gel.inverse_jacobians[e]
         p = gel.parameters[e]
         at = NodeVectors()
         total = NodeVectors()
+        energy = wp.float64(0.0)
+        least = wp.float64(1.0e300)
         for k in range(wp.static(node_count)):
             x = positions[gel.nodes[e, k]]
             for axis in range(3):
@@ -263,15 +231,37 @@ def element_gradient_kernel(law: Law, order: ElementOrder) -> Any:
                         g = wp.float64(wp.static(gradients[q][k][j]))
                         for axis in range(3):
                             D[axis, j] += at[k, axis] * g
-            K = (law_stress(D * inverse, p) * wp.transpose(inverse)) * gel.weights[e, q]
+            F = D * inverse
+            P = law_stress(F, p)
+            density = law_energy(F, p)
+            if wp.static(remembers):
+                c = stiffening[e]
+                P = P * c
+                density = density * c
+                H = history[e, q]
+                strain = F - wp.identity(n=3, dtype=wp.float64)
+                if wp.static(objective):
+                    # Green's strain from F - 1, so that small strains keep their digits.
+                    twice = strain + wp.transpose(strain) + wp.transpose(strain) * strain
+                    density += wp.ddot(H, twice) * wp.float64(0.5)
+                    P += F * H
+                else:
+                    density += wp.ddot(H, strain)
+                    P += H
+            weight = gel.weights[e, q]
+            energy += weight * density
+            least = wp.min(least, wp.determinant(F))
+            K = (P * wp.transpose(inverse)) * weight
             for k in range(wp.static(node_count)):
                 for j in range(3):
                     if wp.static(gradients[q][k][j] != 0.0):
                         g = wp.float64(wp.static(gradients[q][k][j]))
                         for axis in range(3):
                             total[k, axis] += K[axis, j] * g
+        energy_out[e] = energy
+        volume_ratio_out[e] = least
         for k in range(wp.static(node_count)):
             node_total = wp.vec3d(total[k, 0], total[k, 1], total[k, 2])
             wp.atomic_add(gradient_out, gel.nodes[e, k], node_total)
 
-    return element_gradient
+    return element

@@ -94,6 +94,8 @@ class Relaxation:
 
     Attributes:
         loaded: The gel with its quadrature weights times c.
+        stiffening: c of every element.
+        history: H of every point [Pa].
     """
 
     def __init__(
@@ -111,7 +113,7 @@ class Relaxation:
     def forget(self, positions: FloatArray) -> None:
         """Take the gel to have been held at ``positions`` [m] for ever."""
         self._set_step(np.zeros(len(self.series.times_s)), np.zeros(len(self.series.times_s)))
-        self._history = self._device.zeros(self._points, wp.mat33d)
+        self.history = self._device.zeros(self._points, wp.mat33d)
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
@@ -124,37 +126,27 @@ class Relaxation:
         gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
         self._set_step(np.exp(-spent), gains)
         inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
-        self._device.launch(kernels.recall, self._points, inputs, [self._history])
+        self._device.launch(kernels.recall, self._points, inputs, [self.history])
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
         inputs = [self._gel, self._keeps, self._gains, self._device.vectors(positions)]
         self._device.launch(self._advance, self._points, inputs, [self._stress, self._branches])
 
-    def add_energy(self, positions: Any, energies: Any) -> None:
-        """Add the history's energy [J] to that of every point."""
-        inputs = [self._gel, self._objective, positions, self._history]
-        self._device.launch(kernels.add_energy, self._points, inputs, [energies])
-
-    def add_gradient(self, positions: Any, gradient: Any) -> None:
-        """Add the history's nodal forces [N]."""
-        inputs = [self._gel, self._objective, positions, self._history]
-        self._device.launch(kernels.add_gradient, self._points, inputs, [gradient])
-
     def add_hessian(self, slots: Any, values: Any, *, projected: bool) -> None:
         """Add the history's stiffness [N/m] to the matrix's blocks."""
         if self._objective:
-            inputs = [slots, self._gel, self._history, projected]
+            inputs = [slots, self._gel, self.history, projected]
             self._device.launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
 
     def add_stress(self, positions: Any, stress: Any) -> None:
         """Turn the slow Cauchy stress [Pa] into that of the step."""
-        inputs = [self._gel, self._stiffening, self._objective, positions, self._history]
+        inputs = [self._gel, self.stiffening, self._objective, positions, self.history]
         self._device.launch(kernels.add_stress, self._points, inputs, [stress])
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
         stiffening = 1.0 + gains @ self.series.ratios
-        self._keeps, self._gains, self._stiffening = (
+        self._keeps, self._gains, self.stiffening = (
             self._device.array(each, wp.float64) for each in (keeps, gains, stiffening)
         )
         weights = self._gel.weights.numpy() * stiffening[:, None]

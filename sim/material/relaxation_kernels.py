@@ -13,7 +13,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.material.elasticity import GelArrays, add_to_nodes, cauchy, deformation_gradient
+from sim.material.elasticity import GelArrays, cauchy, deformation_gradient
 from sim.material.laws.tangent import Law
 
 
@@ -65,48 +65,6 @@ def recall(
     for k in range(keeps.shape[0]):
         total += (branches[k, e, q] * keeps[k] - stress[e, q] * gains[k]) * ratios[k, e]
     history_out[e, q] = total
-
-
-@wp.kernel(enable_backward=False)
-def add_energy(
-    # Model:
-    gel: GelArrays,
-    objective: wp.bool,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    history: wp.array2d(dtype=wp.mat33d),
-    # Data out:
-    energy_out: wp.array2d(dtype=wp.float64),
-):
-    """Add the history's energy [J]."""
-    e, q = wp.tid()
-    F = deformation_gradient(gel, positions, e, q)
-    strain = F - wp.identity(n=3, dtype=wp.float64)
-    if objective:
-        # Green's strain from F - 1, so that small strains keep their digits.
-        half = wp.float64(0.5)
-        strain = (strain + wp.transpose(strain) + wp.transpose(strain) * strain) * half
-    energy_out[e, q] += gel.weights[e, q] * wp.ddot(history[e, q], strain)
-
-
-@wp.kernel(enable_backward=False)
-def add_gradient(
-    # Model:
-    gel: GelArrays,
-    objective: wp.bool,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    history: wp.array2d(dtype=wp.mat33d),
-    # Data out:
-    gradient_out: wp.array(dtype=wp.vec3d),
-):
-    """Add the history's nodal forces [N]."""
-    e, q = wp.tid()
-    P = history[e, q]
-    if objective:
-        F = deformation_gradient(gel, positions, e, q)
-        P = F * P
-    add_to_nodes(P, gel, e, q, gradient_out)
 
 
 @wp.kernel(enable_backward=False)

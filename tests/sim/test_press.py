@@ -17,9 +17,9 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 PAD = BoxPad(
@@ -133,7 +133,7 @@ def test_failed_press_names_how_far_it_got() -> None:
     """Newton cut short at some depth: the message has the last good depth and force."""
     path = LoadingPath(small_model(symmetric=True), PUNCH)
     path.advance(0.05e-3)
-    path.options = NewtonOptions(iteration_max=0)
+    path.options = SolverOptions(iteration_max=0)
     with pytest.raises(ConvergenceError, match=r"stopped at 0\.05\d* mm and 0\.\d+ N on the way"):
         path.advance(0.0505e-3)
 

@@ -22,11 +22,10 @@ from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.scene import Scene
 from sim.solve.dynamics.weight_and_inertia import Inertia, inertial_masses
+from sim.solve.equilibrium import Equilibrium
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.newton import Equilibrium, equilibrate
 from sim.solve.overlap import overlap_fraction
-from sim.solve.problem import Problem
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -131,16 +130,11 @@ class DynamicPress:
         flown = self.state.positions + step_s * self.velocities
         flown[self._model.clamped] = self._model.nodes[self._model.clamped]
         inertia = Inertia(masses_kg=self._masses, flown_m=flown, step_s=step_s)
-        problem = Problem(
-            self._model,
-            self._path.solver,
-            self._path.indenter,
-            potentials=(*self._path.potentials, inertia),
-        )
+        self._path.solver.replace_potentials((*self._path.potentials, inertia))
         if self._model.relaxation is not None:
             self._model.relaxation.begin_step(step_s)
         try:
-            state, found, iterations = self._travel(problem, depth_m)
+            state, found, iterations = self._travel(depth_m)
         except ConvergenceError as error:
             raise ConvergenceError(
                 f"time step of {step_s:.3g} s from {self._time_s:.6g} s to a depth of "
@@ -149,20 +143,20 @@ class DynamicPress:
             ) from error
         return self._accept(state, found, iterations, step_s)
 
-    def _travel(self, problem: Problem, depth_m: float) -> tuple[State, Equilibrium, int]:
+    def _travel(self, depth_m: float) -> tuple[State, Equilibrium, int]:
         """Bring the indenter down within one time step."""
         target = self._path.touch_m - depth_m
         state, longest, iterations = self.state.copy(), self._path.step_max_m, 0
         while True:
             trial = state.copy()
             left = target - float(state.tip[2])
-            self._predict(problem, trial, float(np.clip(left, -longest, longest)))
+            self._predict(trial, float(np.clip(left, -longest, longest)))
             ended = abs(target - trial.tip[2]) <= _DEPTH_EXACT_M
             options = self._path.options
             if not ended:
                 options = replace(options, residual_relative=_PASSING)
             try:
-                found = equilibrate(problem, trial, options=options)
+                found = self._path.solver.settle(trial, options=options)
             except ConvergenceError as error:
                 longest = 0.25 * abs(float(trial.tip[2] - state.tip[2]))
                 logger.debug("a go failed: %s", error.message)
@@ -174,15 +168,17 @@ class DynamicPress:
                 return state, found, iterations
             longest = min(self._path.step_max_m, 2.0 * longest)
 
-    def _predict(self, problem: Problem, state: State, rise_m: float) -> None:
+    def _predict(self, state: State, rise_m: float) -> None:
         """Move indenter and nodes by the tangent, as far as overlap allows."""
-        pattern = self._model.pattern
-        balance = problem.balance(state)
-        contact, _ = problem.factorise_safely(state, balance.contact)
+        model, solver = self._model, self._path.solver
+        pattern, indenter = model.pattern, self._path.indenter
+        solver.take_factor(state)
+        contact = model.surface.forces(state.positions, indenter, state)
         rise = np.array([0.0, 0.0, rise_m])
-        pulled = pattern.unknowns(self._model.surface.scatter(contact.stiffness @ rise))
-        motion = pattern.nodal(problem.solver.solve(pulled - balance.gradient))
-        indenter, tip = problem.indenter, state.tip + rise
+        pulled = pattern.unknowns(model.surface.scatter(contact.stiffness @ rise))
+        unbalanced = pattern.unknowns(solver.evaluator.at(state).gradient)
+        motion = pattern.nodal(solver.factor.solve(pulled - unbalanced))
+        tip = state.tip + rise
         fraction = overlap_fraction(self._model, indenter, state, tip, motion)
         state.positions = state.positions + fraction * motion
         state.tip = state.tip + fraction * rise

@@ -1,35 +1,20 @@
-"""One pose of the indenter settled: equilibrium, friction's lagged pressure, and the tangent."""
+"""One pose of the indenter settled, and the answer of its stiffness to a motion."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.contact.state import State
-from sim.scene.indenter import Indenter
-from sim.solve.linear_solver import LinearSolver
-from sim.solve.load_steps.phases import DOWN, STILL
-from sim.solve.model import Model
-from sim.solve.newton import Equilibrium, NewtonOptions, equilibrate
-from sim.solve.preconditioned_lbfgs import PreconditionedLbfgs
-from sim.solve.problem import NodalPotential, Problem
-from tacauchy_rig.errors import ConvergenceError
+from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 
-logger = logging.getLogger(__name__)
-# Residual over the contact force that will do on the way to another point.
-_PASSING = 1e-3
-# The next start is extrapolated from points in passing, and the better the closer they are.
-_PASSING_EXTRAPOLATED = 1e-4
-# A load that is asked for is met as closely as by Newton's method.
+# Residual over the contact force that will do on the way to another point, which is extrapolated
+# from points in passing and the better the closer they are.
+_PASSING = 1e-4
+# A load that is asked for is met as closely.
 _LOAD_MET = 1e-8
-# Friction's pressure is lagged: Newton is run again until the limit changes by no more than this.
-_GRIP_ROUNDS = 30
-_GRIP_CHANGE = 1e-4
-_GRIP_CHANGE_PASSING = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +24,7 @@ class PathPoint:
     Attributes:
         depth_m: Travel below first touch of the unloaded pad [m].
         force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
-        stiffness_n_m: dF_z / d(depth) by the tangent [N/m].
+        stiffness_n_m: dF_z / d(depth) since the point before [N/m].
     """
 
     depth_m: float
@@ -71,18 +56,12 @@ class Settling:
     """Settles one indenter against one pad.
 
     Attributes:
-        solver: Holds the factor of the equilibrium that was settled or refreshed last.
         touch_m: Tip height from which depth counts [m].
-        lbfgs: Tried first where it is given.
     """
 
-    model: Model
-    solver: LinearSolver
-    indenter: Indenter
-    potentials: Sequence[NodalPotential]
+    solver: EquilibriumSolver
     touch_m: float
     counts: PathCounts
-    lbfgs: PreconditionedLbfgs | None = None
 
     def settle(
         self,
@@ -90,7 +69,7 @@ class Settling:
         *,
         load_n: float | None,
         passing: bool,
-        options: NewtonOptions,
+        options: SolverOptions,
         before: PathPoint | None = None,
     ) -> PathPoint:
         """Find the equilibrium, friction's lagged pressure included.
@@ -98,81 +77,43 @@ class Settling:
         Args:
             state: Where to start from; it becomes the point's.
             load_n: Force that the indenter is pushed with [N]; None holds it where it is.
-            passing: To 0.1 % will do.
+            passing: To 0.01 % will do.
             before: The point that was gone on from.
 
         Raises:
-            ConvergenceError: There is none, or friction does not come to rest.
+            ConvergenceError: There is none.
         """
-        found_by_lbfgs = self._settled_by_lbfgs(state, load_n, passing, options, before)
-        if found_by_lbfgs is not None:
-            return found_by_lbfgs
-        options = replace(options, residual_relative=_PASSING) if passing else options
-        problem = self._problem(load_n)
-        allowed = _GRIP_CHANGE_PASSING if passing else _GRIP_CHANGE
-        for _ in range(_GRIP_ROUNDS):
-            found = equilibrate(problem, state, options=options)
-            self.counts.newton_iterations += found.iterations
-            if self.model.surface.refresh_grip(self.indenter, state) <= allowed:
-                break
-        else:
-            raise ConvergenceError(
-                f"friction did not settle in {_GRIP_ROUNDS} rounds",
-                remedy="move in smaller steps, or with less friction",
-            )
-        self.model.surface.drag_anchors(self.indenter, state)
-        # The last step's factor is one step old, and the barrier's stiffness has changed since.
-        problem.factorise_safely(state, found.contact)
-        self.counts.increments += 1
-        _, stiffness = self.response(state, found, DOWN, STILL)
-        return self._point(state, found, stiffness)
-
-    def _settled_by_lbfgs(
-        self,
-        state: State,
-        load_n: float | None,
-        passing: bool,
-        options: NewtonOptions,
-        before: PathPoint | None,
-    ) -> PathPoint | None:
-        """Return the point that L-BFGS finds, with the last step's stiffness; None for none."""
-        if self.lbfgs is None:
-            return None
-        trial, wanted = state.copy(), options.residual_relative
+        model, wanted = self.solver.model, options.residual_relative
         if load_n is not None:
-            load_n, wanted = load_n / self.model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
-        relative = _PASSING_EXTRAPOLATED if passing else wanted
-        found = self.lbfgs.settle(trial, load_n=load_n, residual_relative=relative)
-        if found is None:
-            logger.debug("no equilibrium with a kept factor at %.4g m", trial.tip[2])
-            return None
+            load_n, wanted = load_n / model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
+        options = replace(options, residual_relative=_PASSING if passing else wanted)
+        found = self.solver.settle(state, load_n=load_n, options=options)
+        model.surface.drag_anchors(self.solver.indenter, state)
         self.counts.newton_iterations += found.iterations
         self.counts.increments += 1
-        point = self._point(trial, found, float("nan"))
-        force, depth = float(point.force_n[2]), point.depth_m
-        if before is not None and before.depth_m != depth:
-            force, depth = force - float(before.force_n[2]), depth - before.depth_m
-        return replace(point, stiffness_n_m=force / depth if depth else 0.0)
+        return self._point(state, found, before)
 
-    def _point(self, state: State, found: Equilibrium, stiffness_n_m: float) -> PathPoint:
+    def _point(self, state: State, found: Equilibrium, before: PathPoint | None) -> PathPoint:
         pushed = found.contact.forces.reshape(-1, 3).sum(axis=0)
+        force, depth = (
+            self.solver.model.mesh.symmetry.whole_force(pushed),
+            self.touch_m - float(state.tip[2]),
+        )
+        rise, travel = float(force[2]), depth
+        if before is not None and before.depth_m != depth:
+            rise, travel = rise - float(before.force_n[2]), depth - before.depth_m
         return PathPoint(
-            depth_m=self.touch_m - float(state.tip[2]),
-            force_n=self.model.mesh.symmetry.whole_force(pushed),
-            stiffness_n_m=stiffness_n_m,
+            depth_m=depth,
+            force_n=force,
+            stiffness_n_m=rise / travel if travel else 0.0,
             state=state,
             equilibrium=found,
         )
 
-    def refresh(self, point: PathPoint) -> PathPoint:
-        """Bring the solver's factor back to a point that was left."""
-        self._problem(None).factorise_safely(point.state, point.equilibrium.contact)
-        return point
-
     def response(
         self, state: State, found: Equilibrium, velocity: FloatArray, spin: FloatArray
     ) -> tuple[FloatArray, float]:
-        """Return the tangent's answer to a motion of the indenter.
+        """Return the answer to a motion of the indenter, by the stiffness that was factored last.
 
         Args:
             velocity: Of the tip [m/unit], shape [3].
@@ -181,23 +122,12 @@ class Settling:
         Returns:
             Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
         """
-        contact, pattern = found.contact, self.model.pattern
+        model, contact = self.solver.model, found.contact
         carried = velocity + np.cross(spin, contact.points - state.tip)
         change = np.cross(spin, contact.forces)
         change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
-        motion = -pattern.nodal(
-            self.solver.solve(pattern.unknowns(self.model.surface.scatter(change)))
-        )
-        lifted = float(np.sum(self.model.surface.scatter(contact.stiffness[..., 2]) * motion))
-        rate = self.model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
+        pulled = model.pattern.unknowns(model.surface.scatter(change))
+        motion = -model.pattern.nodal(self.solver.factor.solve(pulled))
+        lifted = float(np.sum(model.surface.scatter(contact.stiffness[..., 2]) * motion))
+        rate = model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
         return motion, rate
-
-    def _problem(self, load_n: float | None) -> Problem:
-        copies = self.model.mesh.symmetry.copies
-        return Problem(
-            self.model,
-            self.solver,
-            self.indenter,
-            load_n=None if load_n is None else load_n / copies,
-            potentials=self.potentials,
-        )

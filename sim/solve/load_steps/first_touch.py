@@ -11,10 +11,9 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.scene.indenter import Indenter, Plane
-from sim.solve.linear_solver import LinearSolver
+from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
+from sim.solve.evaluation import NodalPotential
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions, equilibrate
-from sim.solve.problem import NodalPotential, Problem
 from tacauchy_rig.errors import ConfigError
 
 # Height of an indenter that touches nothing, in heights of the pad.
@@ -25,9 +24,8 @@ _EXACT_SHARE, _TRIES = 2.5e-10, 100
 
 def unloaded_positions(
     model: Model,
-    solver: LinearSolver,
     *,
-    options: NewtonOptions,
+    options: SolverOptions,
     potentials: Sequence[NodalPotential] = (),
 ) -> FloatArray:
     """Return the nodes at equilibrium without an indenter [m], shape [node_count, 3].
@@ -42,8 +40,7 @@ def unloaded_positions(
         return model.nodes
     high = _CLEARANCE_HEIGHTS * float(model.nodes[:, 2].max())
     state = model.rest_state(tip=np.array([0.0, 0.0, high]))
-    problem = Problem(model, solver, Plane(), potentials=potentials)
-    equilibrate(problem, state, options=options)
+    EquilibriumSolver(model, Plane(), potentials).settle(state, options=options)
     return state.positions
 
 

@@ -17,16 +17,14 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
-from sim.solve.linear_solver import LinearSolver, linear_solver
+from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
+from sim.solve.evaluation import NodalPotential
 from sim.solve.load_steps.equilibrium import PathCounts, PathPoint, Settling
 from sim.solve.load_steps.first_touch import touch_height, unloaded_positions
 from sim.solve.load_steps.phases import CarryPhase, DepthPhase, ForcePhase, Phase
 from sim.solve.load_steps.stepping import Stepping
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
 from sim.solve.overlap import OVERLAP_SHARE
-from sim.solve.preconditioned_lbfgs import LbfgsOptions, PreconditionedLbfgs
-from sim.solve.problem import NodalPotential
 from tacauchy_rig.errors import ConvergenceError
 
 # Of the pad's height. Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face
@@ -56,8 +54,7 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
-        lbfgs: Keep factors from state to state (``sim.solve.preconditioned_lbfgs``); for a round,
-            analytic indenter without friction, on the CPU. None is Newton's method.
+        reuse: What the solver keeps from step to step.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -69,11 +66,11 @@ class LoadingPath:
     centre_m: tuple[float, float] = (0.0, 0.0)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     step_max_m: float = 0.0
-    options: NewtonOptions = field(default_factory=NewtonOptions)
+    options: SolverOptions = field(default_factory=SolverOptions)
     potentials: Sequence[NodalPotential] = ()
-    lbfgs: LbfgsOptions | None = None
+    reuse: Reuse = field(default_factory=Reuse)
     counts: PathCounts = field(default_factory=PathCounts)
-    solver: LinearSolver = field(init=False)
+    solver: EquilibriumSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
     touch_m: float = field(init=False)
     setup_s: float = field(init=False)
@@ -84,9 +81,11 @@ class LoadingPath:
         started = time.perf_counter()
         if self.step_max_m == 0.0:
             self.step_max_m = _STEP_SHARE * self.model.height_m
-        self.solver = linear_solver(self.model.pattern)
+        self.solver = EquilibriumSolver(
+            self.model, self.indenter, self.potentials, reuse=self.reuse
+        )
         self.unloaded = unloaded_positions(
-            self.model, self.solver, options=self.options, potentials=self.potentials
+            self.model, options=self.options, potentials=self.potentials
         )
         if self.model.relaxation is not None:
             self.model.relaxation.forget(self.unloaded)
@@ -97,23 +96,7 @@ class LoadingPath:
             centre_m=self.centre_m,
             rotation=self.rotation,
         )
-        lbfgs = None
-        if self.lbfgs is not None:
-            lbfgs = PreconditionedLbfgs(
-                model=self.model,
-                indenter=self.indenter,
-                potentials=self.potentials,
-                options=self.lbfgs,
-            )
-        self._settling = Settling(
-            model=self.model,
-            solver=self.solver,
-            indenter=self.indenter,
-            potentials=self.potentials,
-            touch_m=self.touch_m,
-            counts=self.counts,
-            lbfgs=lbfgs,
-        )
+        self._settling = Settling(solver=self.solver, touch_m=self.touch_m, counts=self.counts)
         self._stepping = Stepping(settling=self._settling)
         self.setup_s = time.perf_counter() - started
 
@@ -126,16 +109,6 @@ class LoadingPath:
     def history(self) -> Sequence[tuple[float, float]]:
         """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
         return self._stepping.history
-
-    @property
-    def solver_name(self) -> str:
-        """What factors the stiffness."""
-        return self.solver.name if self.lbfgs_solver is None else self.lbfgs_solver.solver_name
-
-    @property
-    def lbfgs_solver(self) -> PreconditionedLbfgs | None:
-        """What keeps the factors; None where every state is Newton's."""
-        return self._settling.lbfgs
 
     def advance(
         self,
@@ -252,10 +225,15 @@ class LoadingPath:
         return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        first = OVERLAP_SHARE * self.model.height_m if self.lbfgs is None else self.step_max_m
-        depth = min(depth_m, first)
+        depth = min(depth_m, self._first_step_m)
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         return self._stepping.accept(self._settle(self.untouched(depth), passing=depth < depth_m))
+
+    @property
+    def _first_step_m(self) -> float:
+        """How deep a first step goes: a barrier that is a parabola throughout forgives overlap."""
+        forgives = self.model.contact_options.extension >= 1.0
+        return self.step_max_m if forgives else OVERLAP_SHARE * self.model.height_m
 
     def _touching_share(
         self, point: PathPoint | None, force_n: float, duration_s: float | None

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.contact.state import State
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint, Settling
 from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
-from sim.solve.newton import NewtonOptions
 from sim.solve.overlap import overlap_fraction
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
@@ -50,7 +50,7 @@ class Stepping:
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
-        relaxation = self.settling.model.relaxation
+        relaxation = self.settling.solver.model.relaxation
         if relaxation is not None:
             relaxation.begin_step(math.inf if duration_s is None else duration_s)
 
@@ -59,13 +59,13 @@ class Stepping:
         self.last = point
         self._known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
-        relaxation = self.settling.model.relaxation
+        relaxation = self.settling.solver.model.relaxation
         if relaxation is not None:
             relaxation.commit(point.state.positions)
         return point
 
     def go(
-        self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: NewtonOptions
+        self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: SolverOptions
     ) -> PathPoint:
         """Go along a phase from a point, the last one or an earlier.
 
@@ -79,19 +79,20 @@ class Stepping:
         whole = abs(phase.end - phase.start)
         pace = None if duration_s is None else duration_s / max(whole, 1e-300)
         even = whole * self._even_share(duration_s)
+        trail: list[tuple[float, PathPoint]] = [(phase.start, point)]
         at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
         while phase.is_short_of(at):
             advance = float(np.clip(phase.end - at, -step, step))
             try:
-                found, taken = self._increment(point, phase, at, advance, pace, options)
+                found, taken = self._increment(trail, phase, advance, pace, options)
             except ConvergenceError as error:
                 step = abs(advance) / _CUT
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
                 if step < phase.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
                     raise _stopped(point, phase, error) from error
-                self.settling.refresh(point)
                 continue
             point = self.accept(found)
+            trail.append((at + taken, point))
             at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
             step = min(phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even)
         self.settling.counts.wall_s += time.perf_counter() - started
@@ -100,34 +101,38 @@ class Stepping:
     def _resume(self, point: PathPoint) -> PathPoint:
         if point is self.last:
             return point
-        if self.settling.model.relaxation is not None:
+        if self.settling.solver.model.relaxation is not None:
             raise ConfigError(
                 "a gel that relaxes cannot go back to an earlier point of its path",
                 remedy="drive it by load or by depth, not by the displacement search",
             )
-        self.settling.refresh(point)
         self.last = point
         return point
 
     def _even_share(self, duration_s: float | None) -> float:
         """Return the part of a phase in which a relaxing gel's stress may be taken as a ramp."""
-        remembers = self.settling.model.relaxation is not None
+        remembers = self.settling.solver.model.relaxation is not None
         lasts = duration_s is not None and math.isfinite(duration_s)
         return _EVEN_SHARE if remembers and lasts else 1.0
 
     def _increment(
         self,
-        point: PathPoint,
+        trail: Sequence[tuple[float, PathPoint]],
         phase: Phase,
-        at: float,
         advance: float,
         pace: float | None,
-        options: NewtonOptions,
+        options: SolverOptions,
     ) -> tuple[PathPoint, float]:
-        """Go one step; return where that led and how much of the phase was done."""
-        if self.settling.lbfgs is not None and not isinstance(phase, CarryPhase):
-            count = self.settling.lbfgs.options.points
-            state = self._predicted(point, phase, at + advance, advance, count)
+        """Go one step; return where that led and how much of the phase was done.
+
+        Args:
+            trail: Points of this phase so far, with their places in it.
+        """
+        at, point = trail[-1]
+        known = self._alike(trail, phase)
+        if len(known) > 1 or self._is_untouched(point):
+            self.begin(None if pace is None else pace * abs(advance))
+            state = self._predicted(known, point, phase, at, advance)
             return self._settled(state, point, phase, at + advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
         velocity, spin = phase.rate(point.stiffness_n_m)
@@ -139,7 +144,8 @@ class Stepping:
         turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
         state.rotation = turned
-        fraction = overlap_fraction(settling.model, settling.indenter, state, tip, advance * motion)
+        solver = settling.solver
+        fraction = overlap_fraction(solver.model, solver.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
@@ -150,20 +156,51 @@ class Stepping:
         self.begin(None if pace is None else pace * fraction * abs(advance))
         return self._settled(state, point, phase, reached, options), fraction * advance
 
+    @staticmethod
+    def _is_untouched(point: PathPoint) -> bool:
+        return not point.force_n.any()
+
+    def _alike(
+        self, trail: Sequence[tuple[float, PathPoint]], phase: Phase
+    ) -> list[tuple[float, PathPoint]]:
+        """Return the points that the next one may be predicted from, with their places.
+
+        Where an equilibrium depends on the indenter's place alone, those of earlier phases serve.
+        """
+        model, point = self.settling.solver.model, trail[-1][1]
+        remembers = model.contact_options.is_tangential or model.relaxation is not None
+        if remembers or isinstance(phase, CarryPhase):
+            return list(trail)
+        held = phase.load_at(phase.end) is None
+        return [
+            (known.depth_m if held else float(known.force_n[2]), known)
+            for known in self._known
+            if _stand_alike(known.state, point.state)
+        ]
+
     def _predicted(
-        self, point: PathPoint, phase: Phase, to: float, advance: float, count: int
+        self,
+        known: Sequence[tuple[float, PathPoint]],
+        point: PathPoint,
+        phase: Phase,
+        at: float,
+        advance: float,
     ) -> State:
-        """Return the state straight up or down from a point to which the points so far lead."""
-        known = [k for k in self._known if _stand_alike(k.state, point.state)]
-        held = phase.load_at(to) is None
-        places = [k.depth_m if held else float(k.force_n[2]) for k in known]
-        state = predicted_state(known, places, at=to, step=advance, count=count)
-        if held:
-            state.tip[2] = self.settling.touch_m - to
+        """Return the state to which the points so far lead."""
+        places, points = [place for place, _ in known], [each for _, each in known]
+        state = predicted_state(points, places, at=at + advance, step=advance)
+        state.grip = point.state.copy().grip
+        if isinstance(phase, CarryPhase):
+            state.rotation = phase.turned(point.state.rotation, advance)
+            state.tip[:2] = point.state.tip[:2] + advance * phase.shift_m[:2]
+            if not phase.holds_force:
+                state.tip[2] = point.state.tip[2]
+        elif phase.load_at(at) is None:
+            state.tip[2] = self.settling.touch_m - (at + advance)
         return state
 
     def _settled(
-        self, state: State, point: PathPoint, phase: Phase, at: float, options: NewtonOptions
+        self, state: State, point: PathPoint, phase: Phase, at: float, options: SolverOptions
     ) -> PathPoint:
         return self.settling.settle(
             state,

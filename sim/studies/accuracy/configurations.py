@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.scene import Effect, Preset, Scene
-from sim.solve.newton import NewtonOptions
+from sim.solve.equilibrium import SolverOptions
 from sim.studies.accuracy.force_limit import COARSENING
 
 
@@ -34,7 +34,7 @@ class Configuration:
     element: ElementOrder = ElementOrder.P2
     finite_strain: bool = True
     barrier_m: float | None = None
-    residual_relative: float = NewtonOptions().residual_relative
+    residual_relative: float = SolverOptions().residual_relative
     refinement: float = 1.0
     device: str = "cpu"
 

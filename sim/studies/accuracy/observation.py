@@ -15,8 +15,8 @@ from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import contact_measures, path_for
 from sim.scene.scene import Scene
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.newton import NewtonOptions
 from sim.studies.accuracy.configurations import Configuration
 
 _TOUCHING_M = 6e-6
@@ -118,7 +118,7 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         device=configuration.device,
     )
     model = path.model
-    path.options = NewtonOptions(residual_relative=configuration.residual_relative)
+    path.options = SolverOptions(residual_relative=configuration.residual_relative)
     ready = time.perf_counter()
     point = path.push(force)
     solved, spent = time.perf_counter(), time.process_time() - spent

@@ -14,11 +14,10 @@ from sim.effects.presets import build_model
 from sim.error.measured_errors import FAST, Setting
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
+from sim.solve.equilibrium import NEWTON, Reuse, SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
-from sim.solve.preconditioned_lbfgs import LbfgsOptions
 
 _KIB, _MIB = 1024.0, 1024.0**2
 TRAVEL_M = 1e-3
@@ -29,21 +28,17 @@ CLOSE = 0.02
 # Tried one after the other until F_z is close enough.
 SETTINGS = (FAST, *(Setting(Preset.FAST, k) for k in (1.2, 1.4, 1.7)), Setting(Preset.BALANCED))
 _REPEATS = 10
-_OPTIONS = NewtonOptions(residual_relative=1e-6)
+_OPTIONS = SolverOptions(residual_relative=1e-6)
 _STUBBORN = ((60, 0.0),)
 _NEVER = 10**9
 # The first is preset fast as it is.
-WAYS: dict[str, LbfgsOptions] = {
-    "factors kept, steps remembered, predicted by three points": LbfgsOptions(),
-    "predicted by two points": LbfgsOptions(points=2),
-    "started from the last point": LbfgsOptions(points=1),
-    "no steps remembered": LbfgsOptions(memory=0),
-    "a factor for every frame": LbfgsOptions(evaluations_max=0),
-    "a factor renewed only after 60 steps": LbfgsOptions(
-        evaluations_max=_NEVER, patience=_STUBBORN
-    ),
+WAYS: dict[str, Reuse] = {
+    "factors kept, steps remembered": Reuse(),
+    "no steps remembered": Reuse(memory=0),
+    "a factor for every frame": Reuse(evaluations_max=0),
+    "a factor renewed only after 60 steps": Reuse(evaluations_max=_NEVER, patience=_STUBBORN),
+    "Newton's method, a factor for every step": NEWTON,
 }
-NEWTON = "Newton's method, a factor for every step"
 ONE_PATH, EACH_ANEW = "the replay's forces on one path", "the replay's forces each anew"
 
 
@@ -91,7 +86,7 @@ class FrameRow(TimedFrames):
     Attributes:
         setting: Preset, and how much shorter than its own the edges are.
         newton_iterations: Steps towards equilibrium, all frames.
-        factorisations: All frames; None where every step makes one.
+        factorisations: All frames.
         setup_s: Mesh, upload and symbolic factorisation [s].
         cpu_s: Processor time of all frames [s].
         memory_mib: The process's peak so far [MiB].
@@ -100,7 +95,7 @@ class FrameRow(TimedFrames):
     setting: str
     device: str
     newton_iterations: int
-    factorisations: int | None
+    factorisations: int
     setup_s: float
     cpu_s: float
     memory_mib: float
@@ -148,7 +143,7 @@ def travel(scene: Scene, setting: Setting, *, exact_n: float, repeats: int = _RE
         tet_count=len(path.model.elements),
         unknown_count=path.model.pattern.dof_count,
         newton_iterations=path.counts.newton_iterations,
-        factorisations=None if path.lbfgs_solver is None else path.lbfgs_solver.factorisations,
+        factorisations=path.solver.factor.made,
         setup_s=setup_s,
         wall_s=wall_s,
         cpu_s=cpu_s,
@@ -162,12 +157,12 @@ class ReuseRow:
     """What a travel or a replay took.
 
     Attributes:
-        evaluations: Of the forces; None where they are not counted.
+        evaluations: Of the forces.
         cpu_s: Processor time, mesh and set-up not included [s].
     """
 
     way: str
-    evaluations: int | None
+    evaluations: int
     factorisations: int
     cpu_s: float
     force_n: float
@@ -189,16 +184,15 @@ def measure_reuse(
     model = build_model(scene)
     for name in ways:
         yield _timed(name, [_path(scene, model, WAYS[name])], [_travel])
-    yield _timed(NEWTON, [_path(scene, model, None)], [_travel])
     ordered = sorted(forces_n)
-    one = [_path(scene, model, LbfgsOptions())] * len(ordered)
-    anew = [_path(scene, model, LbfgsOptions()) for _ in ordered]
+    one = [_path(scene, model, Reuse())] * len(ordered)
+    anew = [_path(scene, model, Reuse()) for _ in ordered]
     for name, paths in ((ONE_PATH, one), (EACH_ANEW, anew)):
         yield _timed(name, paths, [partial(LoadingPath.push, force_n=force) for force in ordered])
 
 
-def _path(scene: Scene, model: Model, options: LbfgsOptions | None) -> LoadingPath:
-    return LoadingPath(model, scene.indenter, scene.centre_m, options=_OPTIONS, lbfgs=options)
+def _path(scene: Scene, model: Model, reuse: Reuse) -> LoadingPath:
+    return LoadingPath(model, scene.indenter, scene.centre_m, options=_OPTIONS, reuse=reuse)
 
 
 def _travel(path: LoadingPath) -> PathPoint:
@@ -216,14 +210,11 @@ def _timed(
         move(path)
     spent = time.process_time() - spent
     distinct = {id(path): path for path in paths}.values()
-    kept = [path.lbfgs_solver for path in distinct if path.lbfgs_solver is not None]
-    # Newton's method factors at every step, and once more where it has arrived.
-    newton = sum(path.counts.newton_iterations + path.counts.increments for path in distinct)
     last = paths[-1].last
     return ReuseRow(
         way=way,
-        evaluations=sum(each.evaluations for each in kept) if kept else None,
-        factorisations=sum(each.factorisations for each in kept) if kept else newton,
+        evaluations=sum(path.solver.evaluations for path in distinct),
+        factorisations=sum(path.solver.factor.made for path in distinct),
         cpu_s=spent,
         force_n=0.0 if last is None else float(last.force_n[2]),
     )

@@ -72,7 +72,6 @@ def part_times(
 def _solver_parts(path: LoadingPath, point: PathPoint) -> dict[str, Callable[[], object]]:
     model, positions, state = path.model, point.state.positions, point.state
     stiffness = point.equilibrium.contact.stiffness
-    data = model.hessian_data(positions, stiffness, projected=False)
     right_side = model.pattern.unknowns(point.equilibrium.elastic_gradient)
     return {
         "assembly": lambda: (
@@ -80,8 +79,8 @@ def _solver_parts(path: LoadingPath, point: PathPoint) -> dict[str, Callable[[],
             model.gel.gradient(positions),
             model.hessian_data(positions, stiffness, projected=False),
         ),
-        "factorisation": lambda: path.solver.factorise(data),
-        "solution": lambda: path.solver.solve(right_side),
+        "factorisation": lambda: path.solver.factor.renew(state),
+        "solution": lambda: path.solver.factor.solve(right_side),
         "contact": lambda: (
             model.surface.gaps(positions, path.indenter, state),
             model.surface.energy(positions, path.indenter, state),

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
-
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere, describe
-from sim.solve.linear_solver import linear_solver
+from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions, equilibrate
-from sim.solve.problem import Problem
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import (
     HEIGHT_M,
@@ -32,7 +27,7 @@ _SEEDS = 3
 _ITERATIONS_MAX = 20
 # Newton refuses from 30 % of the pad's height, which is 1.2 mm.
 _DEPTHS_M = (0.2e-3, 1.1e-3, 1.3e-3, 5e-3)
-_PATIENT = NewtonOptions(iteration_max=300)
+_PATIENT = SolverOptions(iteration_max=300)
 # Energies of the first one's size differ by a few units in their last place when they are equal.
 ENERGY_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
@@ -54,8 +49,7 @@ def degenerate_starts() -> Outcome:
         }
         for name, positions in starts.items():
             state = _started(model, positions)
-            problem = Problem(model, linear_solver(model.pattern), _FAR)
-            found = equilibrate(problem, state, options=_PATIENT)
+            found = EquilibriumSolver(model, _FAR).settle(state, options=_PATIENT)
             iterations[f"{order.value} {name}"] = found.iterations
             worst = max(worst, float(np.abs(state.positions - rest).max()) / HEIGHT_M)
     most = max(iterations, key=lambda name: iterations[name])
@@ -77,10 +71,10 @@ def random_start() -> Outcome:
         model = pad_model(brick_mesh((4, 4, 2)), order=order)
         for seed in range(_SEEDS):
             state = _started(model, _scattered(model, seed))
-            problem = _Watched(model, linear_solver(model.pattern), _FAR)
-            problem.energies.append(problem.energy(state))
-            found = equilibrate(problem, state, options=_PATIENT)
-            energies = problem.energies
+            solver = EquilibriumSolver(model, _FAR)
+            start = solver.evaluator.at(state).energy_j
+            found = solver.settle(state, options=_PATIENT)
+            energies = [start, *solver.energies_j]
             iterations = max(iterations, found.iterations)
             rises.append(float(np.diff(energies).max()) / energies[0])
             residual = max(residual, found.residual_n / (YOUNG_PA * HEIGHT_M**2))
@@ -111,9 +105,8 @@ def penetrating_start() -> Outcome:
         path = LoadingPath(model, indenter)
         for depth_m in _DEPTHS_M:
             state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - depth_m]))
-            problem = Problem(model, path.solver, indenter)
             try:
-                found = equilibrate(problem, state, options=NewtonOptions())
+                found = EquilibriumSolver(model, indenter).settle(state, options=SolverOptions())
             except ConvergenceError as error:
                 refusals[f"{depth_m * 1e3:g} mm, {describe(indenter)}"] = error.message
                 spoiled += not np.array_equal(state.positions, model.nodes)
@@ -144,15 +137,3 @@ def _started(model: Model, positions: FloatArray) -> State:
 def _scattered(model: Model, seed: int) -> FloatArray:
     low, high = model.nodes.min(axis=0), model.nodes.max(axis=0)
     return np.random.default_rng(seed).uniform(low, high, size=model.nodes.shape)
-
-
-@dataclass(frozen=True)
-class _Watched(Problem):
-    """A problem that notes the energy after every step [J]."""
-
-    energies: list[float] = field(default_factory=list)
-
-    def move(self, state: State, step: Any) -> None:
-        """Go along a step and note where that led."""
-        Problem.move(self, state, step)
-        self.energies.append(self.energy(state))

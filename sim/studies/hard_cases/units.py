@@ -11,13 +11,13 @@ from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import Hold, LoadingPath
-from sim.solve.newton import NewtonOptions
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BARRIER_M, YOUNG_PA, pad_model, round_mesh
 
 _FACTORS = (1e-3, 1e3)
-_OPTIONS = NewtonOptions(residual_relative=1e-10)
+_OPTIONS = SolverOptions(residual_relative=1e-10)
 _TOLERANCE = 1e-8
 _DEPTH_M, _FORCE_N, _SHIFT_M, _STEP_M = 0.2e-3, 1.0, 0.05e-3, 0.1e-3
 

@@ -15,7 +15,7 @@ from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.sensor import Sensor
-from sim.solve.newton import NewtonOptions
+from sim.solve.equilibrium import SolverOptions
 from sim.studies.objects.shapes import OBJECTS
 
 DEPTH_M = 0.4e-3
@@ -65,7 +65,7 @@ def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
     body: MeshIndenter = OBJECTS[name]()
     scene = sensor.scene(body, Target(depth_m=DEPTH_M), preset=preset)
     path = path_for(scene, plan_effects(scene))
-    path.options = NewtonOptions(residual_relative=_RESIDUAL_RELATIVE)
+    path.options = SolverOptions(residual_relative=_RESIDUAL_RELATIVE)
     point = follow(scene, path)
     surface = surface_state(path, point)
     maps = height_maps(surface, geometry, pad=sensor.pad)

@@ -13,11 +13,10 @@ from sim.mesh.revolved import revolved_mesh
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
-from sim.solve.linear_solver import linear_solver
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.first_touch import unloaded_positions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
 YOUNG_PA = 0.43e6
@@ -73,7 +72,7 @@ def test_clamped_pad_does_not_rest_in_its_own_shape() -> None:
     sink = {}
     for name in (LawName.PAPER_EQ4, LawName.STABLE_NEO_HOOKEAN):
         model = paper_model(name, 0.45)
-        positions = unloaded_positions(model, linear_solver(model.pattern), options=NewtonOptions())
+        positions = unloaded_positions(model, options=SolverOptions())
         middle = int(np.argmin(np.linalg.norm(model.nodes - top, axis=1)))
         sink[name] = PAD.height_m - positions[middle, 2]
         if name is LawName.PAPER_EQ4:

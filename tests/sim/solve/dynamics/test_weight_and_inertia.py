@@ -21,11 +21,10 @@ from sim.solve.dynamics.weight_and_inertia import (
     weighing_masses,
     weight,
 )
-from sim.solve.linear_solver import linear_solver
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.evaluation import NodalPotential
 from sim.solve.load_steps.first_touch import unloaded_positions
 from sim.solve.model import Model
-from sim.solve.newton import NewtonOptions
-from sim.solve.problem import NodalPotential
 from tacauchy_rig.errors import ConfigError
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
@@ -83,8 +82,7 @@ def test_weight_sags_the_pad_as_a_column_does() -> None:
     model = disc(ElementOrder.P2, symmetric=True)
     positions = unloaded_positions(
         model,
-        linear_solver(model.pattern),
-        options=NewtonOptions(residual_floor_n=1e-13),
+        options=SolverOptions(residual_floor_n=1e-13),
         potentials=[weight(model, DENSITY)],
     )
     middle = int(np.argmin(np.linalg.norm(model.nodes - [0.0, 0.0, PAD.height_m], axis=1)))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sim.solve.newton import Equilibrium
 
 from sim.contact.state import ContactForces, State
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.stepping import predicted_state
-from sim.solve.newton import Equilibrium
 
 _NONE = np.zeros((0, 1, 3))
 

@@ -7,9 +7,8 @@ import pytest
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.newton import NewtonOptions, equilibrate
-from sim.solve.problem import Problem
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.starts import ENERGY_ROUNDING, random_start
 from tacauchy_rig.errors import ConvergenceError
@@ -39,9 +38,8 @@ def test_deep_starts_are_refused_unchanged(indenter: Indenter, depth_m: float, t
     model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
     path = LoadingPath(model, indenter)
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - depth_m]))
-    problem = Problem(model, path.solver, indenter)
     with pytest.raises(ConvergenceError, match=told):
-        equilibrate(problem, state, options=NewtonOptions())
+        path.solver.settle(state, options=SolverOptions())
     assert np.array_equal(state.positions, model.nodes)
 
 
@@ -51,7 +49,7 @@ def test_a_shallow_start_inside_is_resolved() -> None:
     indenter = Sphere(diameter_m=6e-3)
     path = LoadingPath(model, indenter)
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
-    found = equilibrate(Problem(model, path.solver, indenter), state, options=NewtonOptions())
+    found = path.solver.settle(state, options=SolverOptions())
     force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
     assert force == pytest.approx(path.advance(0.5e-3).force_n[2], rel=1e-6)
     assert model.surface.gaps(state.positions, indenter, state).min() > 0.0

@@ -7,9 +7,8 @@ import pytest
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
+from sim.solve.equilibrium import SolverOptions, stands_still
 from sim.solve.load_steps.path import LoadingPath
-from sim.solve.newton import NewtonOptions, equilibrate, stands_still
-from sim.solve.problem import Problem
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from tacauchy_rig.errors import ConvergenceError
 
@@ -36,7 +35,7 @@ def test_rounding_is_a_standstill_that_is_taken_and_told() -> None:
     """Asked for nothing at all, Newton ends in rounding, stalled, with the force of any press."""
     model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
     forces, stalled = [], []
-    for options in (NewtonOptions(), NewtonOptions(residual_relative=0.0, residual_floor_n=0.0)):
+    for options in (SolverOptions(), SolverOptions(residual_relative=0.0, residual_floor_n=0.0)):
         path = LoadingPath(model, Sphere(diameter_m=6e-3), options=options)
         point = path.advance(0.2e-3)
         forces.append(point.force_n[2])
@@ -51,6 +50,5 @@ def test_what_would_do_harm_is_an_error_after_the_last_iteration() -> None:
     model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
     path = LoadingPath(model, Sphere(diameter_m=6e-3))
     state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
-    problem = Problem(model, path.solver, path.indenter)
-    with pytest.raises(ConvergenceError, match=r"after 2 Newton iterations: residual .* N at a"):
-        equilibrate(problem, state, options=NewtonOptions(iteration_max=2))
+    with pytest.raises(ConvergenceError, match=r"after 2 steps: residual .* N at a"):
+        path.solver.settle(state, options=SolverOptions(iteration_max=2))

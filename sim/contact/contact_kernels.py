@@ -1,0 +1,196 @@
+"""Warp kernels of contact: barrier and what acts along the surface, point by point.
+
+They are compiled for what presses, an analytic body or one of triangles, and for whether anything
+resists along the surface, so that none carries what it does not need. All launch over
+[face_count, face_point_count].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.contact.barrier import (
+    TouchedSurface,
+    add_to_nodes,
+    normal_contact,
+    surface_point,
+)
+from sim.contact.friction import (
+    GripArrays,
+    dragged,
+    grip_offset,
+    taken_hold,
+    tangential_contact,
+)
+from sim.contact.indenter_distance import distance_curvature, signed_distance
+from sim.device import CPU_FLAGS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactKernels:
+    """The kernels for one kind of body, with or without what resists along the surface.
+
+    Attributes:
+        gap: Gaps [m].
+        touch: Energies [J] and gaps [m]; adds forces [N] to the nodes, and their sum.
+        force: Position [m] of every point, force on the indenter [N] and its stiffness [N/m].
+        hold: Holds points that touch and frees the others; takes over their pressure.
+        drag: Lets anchors of sliding points follow.
+    """
+
+    gap: Any
+    touch: Any
+    force: Any
+    hold: Any
+    drag: Any
+
+
+@cache
+def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
+    """Build the kernels.
+
+    Args:
+        body_kind: ``Body`` or ``MeshBody``.
+        grips: Points that touch hold on to the indenter.
+    """
+    made = {"enable_backward": False, "module": "unique"}
+    fast = {**made, "module_options": {"cpu_compiler_flags": CPU_FLAGS}}
+
+    @wp.kernel(**made)
+    def gap(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        gap_out: wp.array2d(dtype=wp.float64),
+    ):
+        f, q = wp.tid()
+        distance, _ = signed_distance(body, surface_point(surface, positions, f, q))
+        gap_out[f, q] = distance
+
+    @wp.kernel(**fast)
+    def touch(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        grip: GripArrays,
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        nodes_out: wp.array(dtype=wp.vec3d),
+        push_out: wp.array(dtype=wp.vec3d),
+        energy_out: wp.array2d(dtype=wp.float64),
+        gap_out: wp.array2d(dtype=wp.float64),
+    ):
+        f, q = wp.tid()
+        x = surface_point(surface, positions, f, q)
+        distance, n = signed_distance(body, x)
+        density = wp.float64(0.0)
+        v = wp.vec3d()
+        if distance < surface.distance:
+            density, slope, _change = normal_contact(surface, distance / surface.distance)
+            v = n * slope
+        if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+            if grip.held[f, q] == 1:
+                u = grip_offset(body, grip, f, q, x)
+                load = wp.length(grip.loads[f, q])
+                more, across, _along = tangential_contact(surface, load, wp.length(u))
+                density += more
+                v += u * across
+        energy_out[f, q] = surface.areas[f, q] * density
+        gap_out[f, q] = distance
+        if wp.dot(v, v) > wp.float64(0.0):
+            v = v * surface.areas[f, q]
+            add_to_nodes(v, surface, f, q, nodes_out)
+            wp.atomic_add(push_out, 0, v)
+
+    @wp.kernel(**made)
+    def force(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        grip: GripArrays,
+        positions: wp.array(dtype=wp.vec3d),
+        curved: wp.bool,
+        # Data out:
+        point_out: wp.array2d(dtype=wp.vec3d),
+        force_out: wp.array2d(dtype=wp.vec3d),
+        stiffness_out: wp.array2d(dtype=wp.mat33d),
+    ):
+        # With ``curved`` the stiffness is exact; without, the indenter's curvature is left out,
+        # which keeps it positive semidefinite.
+        f, q = wp.tid()
+        x = surface_point(surface, positions, f, q)
+        distance, n = signed_distance(body, x)
+        pull = wp.vec3d()
+        stiffness = wp.mat33d()
+        if distance < surface.distance:
+            _energy, slope, change = normal_contact(surface, distance / surface.distance)
+            pull = n * slope
+            stiffness = wp.outer(n, n) * change
+            if curved:
+                stiffness += distance_curvature(body, x) * slope
+        if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+            if grip.held[f, q] == 1:
+                u = grip_offset(body, grip, f, q, x)
+                length = wp.length(u)
+                load = wp.length(grip.loads[f, q])
+                _more, across, along = tangential_contact(surface, load, length)
+                tangent = wp.identity(n=3, dtype=wp.float64)
+                if load > wp.float64(0.0):
+                    held = body.rotation * (grip.loads[f, q] / load)
+                    tangent = tangent - wp.outer(held, held)
+                stiffness += tangent * across
+                if length > wp.float64(1.0e-30):
+                    t = u / length
+                    stiffness += wp.outer(t, t) * (along - across)
+                pull += u * across
+        point_out[f, q] = x
+        force_out[f, q] = pull * surface.areas[f, q]
+        stiffness_out[f, q] = stiffness * surface.areas[f, q]
+
+    @wp.kernel(**made)
+    def hold(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data in and out:
+        grip: GripArrays,
+    ):
+        f, q = wp.tid()
+        x = surface_point(surface, positions, f, q)
+        distance, _normal = signed_distance(body, x)
+        pressure = wp.float64(0.0)
+        if distance < surface.distance:
+            _energy, slope, _change = normal_contact(surface, distance / surface.distance)
+            pressure = -slope
+        taken_hold(surface, body, x, pressure, f, q, grip)
+
+    @wp.kernel(**made)
+    def drag(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data in and out:
+        grip: GripArrays,
+    ):
+        f, q = wp.tid()
+        dragged(surface, body, surface_point(surface, positions, f, q), f, q, grip)
+
+    def built(kernel: Any) -> Any:
+        return wp.overload(kernel, {"body": body_kind})
+
+    return ContactKernels(
+        gap=built(gap), touch=built(touch), force=built(force), hold=built(hold), drag=built(drag)
+    )

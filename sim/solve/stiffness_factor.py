@@ -1,0 +1,119 @@
+"""The stiffness of one state, factored: what a step's direction is made with.
+
+The exact Hessian is factored; only when that is not positive definite is it replaced by a
+semidefinite one, at last with a share of the undeformed pad's stiffness added.
+
+Under a given force the height z of the indenter is one more unknown, and F z is added to the
+energy. Its row and column border the stiffness matrix, so that one factorisation and one more
+solution serve both.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.contact.state import State
+from sim.scene.indenter import Indenter
+from sim.solve.evaluation import NodalPotential
+from sim.solve.linear_solver import (
+    LinearSolver,
+    NotPositiveDefiniteError,
+    linear_solver,
+    single_precision_solver,
+)
+from sim.solve.model import Model
+from tacauchy_rig.errors import ConvergenceError
+
+logger = logging.getLogger(__name__)
+# Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.
+_SHIFTS = (0.0, 1e-3, 1e-1, 1.0)
+# A stiffness that is none, over E H with the pad's height H.
+_HELD = 1e-13
+
+
+class StiffnessFactor:
+    """Factors the stiffness of one pad under one indenter.
+
+    Attributes:
+        made: Factorisations so far.
+        attempt: Of the last: 0 exact, above ever safer.
+    """
+
+    def __init__(
+        self, model: Model, indenter: Indenter, potentials: Sequence[NodalPotential] = ()
+    ) -> None:
+        self._model, self._indenter, self.potentials = model, indenter, potentials
+        self._quick: LinearSolver = single_precision_solver(model.pattern)
+        self._exact: LinearSolver | None = None
+        self._solver = self._quick
+        self._border = self._along = np.zeros(0)
+        self._contact_n_m, self._corner = np.zeros(0), 0.0
+        self.made, self.attempt = 0, 0
+
+    @property
+    def name(self) -> str:
+        """What factors it."""
+        return self._solver.name
+
+    def renew(self, state: State, *, first: int = 0) -> None:
+        """Take a state's stiffness, or the first safer one that is positive definite.
+
+        Args:
+            first: Attempt to begin with.
+
+        Raises:
+            ConvergenceError: No safe matrix was found.
+        """
+        model = self._model
+        for attempt in range(first, 2 + len(_SHIFTS)):
+            contact = model.surface.forces(
+                state.positions, self._indenter, state, curved=attempt == 0
+            )
+            data = model.hessian_data(state.positions, contact.stiffness, projected=attempt > 0)
+            shift = _SHIFTS[max(0, attempt - 2)]
+            if shift > 0.0:
+                data = data + shift * model.rest_hessian_data()
+            for potential in self.potentials:
+                data[model.pattern.indptr[:-1]] += model.pattern.unknowns(potential.diagonal())
+            self._solver = self._quick if attempt < 2 else self._in_double_precision()
+            self.made += 1
+            try:
+                self._solver.factorise(data)
+            except NotPositiveDefiniteError:
+                logger.debug("Hessian not positive definite (attempt %d)", attempt)
+                continue
+            self.attempt = attempt
+            self._along, self._contact_n_m = np.zeros(0), contact.stiffness
+            self._corner = float(contact.stiffness[..., 2, 2].sum())
+            return
+        raise ConvergenceError(
+            "the stiffness matrix is not positive definite even when projected and shifted",
+            remedy="the mesh has degenerate tetrahedra or lost its clamped base: check it",
+        )
+
+    @property
+    def touches(self) -> bool:
+        """The gel holds the indenter; without, a load has no direction to go by."""
+        return self._corner > _HELD * self._model.young_pa * self._model.height_m
+
+    def solve(self, right: FloatArray, *, held: bool = True) -> FloatArray:
+        """Solve for the unknowns, without or with the indenter's height."""
+        if held:
+            return self._solver.solve(right)
+        if not self._along.size:
+            pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
+            self._border = self._model.pattern.unknowns(pushed)
+            self._along = self._solver.solve(self._border)
+            self._corner -= float(self._border @ self._along)
+        nodes = self._solver.solve(right[:-1])
+        rise = (right[-1] - self._border @ nodes) / self._corner if self.touches else 0.0
+        return np.append(nodes - rise * self._along, rise)
+
+    def _in_double_precision(self) -> LinearSolver:
+        if self._exact is None:
+            self._exact = linear_solver(self._model.pattern, refined=False)
+        return self._exact
