@@ -373,9 +373,8 @@ class _Descent:
     def _lag_grip(self) -> None:
         """Let points that touch hold on with the pressure of now, as soon as that means much."""
         state, residual = self.state, self.residual_n
-        if state.grip is None or residual > _GRIP_FROM * self._scale_n:
-            return
-        if residual > max(_GRIP_AGAIN * self._gripped_at_n, self._asked_n):
+        due = min(_GRIP_FROM * self._scale_n, _GRIP_AGAIN * self._gripped_at_n)
+        if state.grip is None or residual > max(due, self._asked_n):
             return
         self._grip_change = self._model.surface.refresh_grip(self._solver.indenter, state)
         self._take(self._solver.evaluate(state))

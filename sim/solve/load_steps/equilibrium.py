@@ -24,7 +24,8 @@ class PathPoint:
     Attributes:
         depth_m: Travel below first touch of the unloaded pad [m].
         force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
-        stiffness_n_m: dF_z / d(depth) since the point before [N/m].
+        stiffness_n_m: dF_z / d(depth) since the point before [N/m]; that point's where it did not
+            go deeper.
     """
 
     depth_m: float
@@ -99,13 +100,14 @@ class Settling:
             self.solver.model.mesh.symmetry.whole_force(pushed),
             self.touch_m - float(state.tip[2]),
         )
-        rise, travel = float(force[2]), depth
-        if before is not None and before.depth_m != depth:
+        rise, travel, last = float(force[2]), depth, 0.0
+        if before is not None:
             rise, travel = rise - float(before.force_n[2]), depth - before.depth_m
+            last = before.stiffness_n_m
         return PathPoint(
             depth_m=depth,
             force_n=force,
-            stiffness_n_m=rise / travel if travel else 0.0,
+            stiffness_n_m=rise / travel if rise * travel > 0.0 else last,
             state=state,
             equilibrium=found,
         )

@@ -15,7 +15,7 @@ from sim.contact.state import State
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint, Settling
 from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
-from sim.solve.overlap import overlap_fraction
+from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -30,6 +30,8 @@ _CUT, _GROWTH = 4.0, 2.0
 _EVEN_SHARE = 0.1
 # Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
+# A stiffness that is none [N/m]; it keeps a quotient finite.
+_NOTHING_N_M = 1e-30
 # Points nearer to each other than this share of the way ahead say too little.
 _APART = 0.05
 
@@ -129,17 +131,19 @@ class Stepping:
             trail: Points of this phase so far, with their places in it.
         """
         at, point = trail[-1]
-        known = self._alike(trail, phase)
-        if len(known) > 1 or self._is_untouched(point):
+        ahead = self._predicted(trail, phase, advance)
+        if ahead is not None:
             self.begin(None if pace is None else pace * abs(advance))
-            state = self._predicted(known, point, phase, at, advance)
-            return self._settled(state, point, phase, at + advance, options), advance
+            return self._settled(ahead, point, phase, at + advance, options), advance
         settling, found, state = self.settling, point.equilibrium, point.state.copy()
+        # That of a state before would answer to other contact.
+        settling.solver.take_factor(state)
         velocity, spin = phase.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
         if phase.holds_force:
-            sink = -lift / max(point.stiffness_n_m, 1e-30)
-            motion = motion + sink * settling.response(point.state, found, DOWN, STILL)[0]
+            sunk, resists = settling.response(point.state, found, DOWN, STILL)
+            sink = -lift / max(resists, _NOTHING_N_M)
+            motion = motion + sink * sunk
             velocity = velocity + sink * DOWN
         turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
@@ -155,10 +159,6 @@ class Stepping:
         reached = at + fraction * advance
         self.begin(None if pace is None else pace * fraction * abs(advance))
         return self._settled(state, point, phase, reached, options), fraction * advance
-
-    @staticmethod
-    def _is_untouched(point: PathPoint) -> bool:
-        return not point.force_n.any()
 
     def _alike(
         self, trail: Sequence[tuple[float, PathPoint]], phase: Phase
@@ -179,17 +179,19 @@ class Stepping:
         ]
 
     def _predicted(
-        self,
-        known: Sequence[tuple[float, PathPoint]],
-        point: PathPoint,
-        phase: Phase,
-        at: float,
-        advance: float,
-    ) -> State:
-        """Return the state to which the points so far lead."""
-        places, points = [place for place, _ in known], [each for _, each in known]
-        state = predicted_state(points, places, at=at + advance, step=advance)
-        state.grip = point.state.copy().grip
+        self, trail: Sequence[tuple[float, PathPoint]], phase: Phase, advance: float
+    ) -> State | None:
+        """Return the state to which the points so far lead; None where they do not tell enough."""
+        at, point = trail[-1]
+        known = self._alike(trail, phase)
+        if not point.force_n.any():
+            state = point.state.copy()
+        elif len(known) > 1:
+            places, points = [place for place, _ in known], [each for _, each in known]
+            state = predicted_state(points, places, at=at + advance, step=advance)
+            state.grip = point.state.copy().grip
+        else:
+            return None
         if isinstance(phase, CarryPhase):
             state.rotation = phase.turned(point.state.rotation, advance)
             state.tip[:2] = point.state.tip[:2] + advance * phase.shift_m[:2]
@@ -197,7 +199,16 @@ class Stepping:
                 state.tip[2] = point.state.tip[2]
         elif phase.load_at(at) is None:
             state.tip[2] = self.settling.touch_m - (at + advance)
-        return state
+        return state if self._may_start(state) else None
+
+    def _may_start(self, state: State) -> bool:
+        """Return whether a state overlaps no more than its barrier forgives."""
+        solver = self.settling.solver
+        model = solver.model
+        if model.contact_options.extension >= 1.0:
+            return True
+        gaps = model.surface.gaps(state.positions, solver.indenter, state)
+        return bool(gaps.min() >= -OVERLAP_SHARE * model.height_m)
 
     def _settled(
         self, state: State, point: PathPoint, phase: Phase, at: float, options: SolverOptions

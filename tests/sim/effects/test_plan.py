@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 
 import pytest
-import warp as wp
 
+from sim.contact import contact_surface
+from sim.contact.contact_kernels import contact_kernels
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.press import press
@@ -122,24 +122,23 @@ def test_a_scene_gets_what_it_calls_for(
     assert row.reason
 
 
-def test_what_is_off_is_not_launched(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_off_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction, relaxation and their memory exist only in a press that has them."""
-    launched: Counter[str] = Counter()
-    launch = wp.launch
+    asked: set[bool] = set()
 
-    def counted(kernel: object, *args: object, **kwargs: object) -> object:
-        launched[f"{kernel.module.name}.{kernel.key}"] += 1  # type: ignore[attr-defined]
-        return launch(kernel, *args, **kwargs)
+    def noted(kind: object, *, grips: bool) -> object:
+        asked.add(grips)
+        return contact_kernels(kind, grips=grips)
 
-    monkeypatch.setattr(wp, "launch", counted)
+    monkeypatch.setattr(contact_surface, "contact_kernels", noted)
     result = press(RUBBED)
-    assert not [name for name in launched if "friction" in name or "relaxation" in name]
+    assert asked == {False}
     assert result.point is not None
     assert result.point.state.grip is None
     assert result.model.relaxation is None
-    launched.clear()
+    asked.clear()
     press(replace(RUBBED, effects=((Effect.FRICTION, True),)))
-    assert sum(count for name, count in launched.items() if "friction" in name) > 10
+    assert asked == {True}
 
 
 def test_symmetry_changes_nothing_but_the_size() -> None:

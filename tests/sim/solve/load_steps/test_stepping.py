@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sim.solve.newton import Equilibrium
 
 from sim.contact.state import ContactForces, State
+from sim.solve.equilibrium import Equilibrium
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.stepping import predicted_state
 

@@ -100,7 +100,7 @@ def found() -> Benchmark:
     parts = part_times(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Benchmark(
         frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
-        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=tuple(WAYS)[:1])),
+        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=(*tuple(WAYS)[:1], *tuple(WAYS)[-1:]))),
         batches=tuple(batches),
         phases=tuple(parts),
         rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),

@@ -1,0 +1,144 @@
+"""Equilibria with a factor that is kept, against Newton's method."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.effects.plan import plan_effects
+from sim.effects.presets import LIGHT, build_model, light_resolution
+from sim.press import path_for
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.material import Layer, Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
+from sim.solve.equilibrium import NEWTON, SolverOptions
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.model import Model
+
+PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)
+BALL = Sphere(diameter_m=10e-3)
+GEL = Material(young_pa=0.4e6, poisson=0.45)
+SCENE = Scene(
+    pad=DiscPad(radius_m=8e-3, height_m=4e-3),
+    material=GEL,
+    indenter=PUNCH,
+    target=Target(depth_m=0.4e-3),
+    preset=Preset.FAST,
+    refinement=0.6,
+)
+RUBBED = {"contact": ContactMode.FRICTION, "effects": ((Effect.FRICTION, True),)}
+DEPTHS = 0.4e-3 * np.arange(1, 9) / 8
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    """Return the pad under the punch."""
+    return build_model(SCENE)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"indenter": BALL},
+        {"indenter": BALL, **RUBBED},
+        {"layers": (Layer(share=0.5, material=GEL), Layer(share=0.5, material=GEL))},
+        {"contact": ContactMode.BONDED},
+        {"indenter": BALL, "preset": Preset.BALANCED, "refinement": 0.4},
+    ],
+)
+def test_it_finds_what_newton_finds_with_fewer_factors(changes: dict[str, object]) -> None:
+    """The same forces to 1e-5, in balance, with less than half of the factors."""
+    scene = replace(SCENE, **changes)  # type: ignore[arg-type]
+    kept = path_for(scene, plan_effects(scene))
+    newton = LoadingPath(kept.model, scene.indenter, reuse=NEWTON)
+    for depth in DEPTHS:
+        one, other = (path.advance(float(depth)) for path in (kept, newton))
+        assert one.force_n[2] == pytest.approx(other.force_n[2], rel=1e-5)
+        assert one.depth_m == pytest.approx(depth, rel=1e-9)
+        reaction = one.equilibrium.elastic_gradient[kept.model.clamped].sum(axis=0)
+        whole = kept.model.mesh.symmetry.whole_force(reaction)
+        assert whole[2] == pytest.approx(one.force_n[2], rel=2e-6)
+    assert 0 < kept.solver.factor.made < 0.5 * newton.solver.factor.made
+
+
+@pytest.mark.parametrize("indenter", [PUNCH, BALL])
+def test_a_slide_finds_what_newton_finds(indenter: Indenter) -> None:
+    """Carried along with friction, both forces are alike, and so is the drag."""
+    scene = replace(SCENE, indenter=indenter, motion=Motion(shift_m=(0.1e-3, 0.0)), **RUBBED)  # type: ignore[arg-type]
+    kept = path_for(scene, plan_effects(scene))
+    paths = kept, LoadingPath(kept.model, indenter, reuse=NEWTON)
+    forces = []
+    for path in paths:
+        path.options = SolverOptions()
+        path.advance(0.2e-3)
+        forces.append(path.carry(shift_m=(0.1e-3, 0.0)).force_n)
+    assert forces[0] == pytest.approx(forces[1], rel=2e-3, abs=1e-3 * forces[1][2])
+    assert forces[0][0] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("refinement", "count"), [(0.62, 8), (0.9, 12), (1.0, 16), (1.8, 16), (2.2, 20), (3.3, 24)]
+)
+def test_the_sectors_of_a_light_mesh_become_more_with_the_root(
+    refinement: float, count: int
+) -> None:
+    """Its edges in the section are what is refined; preset fast is as it is."""
+    found = light_resolution(refinement)
+    assert found.sector_count == count
+    assert found.smooth_share == pytest.approx(LIGHT.smooth_share / refinement)
+    assert light_resolution(1.0) == LIGHT
+
+
+def test_a_load_is_met(model: Model) -> None:
+    """One push after the other on one path; the depth is that of the press to that depth."""
+    path = path_for(SCENE, plan_effects(SCENE), model=model)
+    for force in (0.3, 0.9):
+        assert path.push(force).force_n[2] == pytest.approx(force, rel=1e-7)
+    again = path_for(SCENE, plan_effects(SCENE), model=model)
+    pressed = again.advance(path.push(0.9).depth_m)
+    assert pressed.force_n[2] == pytest.approx(0.9, rel=1e-5)
+
+
+def test_it_goes_back_the_way_it_came(model: Model) -> None:
+    """Retracted, the gel pushes as it did on the way in."""
+    path = path_for(SCENE, plan_effects(SCENE), model=model)
+    before = [float(path.advance(depth).force_n[2]) for depth in (0.15e-3, 0.3e-3)]
+    assert path.advance(0.15e-3).force_n[2] == pytest.approx(before[0], rel=1e-5)
+
+
+def test_forces_are_those_of_the_model(model: Model) -> None:
+    """Gel and contact, their sum on the indenter, energy and gaps, at any state."""
+    path = LoadingPath(model, PUNCH, options=SolverOptions(residual_relative=1e-4))
+    state = path.advance(0.2e-3).state
+    for lift in (0.0, -10e-6, 1.0):
+        state.tip[2] += lift
+        contact = model.surface.forces(state.positions, PUNCH, state)
+        elastic = model.gel.gradient(state.positions)
+        found = path.solver.evaluator.at(state)
+        expected = elastic + model.surface.scatter(contact.forces)
+        np.testing.assert_allclose(found.gradient, expected, atol=1e-12)
+        np.testing.assert_allclose(found.push_n, contact.forces.sum(axis=(0, 1)), atol=1e-12)
+        gaps = model.surface.gaps(state.positions, PUNCH, state)
+        np.testing.assert_allclose(found.gaps, gaps, atol=1e-15)
+        stored = model.surface.energy(state.positions, PUNCH, state)
+        whole = model.gel.energy(state.positions)[0] + stored
+        assert found.energy_j == pytest.approx(whole, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        replace(SCENE, contact=ContactMode.BONDED),
+        replace(SCENE, indenter=Cylinder(diameter_m=4e-3)),
+        replace(SCENE, preset=Preset.BALANCED),
+    ],
+)
+def test_what_sticks_or_is_sharp_keeps_a_narrow_barrier(changed: Scene) -> None:
+    """So does every preset but fast."""
+    assert SCENE.is_light
+    assert not changed.is_light
+    assert changed.contact_distance_m < SCENE.contact_distance_m
