@@ -136,8 +136,12 @@ class ContactSurface:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
         return self._pad.reference.area_vectors(positions[self._pad.faces])
 
-    def refresh_grip(self, indenter: Indenter, state: State) -> float:
+    def refresh_grip(self, indenter: Indenter, state: State, *, start: Grip | None = None) -> float:
         """Hold the points that touch, free the others, and take over pressure and normal.
+
+        Args:
+            start: What was held before the step that is under way; None is the state's own. Where
+                a point takes hold in a step is found anew each time, from where it was free.
 
         Returns:
             Change of the friction limit, summed over the points, over its new sum; zero where
@@ -146,7 +150,7 @@ class ContactSurface:
         grip = state.grip
         if grip is None:
             return 0.0
-        before, held_on = grip.loads, self.grip_arrays(grip)
+        before, held_on = grip.loads, self.grip_arrays(start or grip)
         inputs = [*self._at(indenter, state), self._device.vectors(state.positions)]
         self._device.launch(self._kernels(indenter).hold, self._shape, inputs, [held_on])
         state.grip = Grip(

@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.contact.state import ContactForces, State
+from sim.contact.state import ContactForces, Grip, State
 from sim.device import KERNEL_EPSILON
 from sim.scene.indenter import Indenter
 from sim.solve.evaluation import Evaluation, Evaluator, NodalPotential
@@ -74,7 +74,7 @@ _ROUNDING_OF_SUM, _ROUNDING_OF_SCALE = 4500.0, 4.5
 # the residual when it was taken over last.
 _GRIP_FROM, _GRIP_AGAIN = 0.1, 0.2
 # The friction limit, summed over the points, may still change by this over itself.
-_GRIP_CHANGE, _GRIP_PER_RESIDUAL = 1e-4, 100.0
+_GRIP_CHANGE, _GRIP_PER_RESIDUAL = 1e-4, 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,10 +186,10 @@ class EquilibriumSolver:
             self._was_held = load_n is None
         if self.model.relaxation is not None:
             self.evaluator.renew_memory()
-        contact, self.energies_j = self.model.contact_options, []
+        contact, self.energies_j, grip_start = self.model.contact_options, [], state.grip
         for extension in (contact.extension, *_EXTENSIONS):
             state.extension = extension
-            descent = _Descent(self, state, load_n, options)
+            descent = _Descent(self, state, load_n, options, grip_start=grip_start)
             least = contact.gap_least_m(extension)
             if descent.run(least):
                 return descent.equilibrium(spent)
@@ -250,7 +250,13 @@ class _Descent:
     """
 
     def __init__(
-        self, solver: EquilibriumSolver, state: State, load_n: float | None, options: SolverOptions
+        self,
+        solver: EquilibriumSolver,
+        state: State,
+        load_n: float | None,
+        options: SolverOptions,
+        *,
+        grip_start: Grip | None,
     ) -> None:
         self._solver, self.state, self._load_n, self._options = solver, state, load_n, options
         self._model = model = solver.model
@@ -259,6 +265,7 @@ class _Descent:
         self._vertical = heights if load_n is None else np.append(heights, 0.0)
         self._residuals: list[float] = []
         self._grip_change = 0.0 if state.grip is None else np.inf
+        self._grip_start = grip_start
         self._gripped_at_n = np.inf
         self._since = 0
         self._before = solver.evaluations
@@ -376,7 +383,9 @@ class _Descent:
         due = min(_GRIP_FROM * self._scale_n, _GRIP_AGAIN * self._gripped_at_n)
         if state.grip is None or residual > max(due, self._asked_n):
             return
-        self._grip_change = self._model.surface.refresh_grip(self._solver.indenter, state)
+        self._grip_change = self._model.surface.refresh_grip(
+            self._solver.indenter, state, start=self._grip_start
+        )
         self._take(self._solver.evaluate(state))
         self._gripped_at_n = self.residual_n
 
