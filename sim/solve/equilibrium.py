@@ -247,6 +247,7 @@ class _Descent:
     Attributes:
         steps: Taken so far.
         now: The state's energy and forces.
+        residual_n: Norm of the unbalanced force [N].
     """
 
     def __init__(
@@ -270,8 +271,7 @@ class _Descent:
         self._since = 0
         self._before = solver.evaluations
         self.steps = 0
-        self.now = solver.evaluate(state)
-        self._gradient = self._reduced(self.now)
+        self._take(solver.evaluate(state))
 
     def run(self, gap_least_m: float) -> bool:
         """Step until the residual is enough; return whether every gap is at least this wide [m].
@@ -318,15 +318,6 @@ class _Descent:
             min_jacobian=self.now.ratio_min,
             stalled=self.residual_n > self._asked_n,
         )
-
-    @property
-    def residual_n(self) -> float:
-        """Norm of the unbalanced force [N]."""
-        return float(np.linalg.norm(self._gradient))
-
-    @property
-    def _scale_n(self) -> float:
-        return max(float(np.linalg.norm(self.now.push_n)), self._load_n or 0.0)
 
     @property
     def _asked_n(self) -> float:
@@ -446,7 +437,7 @@ class _Descent:
             falls = in_noise or change <= _ARMIJO * fraction * slope
             if falls and ahead <= left * abs(slope):
                 solver.memory.learn(fraction * direction, gradient - before)
-                self._take(there)
+                self._take(there, gradient)
                 return True
             if ahead > 0.0:
                 fraction *= max(_SHORTEST, abs(slope) / (abs(slope) + ahead))
@@ -459,8 +450,11 @@ class _Descent:
         self._solver.take_factor(self.state, first=first)
         self._since = 0
 
-    def _take(self, found: Evaluation) -> None:
-        self.now, self._gradient = found, self._reduced(found)
+    def _take(self, found: Evaluation, gradient: FloatArray | None = None) -> None:
+        self.now = found
+        self._gradient = self._reduced(found) if gradient is None else gradient
+        self.residual_n = float(np.linalg.norm(self._gradient))
+        self._scale_n = max(float(np.linalg.norm(found.push_n)), self._load_n or 0.0)
 
     def _energy_j(self, found: Evaluation) -> float:
         lifted = 0.0 if self._load_n is None else self._load_n * float(self.state.tip[2])

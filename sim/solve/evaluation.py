@@ -70,6 +70,9 @@ class Evaluator:
         self._touch = model.surface.recorded(self._positions, self._contact, indenter, state)
         self._extension = state.extension
         self._strain = model.gel.recorded(self._positions, self._gel)
+        # On the CPU these views share the device's memory, and are made once.
+        self._views = None if self._device.is_gpu else self._on_host()
+        self._at = on_host(self._positions)
 
     def renew_memory(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
@@ -78,15 +81,14 @@ class Evaluator:
     def at(self, state: State) -> Evaluation:
         """Evaluate a state."""
         self._upload(state)
-        nodal, energies, ratios = self._gel
-        pushed, push, touch_energies, gaps = self._contact
-        for array in (nodal, pushed, push):
+        for array in (self._gel[0], *self._contact[:2]):
             array.zero_()
         self._strain.launch()
         self._touch.launch()
-        elastic = on_host(nodal).copy()
-        gradient = elastic + on_host(pushed)
-        energy = float(on_host(energies).sum() + on_host(touch_energies).sum())
+        nodal, energies, ratios, pushed, push, touched, gaps = self._views or self._on_host()
+        elastic = nodal.copy()
+        gradient = elastic + pushed
+        energy = float(energies.sum() + touched.sum())
         for potential in self.potentials:
             gradient = gradient + potential.gradient(state.positions)
             energy += potential.energy(state.positions)
@@ -94,16 +96,19 @@ class Evaluator:
             energy_j=energy,
             gradient=gradient,
             elastic=elastic,
-            push_n=on_host(push)[0].copy(),
-            gaps=on_host(gaps).copy(),
-            ratio_min=float(on_host(ratios).min()),
+            push_n=push[0].copy(),
+            gaps=gaps.copy(),
+            ratio_min=float(ratios.min()),
         )
+
+    def _on_host(self) -> list[FloatArray]:
+        return [on_host(array) for array in (*self._gel, *self._contact)]
 
     def _upload(self, state: State) -> None:
         if self._device.is_gpu:
             self._positions.assign(state.positions)
         else:
-            self._positions.numpy()[:] = state.positions
+            self._at[:] = state.positions
         pose = (*state.tip.tolist(), *state.rotation.reshape(-1).tolist())
         if pose != self._pose:
             body = body_at(self.indenter, state.tip, state.rotation, device=self.model.device)
