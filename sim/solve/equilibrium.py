@@ -161,7 +161,7 @@ class EquilibriumSolver:
         self.evaluations = 0
         self.energies_j: list[float] = []
         self._memory = LimitedMemory(self.reuse.memory)
-        self._last_evaluations = self.reuse.evaluations_max + 1
+        self._begins_anew = True
         self._was_held = True
 
     def replace_potentials(self, potentials: Sequence[NodalPotential]) -> None:
@@ -187,13 +187,16 @@ class EquilibriumSolver:
         if self.model.relaxation is not None:
             self.evaluator.renew_memory()
         contact, self.energies_j, grip_start = self.model.contact_options, [], state.grip
+        begins_anew = self._begins_anew
+        self._begins_anew = True  # where this one fails
         for extension in (contact.extension, *_EXTENSIONS):
             state.extension = extension
             descent = _Descent(self, state, load_n, options, grip_start=grip_start)
             least = contact.gap_least_m(extension)
-            if descent.run(least):
+            if descent.run(least, begins_anew=begins_anew):
+                self._begins_anew = descent.evaluations > self.reuse.evaluations_max
                 return descent.equilibrium(spent)
-            spent += descent.steps
+            spent, begins_anew = spent + descent.steps, True
         raise ConvergenceError(
             "the gel is pressed through the contact barrier: smallest gap "
             f"{descent.now.gaps.min() * 1e9:.3g} nm",
@@ -231,15 +234,6 @@ class EquilibriumSolver:
         """What the last steps have shown."""
         return self._memory
 
-    @property
-    def begins_with_a_factor(self) -> bool:
-        """The last state took so many evaluations that the next needs a stiffness of its own."""
-        return self._last_evaluations > self.reuse.evaluations_max
-
-    def ended(self, evaluations: int) -> None:
-        """Note how many evaluations a state took."""
-        self._last_evaluations = evaluations
-
 
 class _Descent:
     """The steps of one state with one form of the barrier.
@@ -273,14 +267,17 @@ class _Descent:
         self.steps = 0
         self._take(solver.evaluate(state))
 
-    def run(self, gap_least_m: float) -> bool:
+    def run(self, gap_least_m: float, *, begins_anew: bool) -> bool:
         """Step until the residual is enough; return whether every gap is at least this wide [m].
+
+        Args:
+            begins_anew: Begin with a factor of this very state.
 
         Raises:
             ConvergenceError: There is no way down, or too many steps were taken.
         """
         solver, rough = self._solver, True
-        if solver.begins_with_a_factor:
+        if begins_anew:
             self._renew()
         while True:
             self._lag_grip()
@@ -296,7 +293,6 @@ class _Descent:
                 if self.now.gaps.min() < gap_least_m:
                     return False
             if self._ends():
-                solver.ended(solver.evaluations - self._before)
                 return bool(self.now.gaps.min() >= gap_least_m)
             if any(
                 self._since >= steps and self.residual_n > left * self._scale_n
@@ -306,6 +302,11 @@ class _Descent:
             self._step()
             self.steps, self._since = self.steps + 1, self._since + 1
             solver.energies_j.append(self._energy_j(self.now))
+
+    @property
+    def evaluations(self) -> int:
+        """Made so far."""
+        return self._solver.evaluations - self._before
 
     def equilibrium(self, spent: int) -> Equilibrium:
         """Return what was found, ``spent`` steps of other forms of the barrier included."""
