@@ -19,8 +19,9 @@ all. They end when the residual, the norm of the unbalanced force, is
 At a standstill further up they go on. After ``iteration_max`` steps a residual that does no harm is
 taken, and any other is an error.
 
-Where points hold on to the indenter, their pressure is lagged: it is taken over after every step as
-soon as the residual is small, and has to stand still at the end.
+Where friction holds points to the indenter, their pressure is lagged: it is taken over between
+steps as soon as the residual is small, and has to stand still at the end. What is bonded knows no
+pressure: points that have come to touch take hold once the steps have ended.
 """
 
 from __future__ import annotations
@@ -259,7 +260,8 @@ class _Descent:
         heights = (self._free % 3 == 2).astype(np.float64)
         self._vertical = heights if load_n is None else np.append(heights, 0.0)
         self._residuals: list[float] = []
-        self._grip_change = 0.0 if state.grip is None else np.inf
+        self._lags = model.contact_options.friction > 0.0
+        self._grip_change = np.inf if self._lags else 0.0
         self._grip_start = grip_start
         self._gripped_at_n = np.inf
         self._since = 0
@@ -373,7 +375,7 @@ class _Descent:
         """Let points that touch hold on with the pressure of now, as soon as that means much."""
         state, residual = self.state, self.residual_n
         due = min(_GRIP_FROM * self._scale_n, _GRIP_AGAIN * self._gripped_at_n)
-        if state.grip is None or residual > max(due, self._asked_n):
+        if not self._lags or residual > max(due, self._asked_n):
             return
         self._grip_change = self._model.surface.refresh_grip(
             self._solver.indenter, state, start=self._grip_start

@@ -89,6 +89,8 @@ class Settling:
             load_n, wanted = load_n / model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
         options = replace(options, residual_relative=_PASSING if passing else wanted)
         found = self.solver.settle(state, load_n=load_n, options=options)
+        if model.contact_options.bonded:
+            model.surface.refresh_grip(self.solver.indenter, state)
         model.surface.drag_anchors(self.solver.indenter, state)
         self.counts.newton_iterations += found.iterations
         self.counts.increments += 1

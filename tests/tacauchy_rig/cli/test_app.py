@@ -86,7 +86,8 @@ def test_nothing_moves_without_the_sensors_name(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("drivers.presence.require_devices", lambda _: None)
     (tmp_path / "rig.toml").write_text(example_text())
-    done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN], input="yes\n")
+    unchecked = ["--set", "limits.allow_unchecked_force=true"]
+    done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN, *unchecked], input="yes\n")
     assert isinstance(done.exception, AbortedError)
     assert done.exception.exit_code == 3
     assert "nothing moved" in done.exception.message

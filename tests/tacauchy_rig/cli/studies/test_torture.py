@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from sim.studies.hard_cases import catalogue
 from sim.studies.hard_cases.case import CaseResult, HardCase
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.cli.studies import torture
@@ -64,7 +65,7 @@ def test_rows_that_fail_do_not_take_the_others(
         HardCase(number=1, name="first", criterion="ends", measure=rows.raises, limit_s=60.0),
         HardCase(number=2, name="second", criterion="ends", measure=rows.hangs, limit_s=5.0),
     )
-    monkeypatch.setattr(torture, "select_cases", lambda _: cases)
+    monkeypatch.setattr(catalogue, "select_cases", lambda _: cases)
     page = tmp_path / "page.md"
     done = CliRunner().invoke(app, ["torture", "--out", str(page)])
     assert done.exit_code == 1
