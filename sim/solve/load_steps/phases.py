@@ -41,6 +41,11 @@ class Phase(ABC):
         """F_z stays the same, and the depth answers."""
         return False
 
+    @property
+    def direction(self) -> tuple[object, ...]:
+        """Where it leads: phases alike in it go on from one another."""
+        return type(self), self.end > self.start
+
     def is_short_of(self, at: float) -> bool:
         """Return whether ``at`` is not the end yet."""
         return abs(self.end - at) > self.exact
@@ -123,6 +128,11 @@ class CarryPhase(Phase):
     def holds_force(self) -> bool:
         """F_z stays the same, and the depth answers."""
         return self.load_n is not None
+
+    @property
+    def direction(self) -> tuple[object, ...]:
+        """Where it leads: phases alike in it go on from one another."""
+        return type(self), *self.shift_m.tolist(), self.twist_rad, self.load_n is None
 
     @property
     def goal(self) -> str:

@@ -49,6 +49,11 @@ class Stepping:
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
     _known: deque[PathPoint] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    # Points of the phases that led the same way, with their places along it.
+    _trail: deque[tuple[float, PathPoint]] = field(
+        default_factory=lambda: deque(maxlen=_REMEMBERED)
+    )
+    _direction: tuple[object, ...] = ()
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -81,12 +86,15 @@ class Stepping:
         whole = abs(phase.end - phase.start)
         pace = None if duration_s is None else duration_s / max(whole, 1e-300)
         even = whole * self._even_share(duration_s)
-        trail: list[tuple[float, PathPoint]] = [(phase.start, point)]
+        if phase.direction != self._direction or self._trail[-1][1] is not point:
+            self._trail.clear()
+            self._trail.append((phase.start, point))
+            self._direction = phase.direction
         at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
         while phase.is_short_of(at):
             advance = float(np.clip(phase.end - at, -step, step))
             try:
-                found, taken = self._increment(trail, phase, advance, pace, options)
+                found, taken = self._increment(point, phase, at, advance, pace, options)
             except ConvergenceError as error:
                 step = abs(advance) / _CUT
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
@@ -94,7 +102,7 @@ class Stepping:
                     raise _stopped(point, phase, error) from error
                 continue
             point = self.accept(found)
-            trail.append((at + taken, point))
+            self._trail.append((self._trail[-1][0] + taken, point))
             at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
             step = min(phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even)
         self.settling.counts.wall_s += time.perf_counter() - started
@@ -119,19 +127,15 @@ class Stepping:
 
     def _increment(
         self,
-        trail: Sequence[tuple[float, PathPoint]],
+        point: PathPoint,
         phase: Phase,
+        at: float,
         advance: float,
         pace: float | None,
         options: SolverOptions,
     ) -> tuple[PathPoint, float]:
-        """Go one step; return where that led and how much of the phase was done.
-
-        Args:
-            trail: Points of this phase so far, with their places in it.
-        """
-        at, point = trail[-1]
-        ahead = self._predicted(trail, phase, advance)
+        """Go one step; return where that led and how much of the phase was done."""
+        ahead = self._predicted(point, phase, at, advance)
         if ahead is not None:
             self.begin(None if pace is None else pace * abs(advance))
             return self._settled(ahead, point, phase, at + advance, options), advance
@@ -161,34 +165,32 @@ class Stepping:
         return self._settled(state, point, phase, reached, options), fraction * advance
 
     def _alike(
-        self, trail: Sequence[tuple[float, PathPoint]], phase: Phase
-    ) -> list[tuple[float, PathPoint]]:
-        """Return the points that the next one may be predicted from, with their places.
+        self, point: PathPoint, phase: Phase, at: float
+    ) -> tuple[list[tuple[float, PathPoint]], float]:
+        """Return the points that the next may be predicted from, with their places, and the last's.
 
-        Where an equilibrium depends on the indenter's place alone, those of earlier phases serve.
+        Where an equilibrium depends on the indenter's place alone, those of any phase serve.
         """
-        model, point = self.settling.solver.model, trail[-1][1]
+        model = self.settling.solver.model
         remembers = model.contact_options.is_tangential or model.relaxation is not None
         if remembers or isinstance(phase, CarryPhase):
-            return list(trail)
+            return list(self._trail), self._trail[-1][0]
         held = phase.load_at(phase.end) is None
-        return [
-            (known.depth_m if held else float(known.force_n[2]), known)
-            for known in self._known
-            if _stand_alike(known.state, point.state)
+        known = [
+            (each.depth_m if held else float(each.force_n[2]), each)
+            for each in self._known
+            if _stand_alike(each.state, point.state)
         ]
+        return known, at
 
-    def _predicted(
-        self, trail: Sequence[tuple[float, PathPoint]], phase: Phase, advance: float
-    ) -> State | None:
+    def _predicted(self, point: PathPoint, phase: Phase, at: float, advance: float) -> State | None:
         """Return the state to which the points so far lead; None where they do not tell enough."""
-        at, point = trail[-1]
-        known = self._alike(trail, phase)
+        known, place = self._alike(point, phase, at)
         if not point.force_n.any():
             state = point.state.copy()
         elif len(known) > 1:
             places, points = [place for place, _ in known], [each for _, each in known]
-            state = predicted_state(points, places, at=at + advance, step=advance)
+            state = predicted_state(points, places, at=place + advance, step=advance)
             state.grip = point.state.copy().grip
         else:
             return None
