@@ -63,6 +63,11 @@ def result_cases() -> Iterator[TamperCase]:
     yield from cases_of("result", {"deleted": lambda copy: copy.result(VICTIM).unlink()})
 
 
+def _rig_edited(copy: RunCopy) -> None:
+    path = copy.paths.rig_toml
+    path.write_bytes(path.read_bytes() + b"\n# edited\n")
+
+
 def journal_cases() -> Iterator[TamperCase]:
     """Yield every case of the journal, the description, the configuration and the truth."""
     yield from cases_of(
@@ -90,7 +95,7 @@ def journal_cases() -> Iterator[TamperCase]:
             "a device's serial number edited": _other_device,
         },
     )
-    edited = {"edited": lambda copy: copy.paths.rig_toml.open("ab").write(b"\n# edited\n")}
+    edited = {"edited": _rig_edited}
     yield from cases_of("rig.toml", edited)
     softer = {"a softer gel": lambda truth: {"young_pa": 0.5 * truth["young_pa"]}}
     yield from json_cases("truth.json", lambda copy: copy.paths.truth, softer)
