@@ -33,11 +33,13 @@ class ContactSurface:
         self._shape = (len(pad.faces), len(pad.reference.face_weights))
         self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
         areas = pad.face_areas[:, None] * pad.reference.face_weights
+        # Kernels that know of no grip read nothing of it; the others read it at every point.
+        read = self._shape if options.is_tangential else (1, 1)
         self._no_grip = filled(
             friction.GripArrays,
-            held=device.zeros((1, 1), wp.int32),
-            anchors=device.zeros((1, 1), wp.vec3d),
-            loads=device.zeros((1, 1), wp.vec3d),
+            held=device.zeros(read, wp.int32),
+            anchors=device.zeros(read, wp.vec3d),
+            loads=device.zeros(read, wp.vec3d),
         )
         self._surface = filled(
             barrier.TouchedSurface,
