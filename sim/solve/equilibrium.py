@@ -144,6 +144,7 @@ class EquilibriumSolver:
 
     Attributes:
         factor: The stiffness that was factored last.
+        memory: What the last steps have shown of the present one.
         evaluations: Of the forces, made so far.
         energies_j: Of the states after every step of the last equilibrium.
     """
@@ -161,7 +162,7 @@ class EquilibriumSolver:
         self.factor = StiffnessFactor(model, indenter, potentials)
         self.evaluations = 0
         self.energies_j: list[float] = []
-        self._memory = LimitedMemory(self.reuse.memory)
+        self.memory = LimitedMemory(self.reuse.memory)
         self._begins_anew = True
         self._was_held = True
 
@@ -183,7 +184,7 @@ class EquilibriumSolver:
         spent = self._untangled(state)
         refuse_deep_overlap(self.model, self.indenter, state)
         if (load_n is None) != self._was_held:  # another unknown, the indenter's height
-            self._memory.forget()
+            self.memory.forget()
             self._was_held = load_n is None
         if self.model.relaxation is not None:
             self.evaluator.renew_memory()
@@ -224,16 +225,11 @@ class EquilibriumSolver:
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
         self.factor.renew(state, first=first)
-        self._memory.forget()
+        self.memory.forget()
 
     def direction(self, gradient: FloatArray, *, held: bool) -> FloatArray:
         """Return the way to go from a gradient by the unknowns [N]."""
-        return self._memory.direction(gradient, lambda right: self.factor.solve(right, held=held))
-
-    @property
-    def memory(self) -> LimitedMemory:
-        """What the last steps have shown."""
-        return self._memory
+        return self.memory.direction(gradient, lambda right: self.factor.solve(right, held=held))
 
 
 class _Descent:
