@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import logging
 import os
@@ -44,7 +45,9 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
 
 
 def _unforeseen(name: str, error: Exception) -> Failed:
-    if isinstance(error, MemoryError):
+    # Where a program cannot get the memory of its arguments, the kernel says E2BIG.
+    refused = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.E2BIG)
+    if refused or isinstance(error, MemoryError):
         return Failed(
             message=f"{name}: out of memory",
             remedy="look where the arm stands; end other programs or lift `ulimit -v`, then "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
+import sys
 from importlib import resources
 from pathlib import Path
 
@@ -110,9 +111,10 @@ class EmulatedRig:
         return read_trace(self.devices.folder)
 
     def without_places(self, text: str) -> str:
-        """Return a message without addresses and paths that are this case's alone."""
+        """Return a message without addresses and paths of this case or this computer."""
         run = re.compile(re.escape(f"{self.folder}/runs/") + r"[^\s/`]+")
         text = run.sub("RUN", text).replace(str(self.folder), "WORK")
+        text = text.replace(sys.executable, Path(sys.executable).name)
         text = text.replace(f"robot {self.config.robot.host}", "robot")
         return text.replace(self.config.camera.device, "URL")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import os
 import sys
@@ -18,6 +19,8 @@ from protocols.processes.messages import Failed
     ("error", "message", "remedy"),
     [
         (MemoryError(), "control: out of memory", "look where the arm stands"),
+        (OSError(errno.E2BIG, "too long", "python"), "control: out of memory", "`ulimit -v`"),
+        (OSError(errno.ENOMEM, "no memory"), "control: out of memory", "`ulimit -v`"),
         (ValueError("odd"), "control: unforeseen ValueError: odd", "logs/control.log"),
     ],
 )

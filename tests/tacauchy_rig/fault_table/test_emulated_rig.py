@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from tacauchy_rig.config.load import load_config
@@ -20,5 +21,7 @@ def test_a_case_is_one_press_on_devices_that_count_as_real(tmp_path: Path) -> No
 def test_messages_of_two_cases_can_be_compared(tmp_path: Path) -> None:
     """Addresses and folders are the case's alone and are left out."""
     rig = EmulatedRig(tmp_path)
-    text = f"robot {rig.config.robot.host}: see {tmp_path}/runs/2026/trial, {rig.rig_toml}"
-    assert rig.without_places(text) == "robot: see RUN/trial, WORK/rig.toml"
+    seen = f"{tmp_path}/runs/2026/trial, {rig.rig_toml}, {sys.executable}"
+    text = f"robot {rig.config.robot.host}: see {seen}"
+    python = Path(sys.executable).name
+    assert rig.without_places(text) == f"robot: see RUN/trial, WORK/rig.toml, {python}"
