@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
 import signal
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
-from concurrent.futures import wait as wait_for
-from multiprocessing.connection import Connection, wait
+from collections.abc import Callable
+from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from threading import Thread
 from typing import Any, Self, TypeVar
 
 from tacauchy_rig.errors import RigError
-from tacauchy_rig.threads import take_one_thread
+from tacauchy_rig.side_by_side import SPAWN, begin_beside_others
 
-Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_CONTEXT = multiprocessing.get_context("spawn")
 _GRACE_S = 5.0
 
 
@@ -84,8 +77,8 @@ class OwnProcess:
 
 
 def _started() -> tuple[Connection, SpawnProcess]:
-    ours, theirs = _CONTEXT.Pipe()
-    process = _CONTEXT.Process(target=_serve, args=(theirs,))
+    ours, theirs = SPAWN.Pipe()
+    process = SPAWN.Process(target=_serve, args=(theirs,))
     process.start()
     theirs.close()
     return ours, process
@@ -93,7 +86,7 @@ def _started() -> tuple[Connection, SpawnProcess]:
 
 def _serve(calls: Connection) -> None:
     os.setsid()
-    _begin()
+    begin_beside_others()
     while True:
         try:
             function, limit_s = calls.recv()
@@ -108,51 +101,3 @@ def _serve(calls: Connection) -> None:
             answer = None, f"{type(error).__name__}: {error}"
         signal.alarm(0)
         calls.send(answer)
-
-
-def side_by_side(
-    measure: Callable[[Item], Result], items: Sequence[Item], *, jobs: int
-) -> Iterator[tuple[Item, Result]]:
-    """Yield every item with what was measured for it, in the order of the items.
-
-    Args:
-        measure: A function of a module, since it is run in another process; with one job in this.
-        items: Whatever can be sent to another process, such as names.
-        jobs: Processes. Times of wall clocks are worth less where several share a processor.
-    """
-    if jobs == 1 or len(items) < 2:
-        for item in items:
-            yield item, measure(item)
-        return
-    with ProcessPoolExecutor(
-        jobs, mp_context=_CONTEXT, max_tasks_per_child=1, initializer=_begin
-    ) as pool:
-        begun: deque[tuple[Item, Future[Result]]] = deque()
-        for item in items:
-            # No more than there are processes: what waits in the pool would still begin after
-            # Ctrl-C.
-            while len(running := [future for _, future in begun if not future.done()]) >= jobs:
-                wait_for(running, return_when=FIRST_COMPLETED)
-            begun.append((item, pool.submit(measure, item)))
-            while begun and begun[0][1].done():
-                yield _taken(begun)
-        while begun:
-            yield _taken(begun)
-
-
-def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
-    item, future = begun.popleft()
-    return item, future.result()
-
-
-def _begin() -> None:
-    """Take one thread, since others compute beside this process, and end when its parent does."""
-    take_one_thread(solver_too=True)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        Thread(target=_await_end, args=(parent.sentinel,), daemon=True).start()
-
-
-def _await_end(sentinel: int) -> None:
-    wait([sentinel])
-    os._exit(1)

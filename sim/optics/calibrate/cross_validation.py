@@ -22,8 +22,8 @@ from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import no_light
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.calibrate.side_by_side import side_by_side
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.side_by_side import side_by_side
 
 _NUDGES = 2
 CROP_PX = 120
@@ -134,7 +134,8 @@ def cross_validate(
     held_out = [presses[fold::folds] for fold in range(folds)]
     seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
     parts = [*zip(seen, held_out, strict=True), (presses, [])]
-    for fold, found in enumerate(side_by_side(partial(_fitted, fit), parts, jobs=jobs)):
+    fitted = side_by_side(partial(_fitted, fit), parts, jobs=jobs, afresh=False)
+    for fold, (_, found) in enumerate(fitted):
         calibration, as_labelled, as_nudged = found
         labelled += as_labelled
         nudged += as_nudged

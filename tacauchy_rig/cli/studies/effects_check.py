@@ -33,7 +33,7 @@ def effects_check(
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
-    from sim.studies.processes import side_by_side
+    from tacauchy_rig.side_by_side import side_by_side
 
     chosen = _chosen(only or [])
     if list_only:

@@ -44,10 +44,10 @@ def fault_table(
     Sensors that lie do so from the start too, at each target. A case takes a minute and about half
     a processor; times of stopping hold what waits for one.
     """
-    from sim.studies.processes import side_by_side
     from tacauchy_rig.config.load import load_config
     from tacauchy_rig.fault_table.emulated_rig import write_case_config
     from tacauchy_rig.fault_table.report import fault_page, summary_line
+    from tacauchy_rig.side_by_side import side_by_side
     from tacauchy_rig.store.run_store import run_lock
 
     chosen = select_cases(all_cases(), only=only or (), moments=moment or ())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
@@ -18,8 +17,6 @@ from tacauchy_rig.cli.output import say, show_table, write_json, write_text
 if TYPE_CHECKING:
     from tacauchy_rig.verdict_check.bench import Bench
     from tacauchy_rig.verdict_check.check import Look, Task
-
-_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def verdict_check(
@@ -41,9 +38,9 @@ def verdict_check(
     json_file: JsonFile = None,
 ) -> None:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
-    from sim.studies.processes import side_by_side
     from tacauchy_rig.cli.emulation import emulated_calibration
     from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.side_by_side import side_by_side
     from tacauchy_rig.verdict_check.bench import bench_of
     from tacauchy_rig.verdict_check.check import findings_of, tasks_of, true_reports
     from tacauchy_rig.verdict_check.page import check_page, true_table, wrong_table
@@ -52,8 +49,6 @@ def verdict_check(
     runs = [open_run(folder) for folder in folders]
     calibrate = emulated_calibration(runs[0].store)
     bench = bench_of(runs[0], preset=preset, calibrate=calibrate, on_progress=say)
-    if jobs > 1:  # in the other processes, each of which would ask for every processor
-        os.environ |= dict.fromkeys(_THREADS, "1")
     tasks = tasks_of(model for model in WRONG_MODELS if fnmatch(model.name, only))
     say(f"{len(tasks)} sizes of wrong models, {jobs} at once")
     findings = findings_of(side_by_side(partial(_looked, bench=bench), tasks, jobs=jobs))

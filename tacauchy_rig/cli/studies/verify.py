@@ -40,7 +40,7 @@ def verify(
     json_file: JsonFile = None,
 ) -> None:
     """Press what has a known answer, and say how far off the simulator is; takes minutes."""
-    from sim.studies.processes import side_by_side
+    from tacauchy_rig.side_by_side import side_by_side
 
     names = _chosen(sections)
     found: dict[str, Table] = {}

@@ -1,50 +1,13 @@
-"""Measurements in processes of their own."""
+"""A process of its own."""
 
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable
-from pathlib import Path
 
 import psutil
 import pytest
 
-from sim.studies.processes import OwnProcess, ProcessFailedError, side_by_side
-from tacauchy_rig.errors import ConfigError
-
-
-def _process_of(name: str) -> tuple[str, int]:
-    return name, os.getpid()
-
-
-def _refuse(name: str) -> str:
-    raise ConfigError(f"{name} is refused", remedy="do not ask")
-
-
-def test_results_keep_their_order_and_come_from_other_processes() -> None:
-    """Three names by two jobs: in order, none from this process."""
-    found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2))
-    assert [name for name, _ in found] == ["c", "a", "b"]
-    assert all(name == told for name, (told, _) in found)
-    assert os.getpid() not in {process for _, (_, process) in found}
-
-
-def test_one_job_stays_in_this_process() -> None:
-    """One at a time needs no other process."""
-    found = list(side_by_side(_process_of, ["a", "b"], jobs=1))
-    assert {process for _, (_, process) in found} == {os.getpid()}
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
-    """The error of a measurement keeps its text and its remedy on the way back."""
-    with pytest.raises(ConfigError, match="a is refused") as caught:
-        list(side_by_side(_refuse, ["a", "b"], jobs=jobs))
-    assert caught.value.remedy == "do not ask"
+from sim.studies.processes import OwnProcess, ProcessFailedError
 
 
 def test_one_process_takes_every_call_until_it_ends() -> None:
@@ -57,63 +20,3 @@ def test_one_process_takes_every_call_until_it_ends() -> None:
     assert first == again != os.getpid()
     assert other not in {first, os.getpid()}
     assert not psutil.pid_exists(other)
-
-
-_LONG = """
-import os, time
-from pathlib import Path
-from tests.sim.studies.test_processes import _stay
-from sim.studies.processes import side_by_side
-
-if __name__ == "__main__":
-    list(side_by_side(_stay, {names!r}, jobs=2))
-"""
-
-
-def _long_command(folder: Path, names: list[str]) -> subprocess.Popen[bytes]:
-    script = folder / "long.py"
-    script.write_text(_LONG.format(names=names), encoding="utf-8")
-    root = Path(__file__).parents[3]
-    return subprocess.Popen(
-        [sys.executable, str(script)],
-        env=os.environ | {"PYTHONPATH": str(root)},
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-
-
-def _stay(name: str) -> None:
-    Path(name).write_text(str(os.getpid()), encoding="utf-8")
-    time.sleep(60.0)
-
-
-def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
-    """SIGKILL leaves no process that goes on measuring."""
-    names = [str(tmp_path / "a"), str(tmp_path / "b")]
-    with _long_command(tmp_path, names) as command:
-        assert _comes_true(lambda: all(map(_is_written, names))), "nothing was measured"
-        command.kill()
-    measuring = [int(Path(name).read_text()) for name in names]
-    assert _comes_true(lambda: not any(map(psutil.pid_exists, measuring)))
-
-
-def test_ctrl_c_ends_what_runs_and_begins_nothing_more(tmp_path: Path) -> None:
-    """A terminal sends it to all of them; what was still to be measured is left."""
-    names = [str(tmp_path / name) for name in "abcdefgh"]
-    with _long_command(tmp_path, names) as command:
-        assert _comes_true(lambda: all(map(_is_written, names[:2]))), "nothing was measured"
-        os.killpg(command.pid, signal.SIGINT)
-        assert command.wait(timeout=30.0) != 0
-    assert not any(map(_is_written, names[2:]))
-
-
-def _is_written(name: str) -> bool:
-    return Path(name).exists() and Path(name).read_text() != ""
-
-
-def _comes_true(holds: Callable[[], bool]) -> bool:
-    for _ in range(600):
-        if holds():
-            return True
-        time.sleep(0.05)
-    return False
