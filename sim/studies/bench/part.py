@@ -8,8 +8,6 @@ from enum import StrEnum
 class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
-    FRAMES = "frames"
-    REUSE = "reuse"
     BATCHES = "batches"
     PHASES = "phases"
     RENDERING = "rendering"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,13 +13,19 @@ from sim.optics.camera_geometry import ImageArray
 from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.frames import peak_memory_mib
 
 FORCE_ERROR_MAX = 0.02
 TIME_MAX_S = 20.0
-MEMORY_MAX_MIB = 2e9 / 1024.0**2
+_KIB, _MIB = 1024.0, 1024.0**2
+MEMORY_MAX_MIB = 2e9 / _MIB
 
 ImageOf = Callable[[SurfaceState], ImageArray]
+
+
+def peak_memory_mib() -> float:
+    """Return the largest resident set so far [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak * (1.0 if sys.platform == "darwin" else _KIB) / _MIB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from sim.studies.bench.batches import (
     measure_batches,
 )
 from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
-from sim.studies.bench.frames import TRAVEL_M, FrameRow, ReuseRow, measure_reuse, travels
+from sim.studies.bench.frames import TRAVEL_M
 from sim.studies.bench.part import Part, Peer
 from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
 from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, part_times
@@ -49,8 +49,6 @@ class Benchmark:
         absent: What could not be measured, and why.
     """
 
-    frames: tuple[FrameRow, ...] = ()
-    reuse: tuple[ReuseRow, ...] = ()
     batches: tuple[BatchRow, ...] = ()
     peers: tuple[PeerRow, ...] = ()
     phases: tuple[PartRow, ...] = ()
@@ -93,17 +91,9 @@ def run_bench(
     _warm_up(scene)
     rows: defaultdict[str, list[Any]] = defaultdict(list)
     exact_n = 0.0
-    if {Part.FRAMES, Part.BATCHES} & set(parts) or peer is not None:
+    if Part.BATCHES in parts or peer is not None:
         on_progress(f"F_z with preset {against}")
         exact_n = exact_force(scene, preset=against)
-    if Part.FRAMES in parts:
-        on_progress("frames")
-        for travelled in travels(scene, exact_n=exact_n):
-            on_progress(f"  preset {travelled.setting}: {travelled.frames_per_s:.0f} frames/s")
-            rows["frames"].append(travelled)
-    if Part.REUSE in parts:
-        on_progress("what reuse saves")
-        rows["reuse"] += measure_reuse(scene, forces_n)
     for preset in _PRESETS:
         if Part.PHASES in parts:
             on_progress(f"parts, preset {preset}")

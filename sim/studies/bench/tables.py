@@ -7,7 +7,7 @@ from functools import partial
 from operator import attrgetter
 
 from sim.studies.bench.batches import BALANCE, BatchPartsRow
-from sim.studies.bench.frames import CLOSE, FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
+from sim.studies.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.peer.comparison import peer_table
 from sim.studies.bench.press_parts import EXPONENT_WANTED, PartRow, exponent, local_exponents
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
@@ -18,7 +18,6 @@ from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.page import table_prose
 from tacauchy_rig.tables import Table, table_of
 
-FAST_FRAMES_PER_S, CLOSE_FRAMES_PER_S = 98.0, 30.0
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 # To which times are to grow less than the environments.
@@ -30,8 +29,6 @@ _prose = partial(table_prose, "sim.studies.bench", "tables.md.jinja")
 def bench_tables(found: Benchmark) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
     tables: dict[Callable[[Benchmark], Table], Sequence[object]] = {
-        _frames: found.frames,
-        _reuse: found.reuse,
         _batches: found.batches,
         _stress: found.batches,
         _launches: found.batches,
@@ -44,53 +41,6 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _threads: found.threads,
     }
     return [table(found) for table, rows in tables.items() if rows]
-
-
-def _frames(found: Benchmark) -> Table:
-    close = [row for row in found.frames if abs(row.force_error) <= FORCE_ERROR_MAX]
-    return table_of(
-        found.frames,
-        {
-            "preset": lambda row: row.setting,
-            "tetrahedra": lambda row: row.tet_count,
-            "unknowns": lambda row: row.unknown_count,
-            "F_z off by [%]": lambda row: 1e2 * row.force_error,
-            "iterations": lambda row: row.newton_iterations,
-            "factorisations": lambda row: row.factorisations,
-            "set-up [s]": lambda row: row.setup_s,
-            "frame [ms]": lambda row: row.frame_ms,
-            "processor time of it [ms]": lambda row: 1e3 * row.cpu_s / FRAME_COUNT,
-            "frames [1/s]": lambda row: row.frames_per_s,
-            "peak memory [MiB]": lambda row: row.memory_mib,
-        },
-        passed=found.frames[0].frames_per_s >= FAST_FRAMES_PER_S
-        and max((row.frames_per_s for row in close), default=0.0) >= CLOSE_FRAMES_PER_S,
-        **_prose(
-            "frames",
-            fast=FAST_FRAMES_PER_S,
-            wanted=CLOSE_FRAMES_PER_S,
-            error_max=FORCE_ERROR_MAX,
-            travel_mm=f"{TRAVEL_M * 1e3:g}",
-            count=FRAME_COUNT,
-            close=f"{CLOSE:.0%}",
-        ),
-    )
-
-
-def _reuse(found: Benchmark) -> Table:
-    first = found.reuse[0]
-    return table_of(
-        found.reuse,
-        {
-            "way": lambda row: row.way,
-            "evaluations": lambda row: row.evaluations,
-            "factorisations": lambda row: row.factorisations,
-            "processor time [s]": lambda row: row.cpu_s,
-            "over the first": lambda row: row.cpu_s / first.cpu_s,
-            "F_z [N]": lambda row: row.force_n,
-        },
-        **_prose("reuse"),
-    )
 
 
 def _batches(found: Benchmark) -> Table:
@@ -124,6 +74,8 @@ def _batches(found: Benchmark) -> Table:
         **_prose(
             "batches",
             balance=BALANCE,
+            travel_mm=f"{TRAVEL_M * 1e3:g}",
+            count=FRAME_COUNT,
             first=rows[0],
             few=_FEW,
             power=power,

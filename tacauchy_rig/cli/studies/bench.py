@@ -95,7 +95,7 @@ def bench(
     ] = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time frames, what reuse saves, batches, parts, a replay, growth, and scenes; minutes."""
+    """Time batches, parts, images, a replay, growth, scenes, and start-up; minutes."""
     writable_folder(out)
     wanted = parts or list(Part)
     if Part.SCENES in wanted:

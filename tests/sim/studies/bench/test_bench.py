@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.error.measured_errors import FAST, Setting
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps
@@ -18,18 +17,11 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.batches import BALANCE, environments, exact_force, measure_batches
-from sim.studies.bench.frames import (
-    FRAME_COUNT,
-    WAYS,
-    measure_reuse,
-    peak_memory_mib,
-    travel,
-    travels,
-)
+from sim.studies.bench.frames import FRAME_COUNT
 from sim.studies.bench.part import Part
 from sim.studies.bench.press_parts import exponent, growth, local_exponents, part_times
 from sim.studies.bench.rendering import measure_rendering
-from sim.studies.bench.replays import ReplayRow, measure_replay
+from sim.studies.bench.replays import ReplayRow, measure_replay, peak_memory_mib
 from sim.studies.bench.suite import Benchmark, run_bench
 from sim.studies.bench.tables import bench_tables
 
@@ -99,8 +91,6 @@ def found() -> Benchmark:
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     parts = part_times(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Benchmark(
-        frames=(travel(_SCENE, FAST, exact_n=exact_n, repeats=1),),
-        reuse=tuple(measure_reuse(_SCENE, [0.2, 0.4], ways=(*tuple(WAYS)[:1], *tuple(WAYS)[-1:]))),
         batches=tuple(batches),
         phases=tuple(parts),
         rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
@@ -108,25 +98,6 @@ def found() -> Benchmark:
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
         absent=("nothing", "many images"),
     )
-
-
-def test_frames_and_their_time_fit(found: Benchmark) -> None:
-    """Twenty frames in the time of all."""
-    (alone,) = found.frames
-    assert alone.frames_per_s == pytest.approx(FRAME_COUNT / alone.wall_s)
-    assert alone.frame_ms == pytest.approx(1e3 / alone.frames_per_s)
-    assert 0.0 < alone.memory_mib <= peak_memory_mib()
-
-
-def test_finer_meshes_are_tried_until_the_force_is_close() -> None:
-    """A force that none meets: every setting; one that the second meets: no third."""
-    settings = (Setting(Preset.FAST, 0.4), Setting(Preset.FAST, 0.5))
-    exact_n = travel(_SCENE, settings[1], exact_n=1.0, repeats=1).force_error + 1.0
-    rows = list(travels(_SCENE, exact_n=10.0 * exact_n, settings=settings))
-    assert [row.setting for row in rows] == [str(setting) for setting in settings]
-    close = list(travels(_SCENE, exact_n=exact_n, settings=settings[::-1]))
-    assert len(close) == 1
-    assert abs(close[0].force_error) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -155,6 +126,7 @@ def test_a_replay_makes_an_image_of_every_press() -> None:
     )
     assert len(surfaces) == row.trial_count == 2
     assert row.wall_s == row.presses_s + row.images_s
+    assert 0.0 < row.memory_mib <= peak_memory_mib()
 
 
 def test_batches_are_counted_over_all_environments(found: Benchmark) -> None:
@@ -165,15 +137,6 @@ def test_batches_are_counted_over_all_environments(found: Benchmark) -> None:
     assert three.force_error == pytest.approx(alone.force_error, abs=1e-4)
     assert max(alone.imbalance, three.imbalance) <= BALANCE
     assert alone.failed_count == three.failed_count == 0
-
-
-def test_what_reuse_saves_changes_no_force(found: Benchmark) -> None:
-    """The travel ends with the same F_z, the replay with the same; a kept factor is kept."""
-    quick, newton, together, anew = found.reuse
-    assert quick.force_n == pytest.approx(newton.force_n, rel=1e-5)
-    assert together.force_n == pytest.approx(anew.force_n, rel=1e-7)
-    assert quick.factorisations < newton.factorisations
-    assert together.factorisations < anew.factorisations
 
 
 def test_every_launch_of_a_tick_is_timed(found: Benchmark) -> None:
@@ -231,13 +194,13 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
 
 
 def test_tables_hold_every_row(found: Benchmark) -> None:
-    """One row a frame measurement, a part, a replay, a mesh; what is absent is said."""
+    """One row a batch, a part, a replay, a mesh; what is absent is said."""
     tables = bench_tables(found)
-    assert [len(table.rows) for table in tables] == [1, 4, 2, 2, 4, 7, 3, 1, 2]
+    assert [len(table.rows) for table in tables] == [2, 2, 4, 7, 3, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: nothing." in tables[2].note
-    assert "Not measured: many images." in tables[6].note
-    assert "exponent" in tables[8].columns[-1]
+    assert "Not measured: nothing." in tables[0].note
+    assert "Not measured: many images." in tables[4].note
+    assert "exponent" in tables[6].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(found: Benchmark) -> None:
@@ -248,8 +211,7 @@ def test_only_what_was_asked_for_is_measured(found: Benchmark) -> None:
         _render,
         _image_of,
         [0.5],
-        parts=(Part.FRAMES,),
-        against=Preset.FAST,
+        parts=(Part.PHASES,),
     )
-    assert len(only.frames) == 1
-    assert [table.title for table in bench_tables(only)] == [bench_tables(found)[0].title]
+    titles = [table.title for table in bench_tables(found)]
+    assert [table.title for table in bench_tables(only)] == titles[3:4]
