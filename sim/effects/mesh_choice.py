@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 
 from sim.effects.estimates import contact_radius, expected_depth
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, MeshIndenter, Sphere
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import Preset, Scene
@@ -55,6 +56,19 @@ def mesh_choice(scene: Scene) -> MeshChoice:
     if against:
         return MeshChoice(kind=MeshKind.FOOTPRINT, reason=against)
     return MeshChoice(kind=MeshKind.REVOLVED, reason="round, upright, its edge all on the pad")
+
+
+def mirrors(scene: Scene) -> MirrorSymmetry:
+    """Return which middle planes of the pad mirror pad, indenter and motion."""
+    motion = scene.motion
+    if mesh_choice(scene).kind is not MeshKind.REVOLVED or motion.twist_rad:
+        return MirrorSymmetry()
+    about_x, about_y = (0.0, 0.0) if isinstance(scene.indenter, Sphere) else motion.tilt_rad
+    x, y = (
+        not any(along)
+        for along in zip(scene.centre_m, motion.shift_m, (about_y, about_x), strict=True)
+    )
+    return MirrorSymmetry(mirror_x=x, mirror_y=y)
 
 
 def contact_reach(scene: Scene) -> float:

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.effects import estimates
-from sim.effects.mesh_choice import MeshKind, mesh_choice
+from sim.effects.mesh_choice import MeshKind, mesh_choice, mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
-from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import ConfigError
 
@@ -128,7 +127,7 @@ def _switched(row: PlannedEffect, *, on: bool) -> PlannedEffect:
 _CANNOT_BE_ADDED = {
     Effect.SELF_CONTACT: "leave it off: gel against gel is not simulated",
     Effect.SECOND_LAYER: "give the layers",
-    Effect.SYMMETRY: "centre the indenter and let it go straight down",
+    Effect.SYMMETRY: "centre the indenter and move it within one middle plane of the pad",
     Effect.VISCOELASTICITY: "give the material a Prony series",
     Effect.FRICTION: "ask for --contact friction:MU",
 }
@@ -226,19 +225,9 @@ def _self_contact(scene: Scene) -> _Decision:
 
 
 def _symmetry(scene: Scene) -> _Decision:
-    why_not = _asymmetry(scene)
-    reason = why_not or "pad, indenter and motion are mirrored: a quarter or half is solved"
-    return not why_not, reason, 0.0
-
-
-def _asymmetry(scene: Scene) -> str:
     choice = mesh_choice(scene)
     if choice.kind is not MeshKind.REVOLVED:
-        return f"the whole pad is meshed: {choice.reason}"
-    if not scene.motion.is_straight:
-        return "the indenter shifts, turns or is tilted"
-    if 0.0 not in scene.centre_m:
-        return "the indenter is off both middle planes"
-    if isinstance(scene.pad, DiscPad) and any(scene.centre_m):
-        return "the indenter is off the disc's middle"
-    return ""
+        return False, f"the whole pad is meshed: {choice.reason}", 0.0
+    if mirrors(scene).copies == 1:
+        return False, "no plane mirrors pad, indenter and motion", 0.0
+    return True, "pad, indenter and motion are mirrored: a quarter or half is solved", 0.0

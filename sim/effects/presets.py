@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.contact.state import ContactOptions
 from sim.effects.footprint_presets import diagonal, footprint_mesh
-from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice
+from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirrors
 from sim.effects.plan import EffectPlan, plan_effects
 from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
@@ -17,6 +17,7 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading, Triangulation
 from sim.mesh.revolved import revolved_mesh, revolved_section
 from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder
@@ -199,7 +200,7 @@ def mesh_for(
         sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
-        symmetric=symmetric,
+        symmetry=mirrors(scene) if symmetric else MirrorSymmetry(),
         circumscribed=scene.has_sharp_rim,
     )
 
@@ -219,6 +220,7 @@ def section_for(scene: Scene) -> Triangulation:
         _grading(scene, resolution),
         centre_m=scene.centre_m,
         sector_count=resolution.sector_count,
+        symmetry=mirrors(scene),
     )
 
 

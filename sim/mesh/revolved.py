@@ -31,7 +31,7 @@ def revolved_mesh(
     centre_m: tuple[float, float],
     sector_count: int,
     name: str,
-    symmetric: bool = True,
+    symmetry: MirrorSymmetry | None = None,
     interface_shares: tuple[float, ...] = (),
     circumscribed: bool = False,
 ) -> TetMesh:
@@ -40,7 +40,8 @@ def revolved_mesh(
     Args:
         centre_m: Axis of revolution, x and y [m], inside the pad.
         sector_count: Sectors of a full turn.
-        symmetric: Mesh half or a quarter where the axis lies on the pad's planes of symmetry.
+        symmetry: Planes through the axis that mirror pad and press, of which half or a quarter is
+            meshed; None for all on which the axis lies.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.
         circumscribed: Let the ring of nodes on the rim be a polygon around the rim instead of in
             it, so that no face outside it is touched.
@@ -50,11 +51,8 @@ def revolved_mesh(
     """
     centre = np.array(centre_m)
     round_m = _round_radius(pad, grading, centre)
-    symmetry = (
-        MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
-        if symmetric
-        else MirrorSymmetry()
-    )
+    if symmetry is None:
+        symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
     start, end = _turn(symmetry)
     angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
     if circumscribed:
@@ -81,10 +79,14 @@ def revolved_mesh(
 
 
 def revolved_section(
-    pad: ParametricPad, grading: Grading, *, centre_m: tuple[float, float], sector_count: int
+    pad: ParametricPad,
+    grading: Grading,
+    *,
+    centre_m: tuple[float, float],
+    sector_count: int,
+    symmetry: MirrorSymmetry,
 ) -> Triangulation:
     """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
-    symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
     start, end = _turn(symmetry)
     _, reaches = pad.sectors(np.array(centre_m), sector_count, start_rad=start, end_rad=end)
     mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())

@@ -12,6 +12,7 @@ from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.press import press
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName, Material
@@ -43,7 +44,7 @@ def small_model(*, symmetric: bool, centre_m: tuple[float, float] = (0.0, 0.0)) 
         centre_m=centre_m,
         sector_count=8,
         name="test",
-        symmetric=symmetric,
+        symmetry=None if symmetric else MirrorSymmetry(),
     )
     return Model(
         mesh,

@@ -73,7 +73,7 @@ def round_mesh(
         centre_m=(0.0, 0.0),
         sector_count=sector_count,
         name="hard",
-        symmetric=symmetric,
+        symmetry=None if symmetric else MirrorSymmetry(),
     )
 
 

@@ -13,6 +13,7 @@ from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
@@ -35,7 +36,7 @@ def contact_model(*, bonded: bool = False, friction: float = 0.0) -> Model:
         centre_m=(0.0, 0.0),
         sector_count=8,
         name="test",
-        symmetric=False,
+        symmetry=MirrorSymmetry(),
     )
     return Model(
         mesh,

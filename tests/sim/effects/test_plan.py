@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from sim.contact import contact_surface
@@ -36,6 +37,7 @@ def scene(indenter: Indenter = BALL, *, depth_m: float = 0.1e-3, material: Mater
     )
 
 
+WHOLE = ((Effect.SYMMETRY, False),)
 RUBS = {"contact": ContactMode.FRICTION, "friction": 0.5}
 RUBBED = replace(scene(), contact=ContactMode.FRICTION, friction=0.5)
 SCENES = {
@@ -89,7 +91,8 @@ def test_what_is_left_out_stays_within_the_tolerance(name: str) -> None:
             True,
         ),
         ({"motion": Motion(twist_rad=0.1)}, Effect.SYMMETRY, False),
-        ({"centre_m": (1e-3, 0.0)}, Effect.SYMMETRY, False),
+        ({"motion": Motion(tilt_rad=(0.01, 0.01)), "indenter": PUNCH}, Effect.SYMMETRY, False),
+        ({"centre_m": (1e-3, 1e-3)}, Effect.SYMMETRY, False),
         ({}, Effect.SYMMETRY, True),
         ({}, Effect.LOCKING_FREE_ELEMENT, True),
         (
@@ -144,9 +147,7 @@ def test_what_is_off_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_symmetry_changes_nothing_but_the_size() -> None:
     """A quarter gives the force of the whole."""
     asked = scene(PUNCH)
-    models = [
-        build_model(each) for each in (asked, replace(asked, effects=((Effect.SYMMETRY, False),)))
-    ]
+    models = [build_model(each) for each in (asked, replace(asked, effects=WHOLE))]
     assert len(models[1].elements) == 4 * len(models[0].elements)
     # A residual of so much of the contact force leaves F_z off by about as much: under preset
     # fast's 1e-6 the quarter came out 9e-7 too low and the whole 9e-7 too high, under 1e-8 they
@@ -154,6 +155,26 @@ def test_symmetry_changes_nothing_but_the_size() -> None:
     closely = SolverOptions(residual_relative=1e-8)
     part, whole = (LoadingPath(each, PUNCH, options=closely).advance(0.1e-3) for each in models)
     assert part.force_n[2] == pytest.approx(whole.force_n[2], rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"motion": Motion(tilt_rad=(0.0, 0.01)), "indenter": PUNCH},
+        {"motion": Motion(shift_m=(0.0, 2e-5)), "contact": ContactMode.FRICTION},
+        {"centre_m": (1e-3, 0.0)},
+    ],
+    ids=["tilted", "sliding", "off centre"],
+)
+def test_half_gives_what_the_whole_does(changes: dict[str, object]) -> None:
+    """Force and moment, where one plane mirrors pad, indenter and motion."""
+    asked = replace(scene(), **changes)  # type: ignore[arg-type]
+    half, whole = press(asked), press(replace(asked, effects=WHOLE))
+    assert 2 * half.tet_count == whole.tet_count
+    # Preset fast leaves 1e-6 of the contact force unbalanced, and lagged friction 1e-4 of it.
+    size = np.linalg.norm(whole.force_n)
+    np.testing.assert_allclose(half.force_n, whole.force_n, atol=1e-4 * size)
+    np.testing.assert_allclose(half.moment_nm, whole.moment_nm, atol=1e-4 * size * 1e-3)
 
 
 def test_what_cannot_be_added_is_refused() -> None:

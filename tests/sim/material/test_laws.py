@@ -11,6 +11,7 @@ from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.model import Model
@@ -22,7 +23,7 @@ GRADING = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3, growth=2.0)
 def coarse_model(name: LawName, order: ElementOrder) -> Model:
     """Return a pad of some hundred elements."""
     mesh = revolved_mesh(
-        PAD, GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetric=False
+        PAD, GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetry=MirrorSymmetry()
     )
     return Model(mesh, order=order, law=law(name), young_pa=4e5, poisson=0.48)
 

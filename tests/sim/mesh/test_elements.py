@@ -14,6 +14,7 @@ from sim.mesh.elements import (
 )
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.pad import BoxPad
 
@@ -25,7 +26,7 @@ def mesh() -> TetMesh:
     """Return a whole box."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.5e-3)
     return revolved_mesh(
-        PAD, grading, centre_m=(0.5e-3, 0.0), sector_count=12, name="box", symmetric=False
+        PAD, grading, centre_m=(0.5e-3, 0.0), sector_count=12, name="box", symmetry=MirrorSymmetry()
     )
 
 

@@ -10,6 +10,7 @@ from sim.arrays import FloatArray
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.pad import BoxPad
 
@@ -23,7 +24,7 @@ def coarse() -> TetMesh:
     """Return the whole pad."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.5e-3)
     return revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=12, name="box", symmetric=False
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=12, name="box", symmetry=MirrorSymmetry()
     )
 
 

@@ -20,6 +20,7 @@ from sim.mesh.elements import boundary_faces
 from sim.mesh.footprint import footprint
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, mesh_statistics
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
 from sim.scene.material import Material, interface_shares
@@ -143,7 +144,7 @@ def coarse() -> TetMesh:
     """Return a small mesh without fTetWild."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=1.5e-3, growth=2.0)
     return revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", symmetric=False
+        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", symmetry=MirrorSymmetry()
     )
 
 

@@ -13,6 +13,7 @@ from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import mesh_statistics, oriented
 from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
@@ -41,7 +42,7 @@ def test_revolved_box_fills_the_box(x: float, y: float, sectors: int, growth: fl
     """Wherever the axis stands: positive tetrahedra that fill the box, and nodes on the rim."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3, growth=growth)
     mesh = revolved_mesh(
-        BOX, grading, centre_m=(x, y), sector_count=sectors, name="box", symmetric=False
+        BOX, grading, centre_m=(x, y), sector_count=sectors, name="box", symmetry=MirrorSymmetry()
     )
     corners = mesh.vertices[mesh.tets]
     assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0.0

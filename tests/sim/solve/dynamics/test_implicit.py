@@ -16,6 +16,7 @@ from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
@@ -46,7 +47,7 @@ def coarse(
         centre_m=(0.0, 0.0),
         sector_count=8,
         name="test",
-        symmetric=symmetric,
+        symmetry=None if symmetric else MirrorSymmetry(),
     )
     return Model(
         mesh,

@@ -12,6 +12,7 @@ from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.dynamics.weight_and_inertia import (
@@ -38,7 +39,12 @@ def disc(
     """Return a clamped disc of some hundred elements."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0)
     mesh = revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetric=symmetric
+        PAD,
+        grading,
+        centre_m=(0.0, 0.0),
+        sector_count=8,
+        name="test",
+        symmetry=None if symmetric else MirrorSymmetry(),
     )
     return Model(mesh, order=order, law=law(law_name), young_pa=YOUNG_PA, poisson=0.3)
 
