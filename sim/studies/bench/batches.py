@@ -16,8 +16,7 @@ from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
 from sim.scene.tilted_indenter import tilted
-from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames
-from sim.studies.bench.press_parts import times_of
+from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames, times_of
 
 _LAUNCHES = 50
 # Any but zero, which would be no work on the CPU.

@@ -1,4 +1,4 @@
-"""The benchmark's figure: the parts of the work, and how a press grows with its elements."""
+"""The benchmark's figure: how presses grow with their elements, and with environments."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from sim.studies.bench.batches import BatchRow
-from sim.studies.bench.press_parts import EXPONENT_WANTED, GrowthRow, PartRow, exponent
+from sim.studies.bench.growth import EXPONENT_WANTED, GrowthRow, exponent
 from sim.studies.bench.suite import Benchmark
-from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
+from tacauchy_rig.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
 
-_COLOURS = (BLUE, ORANGE, GREEN)
 _ALONE_SHARE = 0.6
 
 
 def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[Path]:
-    """Draw what was measured of parts, growth and batches, and write ``name`` as PDF and PNG.
+    """Draw what was measured of growth and batches, and write ``name`` as PDF and PNG.
 
     Returns:
         The files; none where there is nothing to draw.
@@ -30,8 +29,6 @@ def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[P
         RecordError: The files cannot be written.
     """
     drawn: list[Callable[[Axes], None]] = []
-    if found.phases:
-        drawn.append(lambda axes: _draw_parts(axes, found.phases))
     if found.growth:
         drawn.append(lambda axes: _draw_growth(axes, found.growth))
     if found.batches:
@@ -44,28 +41,6 @@ def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[P
         for number, draw in enumerate(drawn):
             draw(figure.add_subplot(1, len(drawn), number + 1))
         return save_figure(figure, folder, name)
-
-
-def _draw_parts(axes: Axes, rows: Sequence[PartRow]) -> None:
-    parts_ms: dict[str, dict[str, float]] = {}
-    for row in rows:
-        parts_ms.setdefault(row.preset, {})[row.name] = 1e3 * row.median_s
-    names = list(dict.fromkeys(row.name for row in rows))
-    height = 0.8 / len(parts_ms)
-    for k, (preset, parts) in enumerate(parts_ms.items()):
-        axes.barh(
-            [n + (k - 0.5 * (len(parts_ms) - 1)) * height for n in range(len(names))],
-            [parts[name] for name in names],
-            height=0.9 * height,
-            color=_COLOURS[k % len(_COLOURS)],
-            label=preset,
-        )
-    axes.set_xscale("log")
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.set_xlabel("Time (ms)")
-    axes.set_title("Parts of the work", loc="left")
-    axes.legend()
 
 
 def _draw_growth(axes: Axes, rows: Sequence[GrowthRow]) -> None:

@@ -1,7 +1,9 @@
-"""Twenty frames of a travel of 1 mm into a gel: how many a second."""
+"""Twenty frames of a travel of 1 mm into a gel, and how long anything takes."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 TRAVEL_M = 1e-3
@@ -38,3 +40,20 @@ class TimedFrames:
     def _travelling(self) -> int:
         """Environments whose frames count."""
         raise NotImplementedError
+
+
+def times_of(act: Callable[[], object], *, most: int, least: int, budget_s: float) -> list[float]:
+    """Repeat something after once to warm up, and return how long each time took [s].
+
+    Args:
+        most: Repeats.
+        least: Repeats that are made however long they take.
+        budget_s: Begin no more once so much was spent [s].
+    """
+    act()
+    times: list[float] = []
+    while len(times) < most and (len(times) < least or sum(times) < budget_s):
+        started = time.perf_counter()
+        act()
+        times.append(time.perf_counter() - started)
+    return times

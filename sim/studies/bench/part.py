@@ -9,7 +9,6 @@ class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
     BATCHES = "batches"
-    PHASES = "phases"
     RENDERING = "rendering"
     REPLAY = "replay"
     GROWTH = "growth"

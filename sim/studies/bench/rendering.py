@@ -25,7 +25,7 @@ from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench.batches import batch_device
-from sim.studies.bench.press_parts import times_of
+from sim.studies.bench.frames import times_of
 from tacauchy_rig.errors import ConfigError
 
 SENSORS = ("gelsight-mini", "digit")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.effects.plan import plan_effects
-from sim.optics.camera_geometry import CameraGeometry
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.batches import (
@@ -21,15 +20,15 @@ from sim.studies.bench.batches import (
 )
 from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
 from sim.studies.bench.frames import TRAVEL_M
+from sim.studies.bench.growth import GrowthRow, growth
 from sim.studies.bench.part import Part, Peer
 from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
-from sim.studies.bench.press_parts import GrowthRow, PartRow, Render, growth, part_times
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
 from sim.studies.bench.start import StartRow, measure_start
 
 _PRESETS = (Preset.FAST, Preset.BALANCED)
-_PHASE_DEPTH_M = 0.5e-3
+_GROWTH_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
 
 Progress = Callable[[str], None]
@@ -51,7 +50,6 @@ class Benchmark:
 
     batches: tuple[BatchRow, ...] = ()
     peers: tuple[PeerRow, ...] = ()
-    phases: tuple[PartRow, ...] = ()
     rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
@@ -62,8 +60,6 @@ class Benchmark:
 
 def run_bench(
     scene: Scene,
-    geometry: CameraGeometry,
-    render: Render,
     image_of: ImageOf,
     forces_n: Sequence[float],
     *,
@@ -76,8 +72,6 @@ def run_bench(
 
     Args:
         scene: Its target does not matter, its preset is that of the growth.
-        geometry: The image's pixels.
-        render: Turns height maps into the tactile image.
         image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
         parts: What to measure; the scenes are measured apart, ``sim.studies.bench.scenes``.
@@ -89,31 +83,26 @@ def run_bench(
     """
     scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
+    # The replays first: their row has the process's peak of memory so far.
+    measures: dict[Part, tuple[str, Callable[[], Iterable[object]]]] = {
+        Part.REPLAY: (
+            "replays",
+            lambda: [measure_replay(scene, preset, forces_n, image_of) for preset in _PRESETS],
+        ),
+        Part.GROWTH: ("growth", lambda: growth(scene, depth_m=_GROWTH_DEPTH_M)),
+        Part.START: ("start", measure_start),
+        Part.THREADS: ("threads", lambda: measure_threads(scene)),
+        Part.RENDERING: ("rendering", lambda: measure_rendering(scene)),
+    }
     rows: defaultdict[str, list[Any]] = defaultdict(list)
-    exact_n = 0.0
+    for part, (name, measure) in measures.items():
+        if part in parts:
+            on_progress(part.value)
+            rows[name] += measure()
     if Part.BATCHES in parts or peer is not None:
         on_progress(f"F_z with preset {against}")
         exact_n = exact_force(scene, preset=against)
-    for preset in _PRESETS:
-        if Part.PHASES in parts:
-            on_progress(f"parts, preset {preset}")
-            rows["phases"] += part_times(scene, preset, geometry, render, depth_m=_PHASE_DEPTH_M)
-        if Part.REPLAY in parts:
-            on_progress(f"replay, preset {preset}")
-            rows["replays"].append(measure_replay(scene, preset, forces_n, image_of))
-    _side_by_side(rows, scene, exact_n, parts, peer, on_progress)
-    if Part.GROWTH in parts:
-        on_progress("growth with elements")
-        rows["growth"] += growth(scene, depth_m=_PHASE_DEPTH_M)
-    if Part.START in parts:
-        on_progress("start-up")
-        rows["start"] += measure_start()
-    if Part.THREADS in parts:
-        on_progress("threads of a factor")
-        rows["threads"] += measure_threads(scene)
-    if Part.RENDERING in parts:
-        on_progress(f"rendering, batches on {batch_device()}")
-        rows["rendering"] += measure_rendering(scene)
+        _side_by_side(rows, scene, exact_n, parts, peer, on_progress)
     rows["absent"] += _missing_gpu(parts)
     return Benchmark(**{name: tuple(found) for name, found in rows.items()})
 

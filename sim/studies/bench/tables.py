@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from operator import attrgetter
 
 from sim.studies.bench.batches import BALANCE, BatchPartsRow
 from sim.studies.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
+from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
 from sim.studies.bench.peer.comparison import peer_table
-from sim.studies.bench.press_parts import EXPONENT_WANTED, PartRow, exponent, local_exponents
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
@@ -33,7 +32,6 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _stress: found.batches,
         _launches: found.batches,
         lambda found: peer_table(found.batches, found.peers): found.peers,
-        _parts: found.phases,
         _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,
@@ -118,29 +116,6 @@ def _launches(found: Benchmark) -> Table:
             "together [us]": lambda row: round(1e6 * sum(row.parts_s.values()), 1),
         },
         **_prose("launches"),
-    )
-
-
-def _parts(found: Benchmark) -> Table:
-    rows = {(row.name, row.preset): row for row in found.phases}
-    presets = dict.fromkeys(row.preset for row in found.phases)
-
-    def time_ms(name: str, *, preset: str, of: Callable[[PartRow], float]) -> float:
-        return 1e3 * of(rows[name, preset])
-
-    return table_of(
-        dict.fromkeys(row.name for row in found.phases),
-        {
-            "part": str,
-            **{
-                f"{preset}, {what} [ms]": partial(
-                    time_ms, preset=preset, of=attrgetter(f"{what}_s")
-                )
-                for preset in presets
-                for what in ("median", "least")
-            },
-        },
-        **_prose("parts"),
     )
 
 

@@ -19,7 +19,7 @@ from sim.press_command import press_command, scene_from
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.press_parts import times_of
+from sim.studies.bench.frames import times_of
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 

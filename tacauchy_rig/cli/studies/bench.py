@@ -95,7 +95,7 @@ def bench(
     ] = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time batches, parts, images, a replay, growth, scenes, and start-up; minutes."""
+    """Time batches, images, a replay, growth, scenes, start-up and threads; minutes."""
     writable_folder(out)
     wanted = parts or list(Part)
     if Part.SCENES in wanted:
@@ -128,8 +128,6 @@ def _bench_parts(
     is_all: bool,
 ) -> None:
     """Measure, show and write everything but the scenes."""
-    from sim.optics.camera_geometry import camera_geometry
-    from sim.optics.render.renderer import nominal_renderer
     from sim.press_command import scene_of
     from sim.sensor.sensor import load_sensor
     from sim.studies.bench.figure import draw_bench
@@ -143,8 +141,6 @@ def _bench_parts(
     terms = SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST)
     found = run_bench(
         scene_of(terms),
-        camera_geometry(gel),
-        nominal_renderer(gel),
         replay_images(gel),
         load_config(None).config.protocol.force_targets,
         parts=parts,

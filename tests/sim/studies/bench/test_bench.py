@@ -10,19 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
-from sim.optics.height.height_map import HeightMaps
+from sim.optics.camera_geometry import ImageArray
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
+from sim.studies.bench import suite
 from sim.studies.bench.batches import BALANCE, environments, exact_force, measure_batches
 from sim.studies.bench.frames import FRAME_COUNT
+from sim.studies.bench.growth import exponent, growth, local_exponents
 from sim.studies.bench.part import Part
-from sim.studies.bench.press_parts import exponent, growth, local_exponents, part_times
 from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay, peak_memory_mib
-from sim.studies.bench.suite import Benchmark, run_bench
+from sim.studies.bench.suite import Benchmark
 from sim.studies.bench.tables import bench_tables
 
 _SCENE = Scene(
@@ -32,18 +32,6 @@ _SCENE = Scene(
     target=Target(depth_m=1e-3),
     preset=Preset.FAST,
 )
-_GEOMETRY = CameraGeometry(
-    width=24,
-    height=24,
-    scale_x_m=0.5e-3,
-    scale_y_m=0.5e-3,
-    centre_x_px=11.5,
-    centre_y_px=11.5,
-)
-
-
-def _render(maps: HeightMaps) -> ImageArray:
-    return np.zeros((*maps.loaded.shape, 3), dtype=np.uint8)
 
 
 def _image_of(surface: SurfaceState) -> ImageArray:
@@ -89,10 +77,8 @@ def found() -> Benchmark:
     """Return a benchmark of a coarse ball press; its replay is made up."""
     exact_n = exact_force(_SCENE, preset=Preset.FAST)
     batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
-    parts = part_times(_SCENE, Preset.FAST, _GEOMETRY, _render, depth_m=0.1e-3)
     return Benchmark(
         batches=tuple(batches),
-        phases=tuple(parts),
         rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
         replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
@@ -165,22 +151,6 @@ def test_environments_differ_but_the_first() -> None:
     assert all(0.9 <= other.load_history[-1] / first.load_history[-1] <= 1.0 for other in others)
 
 
-def test_every_part_is_timed(found: Benchmark) -> None:
-    """The least time is not above the median, and each part was repeated."""
-    assert [row.name for row in found.phases] == [
-        "assembly",
-        "factorisation",
-        "solution",
-        "contact",
-        "stress",
-        "height map",
-        "rendering",
-    ]
-    for row in found.phases:
-        assert 0.0 < row.least_s <= row.median_s
-        assert row.repeats >= 3
-
-
 def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
     """With samples, shadows and blur, no value is more than one grey level apart."""
     plain, alone, together = found.rendering
@@ -194,24 +164,20 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
 
 
 def test_tables_hold_every_row(found: Benchmark) -> None:
-    """One row a batch, a part, a replay, a mesh; what is absent is said."""
+    """One row a batch, an image, a replay, a mesh; what is absent is said."""
     tables = bench_tables(found)
-    assert [len(table.rows) for table in tables] == [2, 2, 4, 7, 3, 1, 2]
+    assert [len(table.rows) for table in tables] == [2, 2, 4, 3, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[0].note
-    assert "Not measured: many images." in tables[4].note
-    assert "exponent" in tables[6].columns[-1]
+    assert "Not measured: many images." in tables[3].note
+    assert "exponent" in tables[5].columns[-1]
 
 
-def test_only_what_was_asked_for_is_measured(found: Benchmark) -> None:
+def test_only_what_was_asked_for_is_measured(
+    found: Benchmark, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One part: its table and no other."""
-    only = run_bench(
-        _SCENE,
-        _GEOMETRY,
-        _render,
-        _image_of,
-        [0.5],
-        parts=(Part.PHASES,),
-    )
+    monkeypatch.setattr(suite, "growth", lambda *_, **__: found.growth)
+    only = suite.run_bench(_SCENE, _image_of, [0.5], parts=(Part.GROWTH,))
     titles = [table.title for table in bench_tables(found)]
-    assert [table.title for table in bench_tables(only)] == titles[3:4]
+    assert [table.title for table in bench_tables(only)] == titles[5:]

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from sim.studies.bench.figure import draw_bench
-from sim.studies.bench.press_parts import GrowthRow, PartRow
+from sim.studies.bench.growth import GrowthRow
 from sim.studies.bench.suite import Benchmark
 
 _GROWTH = tuple(
@@ -21,28 +21,19 @@ _GROWTH = tuple(
     )
     for size, cpu_s in ((300, 1.0), (1000, 2.5), (3000, 12.0))
 )
-_PARTS = tuple(
-    PartRow(preset=preset, name=name, median_s=median_s, least_s=median_s, repeats=3)
-    for preset, name, median_s in (
-        ("fast", "assembly", 3e-3),
-        ("fast", "contact", 5e-4),
-        ("balanced", "assembly", 9e-3),
-        ("balanced", "contact", 1e-3),
-    )
-)
 
 
 def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
     """Both files, wide enough to print, with something on them."""
-    files = draw_bench(Benchmark(phases=_PARTS, growth=_GROWTH), folder=tmp_path)
+    files = draw_bench(Benchmark(growth=_GROWTH), folder=tmp_path)
     assert [file.name for file in files] == ["bench.pdf", "bench.png"]
     picture = cv2.imread(str(files[1]))
     assert picture is not None
-    assert picture.shape[1] > 2000
+    assert picture.shape[1] > 1200
     assert picture.std() > 5.0
 
 
 def test_what_has_no_figure_draws_none(tmp_path: Path) -> None:
-    """Without parts, growth and batches there is nothing to see, and no file."""
+    """Without growth and batches there is nothing to see, and no file."""
     assert draw_bench(Benchmark(), folder=tmp_path) == []
     assert not list(tmp_path.iterdir())

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.studies.bench import suite
-from sim.studies.bench.press_parts import GrowthRow
+from sim.studies.bench.growth import GrowthRow
 from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.cli.app import app
 
