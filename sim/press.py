@@ -26,7 +26,7 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.replayed import Alternative
 
-_LIGHT = SolverOptions(residual_relative=1e-6)
+_ROUGHLY = SolverOptions(residual_relative=1e-6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +136,7 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
-        options=_LIGHT if scene.is_light else SolverOptions(),
+        options=_ROUGHLY if scene.has_wide_barrier else SolverOptions(),
     )
 
 

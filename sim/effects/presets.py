@@ -158,7 +158,7 @@ def build_model(
         distance_m=scene.contact_distance_m,
         bonded=scene.contact is ContactMode.BONDED,
         friction=scene.friction if plan.is_on(Effect.FRICTION) else 0.0,
-        extension=1.0 if scene.is_light else ContactOptions().extension,
+        extension=1.0 if scene.has_wide_barrier else ContactOptions().extension,
         face_splits=1 if scene.has_sharp_rim and scene.preset is not Preset.PAPER else 0,
     )
     return Model(

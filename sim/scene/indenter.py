@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.arrays import FloatArray, IntArray
 from sim.scene.triangle_file import MeshUnit, read_triangles
-from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
+from sim.scene.triangle_surface import TriangleSurface, closed_surface, offset, underside
 from tacauchy_rig.errors import ConfigError
 
 _SIZE_MIN_M = 0.1e-3
@@ -117,13 +117,17 @@ Indenter = Cylinder | Sphere | Plane | MeshIndenter
 def grown(indenter: Indenter, by_m: float) -> Indenter:
     """Return what lies within a distance of a body [m]; its tip lies lower by as much.
 
-    A plate and a mesh are returned as they are.
+    A plate is returned as it is.
     """
     if isinstance(indenter, Cylinder):
         fillet = indenter.fillet_m + by_m
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m, fillet_m=fillet)
     if isinstance(indenter, Sphere):
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m)
+    if isinstance(indenter, MeshIndenter):
+        surface = offset(indenter.surface, by_m)
+        raised = replace(surface, vertices=surface.vertices + np.array([0.0, 0.0, by_m]))
+        return replace(indenter, surface=raised, content_hash=raised.content_hash)
     return indenter
 
 

@@ -8,7 +8,7 @@ angles at a vertex (Baerentzen and Aanaes 2005).
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,10 @@ from tacauchy_rig.errors import ConfigError
 _MERGE_SHARE = 1e-6
 # A face that rises more steeply than by this z of its unit normal is a wall.
 _UPRIGHT = 1e-3
+# Where a surface is moved outwards, normals that differ by less than about 25 degrees count as one
+# (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther than so many
+# times as far as its faces.
+_ALIKE, _FARTHEST = 0.05, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +156,18 @@ def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatAr
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+
+
+def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
+    """Return a surface whose faces have moved outwards, edges and corners staying sharp."""
+    normals = np.repeat(surface.face_normals, 3, axis=0)
+    around, total = np.zeros((len(surface.vertices), 3, 3)), np.zeros_like(surface.vertices)
+    np.add.at(around, surface.faces.reshape(-1), normals[:, :, None] * normals[:, None, :])
+    np.add.at(total, surface.faces.reshape(-1), normals)
+    # Least squares of n . v = 1 over the faces around a vertex.
+    ways = np.einsum("vij,vj->vi", np.linalg.pinv(around, _ALIKE, hermitian=True), total)
+    ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / _FARTHEST)[:, None]
+    return replace(surface, vertices=surface.vertices + by * ways)
 
 
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -12,10 +12,11 @@ from sim.fields.press_fields import surface_state
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import height_maps
 from sim.press import path_for
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown, mesh_indenter
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
+from sim.scene.tilted_indenter import cylinder_triangles
 
 _DEPTH_M = 0.4e-3
 _SCENE = Scene(
@@ -36,7 +37,9 @@ _GEOMETRY = CameraGeometry(
 )
 
 
-@pytest.mark.parametrize("indenter", [_SCENE.indenter, Sphere(diameter_m=10e-3)])
+@pytest.mark.parametrize(
+    "indenter", [_SCENE.indenter, Sphere(diameter_m=10e-3), Cylinder(diameter_m=4e-3)]
+)
 def test_the_gel_lies_on_the_indenter_in_the_contact(indenter: Indenter) -> None:
     """It is as deep as the press, and touches as far as its contact points do."""
     scene = replace(_SCENE, indenter=indenter)
@@ -58,6 +61,15 @@ def test_a_grown_body_is_as_far_from_the_body_everywhere() -> None:
     np.testing.assert_allclose(below, 0.3e-3 - (0.3e-3 + by) * np.cos(angle), atol=1e-12)
     assert grown(Sphere(diameter_m=2e-3), by) == Sphere(diameter_m=2e-3 + 2.0 * by)
     assert grown(Plane(), by) == Plane()
+    facets = mesh_indenter(*cylinder_triangles(body, sectors=128), name="punch")
+    x = np.linspace(0.0, 1.9e-3, 20)
+    np.testing.assert_allclose(
+        grown(facets, by).lower_surface(x, np.zeros(20)),
+        grown(body, by).lower_surface(x, np.zeros(20)),
+        atol=2e-6,  # the facets' own
+    )
+    sharp = mesh_indenter(*cylinder_triangles(Cylinder(diameter_m=4e-3)), name="sharp")
+    assert np.ptp(grown(sharp, by).lower_surface(np.array([0.0, 2.03e-3]), np.zeros(2))) < 1e-9
 
 
 def test_a_narrow_barrier_leaves_the_body_as_it_is() -> None:
