@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.fields.stress import nodal_contact, surface_stress
-from sim.fields.surface import SurfaceState
+from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
@@ -99,21 +99,30 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     With a wide barrier the indenter comes with all that lies within d_hat of it: that is what the
     gel takes its shape from, and what depths count from.
     """
-    model = path.model
-    options = model.contact_options
+    options, top = path.model.contact_options, top_surface(path.model)
     reach = options.distance_m if options.is_wide else 0.0
-    nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
-    whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
-    faces = whole.faces(faces)
     return SurfaceState(
-        positions_rest=whole.vectors(model.nodes[nodes]),
-        positions=whole.vectors(point.state.positions[nodes]),
-        triangles=linear_facets(faces),
-        triangles6=faces if faces.shape[1] == 6 else None,
+        positions_rest=top.rest,
+        positions=top.of(point.state.positions),
+        triangles=linear_facets(top.faces),
+        triangles6=top.faces if top.faces.shape[1] == 6 else None,
         indenter=grown(path.indenter, reach) if reach else path.indenter,
         indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),
         standoff_m=options.distance_m - reach,
+        mesh_axis_m=top.mesh_axis_m,
+    )
+
+
+def top_surface(model: Model) -> TopSurface:
+    """Return the whole contact surface at rest; a part of a pad is mirrored."""
+    nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
+    whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
+    return TopSurface(
+        rest=whole.vectors(model.nodes[nodes]),
+        faces=whole.faces(faces),
+        sources=nodes[whole.sources],
+        signs=whole.signs,
         mesh_axis_m=model.mesh.axis_m,
     )
 

@@ -4,8 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sim.arrays import FloatArray, IntArray
 from sim.scene.indenter import Indenter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopSurface:
+    """The gel's contact surface at rest, and how its nodes follow those of a model.
+
+    Attributes:
+        rest: Nodes at rest [m], shape [node_count, 3].
+        faces: Counter-clockwise seen from +z: linear ones, shape [face_count, 3], or quadratic
+            ones, shape [face_count, 6], corners 0, 1, 2, then the nodes on the edges 01, 12, 20.
+        sources: Node of the model that each node is, or mirrors.
+        signs: Of its coordinates, shape [node_count, 3].
+        mesh_axis_m: Axis about which the mesh was revolved, x and y [m]; None where it was not.
+    """
+
+    rest: FloatArray
+    faces: IntArray
+    sources: IntArray
+    signs: FloatArray
+    mesh_axis_m: tuple[float, float] | None = None
+
+    def of(self, nodes: FloatArray) -> FloatArray:
+        """Return its nodes from those of the model, such as positions [m], [node_count, 3]."""
+        return np.asarray(nodes[self.sources] * self.signs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,3 +70,14 @@ class SurfaceState:
     indenter_rotation: FloatArray
     standoff_m: float = 0.0
     mesh_axis_m: tuple[float, float] | None = None
+
+    @property
+    def top(self) -> TopSurface:
+        """The surface at rest, of which this one is its own model."""
+        return TopSurface(
+            rest=self.positions_rest,
+            faces=self.triangles if self.triangles6 is None else self.triangles6,
+            sources=np.arange(len(self.positions_rest), dtype=np.int32),
+            signs=np.ones_like(self.positions_rest),
+            mesh_axis_m=self.mesh_axis_m,
+        )

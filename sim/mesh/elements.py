@@ -18,6 +18,8 @@ from sim.arrays import FloatArray, IntArray
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
 FACE_EDGES = ((0, 1), (1, 2), (2, 0))
+# Nodes of a quadratic face at the corners of its four parts.
+QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 _TRIANGLE_GRADIENTS = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
 
 
@@ -170,8 +172,7 @@ def linear_facets(faces: IntArray) -> IntArray:
     """Split quadratic faces [n, 6] in four linear facets each; linear faces pass through."""
     if faces.shape[1] == 3:
         return faces
-    parts = [faces[:, list(part)] for part in ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))]
-    return np.concatenate(parts)
+    return np.concatenate([faces[:, list(part)] for part in QUARTERS])
 
 
 def _face_columns(elements: IntArray, face: tuple[int, int, int]) -> list[int]:

@@ -61,6 +61,10 @@ class WholeSurface:
     Args:
         symmetry: By which the part stands for the whole.
         rest: Nodes of the part at rest [m], shape [node_count, 3].
+
+    Attributes:
+        sources: Node of the part that each node of the whole is, or mirrors.
+        signs: Of its coordinates, shape [whole node_count, 3].
     """
 
     def __init__(self, symmetry: MirrorSymmetry, rest: FloatArray) -> None:
@@ -68,21 +72,22 @@ class WholeSurface:
         copies = np.concatenate([rest * sign for sign in self._signs])
         grid = np.round(copies / (_SAME_POINT * max(float(np.abs(rest).max()), 1e-30)))
         _, first, inverse = np.unique(grid + 0.0, axis=0, return_index=True, return_inverse=True)
-        self._first = first
+        copy, self.sources = np.divmod(first, len(rest))
+        self.signs = np.array(self._signs)[copy]
         self._inverse = inverse.reshape(-1).astype(np.int32)
         self._count = len(rest)
 
     def vectors(self, values: FloatArray) -> FloatArray:
         """Return a vector field such as position or displacement of the whole."""
-        return np.concatenate([values * sign for sign in self._signs])[self._first]
+        return np.asarray(values[self.sources] * self.signs)
 
     def scalars(self, values: FloatArray) -> FloatArray:
         """Return a scalar field of the whole."""
-        return np.tile(values, len(self._signs))[self._first]
+        return np.asarray(values[self.sources])
 
     def nodal_forces(self, values: FloatArray) -> FloatArray:
         """Return nodal forces of the whole: on a mirror plane both sides add."""
-        whole = np.zeros((len(self._first), 3))
+        whole = np.zeros((len(self.sources), 3))
         np.add.at(whole, self._inverse, np.concatenate([values * sign for sign in self._signs]))
         return whole
 

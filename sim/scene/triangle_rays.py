@@ -1,4 +1,4 @@
-"""Rays against a triangle surface, cast by Warp: what lies first above points of the plan."""
+"""Rays against a triangle surface, cast by Warp: how low it is over points of the plan."""
 
 from __future__ import annotations
 
@@ -7,33 +7,68 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray, IntArray
-from sim.device import start_warp
+from sim.arrays import FloatArray
+from sim.device import Device, start_warp
 from sim.scene.triangle_surface import TriangleSurface
 
 start_warp()
 
 # Rays start below a surface of size one about z = 0.
-_RAY_START = -2.0
+_RAY_START = wp.constant(wp.float32(-2.0))
+# A face that rises more steeply than by this z of its unit normal is a wall.
+_UPRIGHT = wp.constant(wp.float64(1.0e-3))
+# In place of infinity, which is not the same number on all devices.
+BESIDE = wp.constant(wp.float64(1.0e9))
+
+
+@wp.func
+def lowest_height(
+    tree: wp.uint64,
+    centre: wp.vec3d,
+    per_size: wp.float64,
+    vertices: wp.array(dtype=wp.vec3d),
+    faces: wp.array2d(dtype=wp.int32),
+    face_normals: wp.array(dtype=wp.vec3d),
+    x: wp.float64,
+    y: wp.float64,
+) -> wp.float64:
+    """Return the lowest height of a surface over a point of the plan, ``BESIDE`` beside it.
+
+    A ray in single precision finds the face; the height on it is kept within the face.
+    """
+    along_x, along_y = (x - centre[0]) * per_size, (y - centre[1]) * per_size
+    start = wp.vec3f(wp.float32(along_x), wp.float32(along_y), _RAY_START)
+    hit = wp.mesh_query_ray(tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
+    if not hit.result:
+        return BESIDE
+    a, b = vertices[faces[hit.face, 0]], vertices[faces[hit.face, 1]]
+    c, n = vertices[faces[hit.face, 2]], face_normals[hit.face]
+    low, high = wp.min(wp.min(a[2], b[2]), c[2]), wp.max(wp.max(a[2], b[2]), c[2])
+    # A wall that a ray grazes has no height of its own there: its lower end counts.
+    if wp.abs(n[2]) < _UPRIGHT:
+        return low
+    return wp.clamp(a[2] + (n[0] * (a[0] - x) + n[1] * (a[1] - y)) / n[2], low, high)
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def _first_face(
+def _lowest_heights(
     # Model:
-    mesh: wp.uint64,
-    start_z: wp.float32,
+    tree: wp.uint64,
+    centre: wp.vec3d,
+    per_size: wp.float64,
+    vertices: wp.array(dtype=wp.vec3d),
+    faces: wp.array2d(dtype=wp.int32),
+    face_normals: wp.array(dtype=wp.vec3d),
     # Data in:
-    plan: wp.array(dtype=wp.vec2f),
+    plan: wp.array(dtype=wp.vec2d),
     # Data out:
-    face_out: wp.array(dtype=wp.int32),
+    height_out: wp.array(dtype=wp.float64),
 ):
-    """Find the first face above every point of the plan, -1 where there is none."""
+    """Find the lowest height over every point of the plan."""
     i = wp.tid()
-    start = wp.vec3f(plan[i][0], plan[i][1], start_z)
-    hit = wp.mesh_query_ray(mesh, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
-    face_out[i] = -1
-    if hit.result:
-        face_out[i] = hit.face
+    height_out[i] = lowest_height(
+        tree, centre, per_size, vertices, faces, face_normals, plan[i][0], plan[i][1]
+    )
 
 
 def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, float]:
@@ -48,21 +83,19 @@ def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, f
     return wp.Mesh(points=points, indices=corners), centre, size
 
 
-def first_faces(surface: TriangleSurface, plan: FloatArray) -> IntArray:
-    """Return the first face above points of the plan, -1 where there is none, shape [count].
+def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
+    """Return the lowest height of a surface over points of the plan, inf beside it, shape [count].
 
     Args:
         surface: Any unit.
         plan: Shape [count, 2].
     """
-    mesh, centre, scale = unit_tree(surface, "cpu")
-    faces = wp.empty(len(plan), dtype=wp.int32, device="cpu")
-    rays: Any = wp.array((plan - centre[:2]) / scale, dtype=wp.vec2f, device="cpu")
-    wp.launch(
-        _first_face,
-        dim=len(plan),
-        inputs=[mesh.id, _RAY_START, rays],
-        outputs=[faces],
-        device="cpu",
-    )
-    return np.asarray(faces.numpy())
+    device = Device("cpu")
+    tree, centre, size = unit_tree(surface, device.name)
+    inputs = [tree.id, wp.vec3d(*centre), 1.0 / size]
+    inputs += [device.vectors(surface.vertices), device.array(surface.faces, wp.int32)]
+    inputs += [device.vectors(surface.face_normals), device.array(plan, wp.vec2d)]
+    heights = device.empty((len(plan),), wp.float64)
+    device.launch(_lowest_heights, (len(plan),), inputs, [heights])
+    found: FloatArray = heights.numpy()
+    return np.where(found >= float(BESIDE), np.inf, found)

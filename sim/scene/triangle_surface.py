@@ -17,8 +17,6 @@ from tacauchy_rig.errors import ConfigError
 
 # Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6
-# A face that rises more steeply than by this z of its unit normal is a wall.
-_UPRIGHT = 1e-3
 # Where a surface is moved outwards, normals that differ by less than about 25 degrees count as one
 # (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther than so many
 # times as far as its faces.
@@ -173,31 +171,13 @@ def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the lowest height of a surface over points of the plan, inf beside it.
 
-    Rays in single precision find the face; the height on it is computed in double precision.
-
     Args:
         surface: Any unit.
         x: Any shape.
         y: Shape that broadcasts with that of ``x``.
     """
-    from sim.scene.triangle_rays import first_faces  # noqa: PLC0415 - Warp, where rays are cast
+    from sim.scene.triangle_rays import lowest_heights  # noqa: PLC0415 - Warp, where rays are cast
 
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
-    found = first_faces(surface, plan)
-    heights = np.full(len(plan), np.inf)
-    hit = found >= 0
-    heights[hit] = _height_on(surface, found[hit], plan[hit])
-    return heights.reshape(x.shape)
-
-
-def _height_on(surface: TriangleSurface, faces: IntArray, plan: FloatArray) -> FloatArray:
-    """Return the height of the faces' planes at points, kept within the faces."""
-    corners = surface.vertices[surface.faces[faces]]
-    normals = surface.face_normals[faces]
-    rise = np.einsum("ij,ij->i", normals[:, :2], corners[:, 0, :2] - plan)
-    # A wall that a ray grazes has no height of its own there: its lower end counts.
-    upright = np.abs(normals[:, 2]) < _UPRIGHT
-    height = corners[:, 0, 2] + rise / np.where(upright, 1.0, normals[:, 2])
-    height = np.where(upright, -np.inf, height)
-    return np.clip(height, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))
+    return lowest_heights(surface, plan).reshape(x.shape)

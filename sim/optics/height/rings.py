@@ -10,43 +10,78 @@ nodes at the ends of chords are put onto the smooth closed curve through those i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.surface import SurfaceState
 
 _SAME_RADIUS_M = 1e-9
 _SAME_ANGLE_RAD = 1e-6
 _SECTORS_MIN = 4
 
 
-def with_round_rings(surface: SurfaceState) -> SurfaceState:
-    """Return a surface whose circles about the mesh's axis are smooth.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoundRings:
+    """How nodes at the ends of chords follow from those in the middle.
 
-    Surfaces of meshes that were not revolved, and of linear elements, are returned as they are.
+    Attributes:
+        angle: About the axis at rest of the mesh's nodes [rad], shape [node_count].
+        between: Nodes in the middle of chords, ring by ring.
+        on_rays: Nodes at the ends of chords, ring by ring.
+        starts: Where the ring of each of these begins in ``between``.
+        weight_starts: Where its weights begin.
+        counts: How many nodes its ring has between rays.
+        weights: Of radius, turn and height of those nodes in its own.
     """
-    if surface.mesh_axis_m is None or surface.triangles6 is None:
-        return surface
-    axis = np.array(surface.mesh_axis_m)
-    radius, angle = _polar(surface.positions_rest[:, :2] - axis)
-    deformed_radius, deformed_angle = _polar(surface.positions[:, :2] - axis)
-    turned = _wrapped(deformed_angle - angle)
-    place = np.stack([deformed_radius, turned, surface.positions[:, 2]], axis=1)
-    drawn = surface.positions.copy()
-    for on_rays, in_sectors in _rings(surface.triangles6, radius, angle):
-        between = in_sectors[np.argsort(angle[in_sectors])]
-        once_more = np.append(between, between[0])
-        turn = np.append(angle[between], angle[between[0]] + 2.0 * np.pi)
-        curve = CubicSpline(turn, place[once_more], bc_type="periodic")
-        at = angle[on_rays]
-        out, along, height = curve(at).T
-        drawn[on_rays] = np.stack(
-            [axis[0] + out * np.cos(at + along), axis[1] + out * np.sin(at + along), height], axis=1
-        )
-    return replace(surface, positions=drawn)
+
+    angle: FloatArray
+    between: IntArray
+    on_rays: IntArray
+    starts: IntArray
+    weight_starts: IntArray
+    counts: IntArray
+    weights: FloatArray
+
+
+def round_rings(rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]) -> RoundRings:
+    """Return what draws the circles of a revolved mesh of quadratic faces about its axis smooth.
+
+    A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.
+
+    Args:
+        rest: Nodes at rest [m], shape [node_count, 3].
+        faces: Shape [face_count, 6].
+        axis_m: x and y [m].
+    """
+    offset = rest[:, :2] - np.array(axis_m)
+    radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+    empty = np.zeros(0, dtype=np.int32)
+    between, on_rays, starts, counts = [empty], [empty], [empty], [empty]
+    weights = [np.zeros(0)]
+    begin = 0
+    for rays, middles in _rings(faces, radius, angle):
+        ordered = middles[np.argsort(angle[middles])]
+        turn = np.append(angle[ordered], angle[ordered[0]] + 2.0 * np.pi)
+        ones = np.eye(len(ordered))[[*range(len(ordered)), 0]]
+        curve = CubicSpline(turn, ones, bc_type="periodic")
+        weights.append(curve(angle[rays]).reshape(-1))
+        between.append(ordered)
+        on_rays.append(rays)
+        starts.append(np.full(len(rays), begin))
+        counts.append(np.full(len(rays), len(ordered)))
+        begin += len(ordered)
+    count = np.concatenate(counts)
+    return RoundRings(
+        angle=angle,
+        between=np.concatenate(between),
+        on_rays=np.concatenate(on_rays),
+        starts=np.concatenate(starts),
+        weight_starts=np.cumsum(count) - count,
+        counts=count,
+        weights=np.concatenate(weights),
+    )
 
 
 def _rings(
@@ -73,10 +108,6 @@ def _rings(
         on_rays, between = nodes[members[on_ray[members]]], nodes[members[~on_ray[members]]]
         if len(on_rays) == len(between) >= _SECTORS_MIN:
             yield on_rays, between
-
-
-def _polar(offset: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(offset[:, 1], offset[:, 0])
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:

@@ -1,79 +1,131 @@
-"""Steep quadratic faces, split so that they are drawn as they are curved.
+"""Steep quadratic faces, cut so that they are drawn as they are curved: which nodes that adds.
 
 Heights are interpolated as a graph over the image, from facet to facet. Where a wall is steep, its
 quadratic face is seen as a narrow sliver, and a graph through its six nodes is not the face. A face
-is cut in sixteen, all of them the same quadratic surface; what was solved is not changed.
+is cut in sixteen, all of them the same quadratic surface; what was solved is not changed. Edges of
+which only one face is cut stay straight seen from above, as the other face draws them.
+
+A face's places are the points of a grid of eighths: its six nodes, six more on each edge, and 21
+inside. Which faces are steep changes with every press; the tables here serve whichever are.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.surface import SurfaceState
-from sim.mesh.elements import linear_facets, quadratic_triangle_values
-from sim.optics.height.gradient_recovery import FACE_NODES, shape_derivatives
+from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 
-_STEEP_SLOPE = 0.5
-_TIMES = 2
-# Corners of the four parts of a face among its nodes.
-_PARTS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+_EIGHTHS = 8
+_FACE_NODES = ((8, 0, 0), (0, 8, 0), (0, 0, 8), (4, 4, 0), (0, 4, 4), (4, 0, 4))
+_ON_EDGE = (1, 2, 3, 5, 6, 7)
 
 
-def with_steep_faces_split(surface: SurfaceState) -> SurfaceState:
-    """Return a surface whose steep faces are cut in sixteen; linear ones stay as they are."""
-    if surface.triangles6 is None:
-        return surface
-    nodes = np.concatenate([surface.positions_rest, surface.positions], axis=1)
-    steep = _is_steep(surface.positions, surface.triangles6)
-    kept, faces = surface.triangles6[~steep], surface.triangles6[steep]
-    for _ in range(_TIMES):
-        nodes, faces = _in_four(nodes, faces)
-    triangles6 = np.concatenate([kept, faces])
-    return replace(
-        surface,
-        positions_rest=nodes[:, :3],
-        positions=nodes[:, 3:],
-        triangles=linear_facets(triangles6),
-        triangles6=triangles6,
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutFace:
+    """Places of a face that is cut in sixteen.
+
+    Attributes:
+        values: Shape functions of the face at its places, shape [45, 6].
+        straight: How far a place moves, seen from above, with the bend of each edge that is
+            drawn straight, shape [45, 3].
+        parts: Places of the parts' nodes, shape [16, 6].
+    """
+
+    values: FloatArray
+    straight: FloatArray
+    parts: IntArray
 
 
-def _is_steep(positions: FloatArray, triangles6: IntArray) -> NDArray[np.bool_]:
-    """Mark the faces that are somewhere steeper than a limit, or hang over, shape [face_count]."""
-    along = np.einsum("qkn,fnd->fqkd", shape_derivatives(), positions[triangles6])
-    normal = np.cross(along[:, :, 0], along[:, :, 1])
-    sideways = np.hypot(normal[..., 0], normal[..., 1])
-    return np.asarray(np.any(sideways > _STEEP_SLOPE * normal[..., 2], axis=1))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedNodes:
+    """Nodes that cutting all faces of a mesh would add, numbered after the mesh's own.
+
+    Attributes:
+        across: The face across each edge, -1 at the border, shape [face_count, 3].
+        face: A face of each added node.
+        beside: The other one of a node on an edge, -1 where there is none.
+        place: Which place of ``face`` it is.
+        parts: Nodes of the parts of all faces, face by face, shape [16 face_count, 6].
+    """
+
+    across: IntArray
+    face: IntArray
+    beside: IntArray
+    place: IntArray
+    parts: IntArray
 
 
-def _in_four(nodes: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Cut every face in four.
+@cache
+def cut_face() -> CutFace:
+    """Return the places of a face; the first 24 are its nodes and those on its edges."""
+    places = list(_FACE_NODES)
+    for a, b in FACE_EDGES:
+        for step in _ON_EDGE:
+            place = [0, 0, 0]
+            place[a], place[b] = _EIGHTHS - step, step
+            places.append((place[0], place[1], place[2]))
+    inner = [(a, b, _EIGHTHS - a - b) for a in range(1, _EIGHTHS) for b in range(1, _EIGHTHS - a)]
+    places += [place for place in inner if place not in places]
+    number = {place: index for index, place in enumerate(places)}
+    values = np.stack([quadratic_triangle_values(np.array(place) / _EIGHTHS) for place in places])
+    parts = []
+    straight = np.zeros((len(places), 3))
+    for quarter in _in_four(np.array(_FACE_NODES)):
+        corners, middles = quarter[:3], quarter[3:]
+        to_local = np.linalg.inv(corners.T.astype(np.float64))
+        for sixteenth in _in_four(quarter):
+            nodes = [number[tuple(place)] for place in sixteenth.tolist()]
+            parts.append(nodes)
+            shapes = [quadratic_triangle_values(to_local @ place) for place in sixteenth]
+            for edge, (_, _, opposite) in enumerate(((0, 1, 2), (1, 2, 0), (2, 0, 1))):
+                bent = 3 + np.flatnonzero(middles[:, opposite] == 0)
+                straight[nodes, edge] = np.array(shapes)[:, bent].sum(axis=1)
+    return CutFace(values=values, straight=straight, parts=np.array(parts, dtype=np.int32))
 
-    Edges of which only one face is cut stay straight seen from above, as the other face draws them.
+
+def _in_four(nodes: IntArray) -> list[IntArray]:
+    """Return the four parts of a face with six nodes in eighths, each with six."""
+    parts = [nodes[list(part)] for part in QUARTERS]
+    return [np.concatenate([part, (part + np.roll(part, -1, axis=0)) // 2]) for part in parts]
+
+
+def added_nodes(faces: IntArray, node_count: int) -> AddedNodes:
+    """Number the nodes that cutting quadratic faces would add.
 
     Args:
-        nodes: At rest and deformed [m], shape [node_count, 6].
         faces: Shape [face_count, 6].
-
-    Returns:
-        The nodes, new ones at the end, and the parts, shape [4 face_count, 6].
     """
-    corners = faces[:, _PARTS]
-    ends = np.stack([corners, np.roll(corners, -1, axis=2)], axis=-1).reshape(-1, 2)
-    middles = 0.5 * (FACE_NODES[_PARTS] + np.roll(FACE_NODES[_PARTS], -1, axis=1))
-    shapes = np.apply_along_axis(quadratic_triangle_values, -1, middles)
-    values = np.einsum("pmk,fkd->fpmd", shapes, nodes[faces]).reshape(-1, nodes.shape[1])
-    edges, first, edge_of, uses = np.unique(
+    ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, first, edge, uses = np.unique(
         np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
     )
-    new = values[first]
-    rim = uses == 1
-    new[rim, :2] = nodes[edges[rim], :2].mean(axis=1)
-    new[rim, 3:5] = nodes[edges[rim], 3:5].mean(axis=1)
-    numbers = len(nodes) + edge_of.reshape(*corners.shape)
-    parts = np.concatenate([corners, numbers], axis=2).reshape(-1, 6)
-    return np.concatenate([nodes, new]), parts.astype(np.int32)
+    edge = edge.reshape(-1)
+    order = np.argsort(edge, kind="stable")
+    last = order[np.cumsum(uses) - 1]
+    other = np.where(np.arange(len(edge)) == first[edge], last[edge], first[edge])
+    across = np.where(uses[edge] == 2, other // 3, -1).astype(np.int32).reshape(-1, 3)
+    count, steps = len(_ON_EDGE), np.arange(len(_ON_EDGE))
+    forward = (ends[:, 0] < ends[:, 1])[:, None]
+    on_edges = count * edge[:, None] + np.where(forward, steps, steps[::-1])
+    cut = cut_face()
+    inner = len(cut.values) - 6 - 3 * count
+    own = count * len(first) + np.arange(len(faces) * inner).reshape(-1, inner)
+    added = np.concatenate([on_edges.reshape(-1, 3 * count), own], axis=1)
+    place_of = np.broadcast_to(6 + np.arange(added.shape[1]), added.shape)
+    face_of = np.broadcast_to(np.arange(len(faces))[:, None], added.shape)
+    _, at = np.unique(added, return_index=True)
+    face, place = face_of.reshape(-1)[at], place_of.reshape(-1)[at]
+    on_edge = place < 6 + 3 * count
+    beside = np.where(on_edge, across[face, np.where(on_edge, (place - 6) // count, 0)], -1)
+    nodes = np.concatenate([faces, node_count + added], axis=1)
+    return AddedNodes(
+        across=across,
+        face=face.astype(np.int32),
+        beside=beside.astype(np.int32),
+        place=place.astype(np.int32),
+        parts=nodes[:, cut.parts].reshape(-1, 6).astype(np.int32),
+    )

@@ -2,13 +2,60 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.surface import SurfaceState
+from sim.device import Device
+from sim.fields.surface import SurfaceState, TopSurface
+from sim.mesh.elements import linear_facets
+from sim.optics.markers.point_kernel import carry_points
 from tacauchy_rig.errors import ConfigError
 
 _TOLERANCE = 1e-6
+
+
+class MaterialPoints:
+    """Points of a gel's surface, on one device, in as many environments as there are positions.
+
+    Args:
+        top: The surface at rest.
+        points: x, y at rest [m], shape [n, 2].
+        count: Environments.
+        device: Warp's name of it.
+
+    Raises:
+        ConfigError: A point lies beside the surface.
+    """
+
+    def __init__(
+        self, top: TopSurface, points: FloatArray, *, count: int = 1, device: str = "cpu"
+    ) -> None:
+        self._device = Device(device)
+        facets = linear_facets(top.faces)
+        chosen, weights = _cover(top.rest[facets][..., :2], points)
+        corners, array = facets[chosen], self._device.array
+        self._tables = [
+            array(top.sources[corners], wp.int32),
+            array(top.signs[corners], wp.vec3d),
+            array(top.rest[corners], wp.vec3d),
+            array(weights, wp.vec3d),
+        ]
+        self._moved: Any = self._device.zeros((count, len(points)), wp.vec3d)
+
+    def displacement(self, positions: Any) -> Any:
+        """Return the displacement of the points [m], vec3d, shape [count, n].
+
+        Exactly zero where nothing moved.
+
+        Args:
+            positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
+        """
+        taken = [*self._tables, positions]
+        self._device.launch(carry_points, self._moved.shape, taken, [self._moved])
+        return self._moved
 
 
 def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArray:
@@ -24,9 +71,9 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
     Raises:
         ConfigError: A point lies beside the surface.
     """
-    facets, weights = _cover(surface.positions_rest[surface.triangles][..., :2], points)
-    moved = surface.positions - surface.positions_rest
-    return np.asarray(np.einsum("nc,ncd->nd", weights, moved[surface.triangles[facets]]))
+    positions = Device("cpu").vectors(surface.positions[None])
+    found = MaterialPoints(surface.top, points).displacement(positions)
+    return np.asarray(found.numpy()[0])
 
 
 def _cover(corners: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -94,8 +94,9 @@ class TactileRenderer:
     def render(self, height: RealArray) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
-        images = self._rendered((self._rest_height - height)[None])
-        return np.array(images.numpy()[0])
+        images = self._images_of(1, self._base)
+        images.take((self._rest_height - height)[None])
+        return np.array(self._rendered(images).numpy()[0])
 
     def render_batch(self, indentation_m: Any) -> Any:
         """Return the images as a Warp array of uint8, shape [batch, height, width, 3].
@@ -104,11 +105,21 @@ class TactileRenderer:
             indentation_m: Unloaded minus loaded height [m], a Warp float32 array on the renderer's
                 device or a NumPy array, shape [batch, height, width], of the samples.
         """
-        return wp.clone(self._rendered(indentation_m))
-
-    def _rendered(self, indentation_m: Any) -> Any:
         images = self._images_of(len(indentation_m), self._base)
         images.take(indentation_m)
+        return wp.clone(self._rendered(images))
+
+    def prepared(self, count: int) -> tuple[Any, Callable[[], Any]]:
+        """Return where indentations of images are written, and what renders those written there.
+
+        The indentations [m] are a Warp float32 array of shape [count, height, width], of the
+        samples. Rendering launches and does not wait; its images are those of ``render_batch`` in
+        an array that the next rendering of as many overwrites.
+        """
+        images = self._images_of(count, self._base)
+        return images.dent, partial(self._rendered, images)
+
+    def _rendered(self, images: _Images) -> Any:
         self._run(images.to_change)
         self._run(images.to_bytes)
         return images.bytes
@@ -147,6 +158,7 @@ class _Images:
     """Memory for some images at a time, and the recorded launches that fill it.
 
     Attributes:
+        dent: Indentations of the samples [m], shape [count, height, width] of them.
         change: Change of light of pixels, channel by channel.
         bytes: Of the images, shape [count, height, width, 3].
         to_change: Stages from dents to changes of light, each of parts.
@@ -166,7 +178,7 @@ class _Images:
         self._layout, self._count, self._device = layout, count, layout.device
         geometry = layout.geometry
         fine = geometry.refined(layout.samples)
-        self._dent: Any = wp.empty(
+        self.dent: Any = wp.empty(
             (count, fine.height, fine.width), dtype=wp.float32, device=self._device
         )
         self.bytes: Any = wp.empty(
@@ -182,12 +194,12 @@ class _Images:
 
     def take(self, indentation_m: Any) -> None:
         """Take the indentations of the samples [m], shape [count, height, width]."""
-        if isinstance(indentation_m, np.ndarray) and self._dent.device.is_cpu:
-            self._dent.numpy()[...] = indentation_m
+        if isinstance(indentation_m, np.ndarray) and self.dent.device.is_cpu:
+            self.dent.numpy()[...] = indentation_m
         elif isinstance(indentation_m, np.ndarray):
-            self._dent.assign(indentation_m.astype(np.float32))
+            self.dent.assign(indentation_m.astype(np.float32))
         else:
-            wp.copy(self._dent, indentation_m)
+            wp.copy(self.dent, indentation_m)
 
     def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
         layout, count = self._layout, self._count
@@ -204,7 +216,7 @@ class _Images:
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
         return [
-            self._by_blocks(lay_out_samples, [rest, self._dent, dents, height]),
+            self._by_blocks(lay_out_samples, [rest, self.dent, dents, height]),
             go_on(self._height),
             self._by_blocks(tilt_samples, [self._height.shifted[:, 0], *tilts]),
             go_on(self._along),
@@ -224,7 +236,7 @@ class _Images:
         layout, n = self._layout, self._layout.samples
         along, across = layout.samples_of(self._along), layout.samples_of(self._across)
         changes = []
-        for tilt, dent in zip(np.stack([along, across], axis=1), self._dent.numpy(), strict=True):
+        for tilt, dent in zip(np.stack([along, across], axis=1), self.dent.numpy(), strict=True):
             change = function(tilt, dent)
             _check_shape("a renderer's change of light", change.shape, (3, *dent.shape))
             parts = [change[:, a::n, c::n] for a in range(n) for c in range(n)]
@@ -239,7 +251,7 @@ class _Images:
     def _darkened(self, lamp: Lamp, softness_m: float) -> list[list[Task]]:
         layout = self._layout
         fine = layout.geometry.refined(layout.samples)
-        hidden = HiddenLamp(lamp, softness_m, fine, self._dent, layout.lanes, self._highest)
+        hidden = HiddenLamp(lamp, softness_m, fine, self.dent, layout.lanes, self._highest)
         self._highest = hidden.highest
         self._kept.append(hidden)
         light = [hidden.rays, wp.vec3f(*lamp.towards), wp.vec3f(*lamp.colour)]

@@ -25,8 +25,8 @@ from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.tet_mesh import TetMesh
 from sim.optics.camera_geometry import CameraGeometry, camera_geometry
-from sim.optics.height.contact import indenter_height
 from sim.optics.height.height_map import height_maps
+from sim.optics.height.underside_kernel import indenter_height
 from sim.press import follow, path_for
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import ParametricPad, SurfacePad

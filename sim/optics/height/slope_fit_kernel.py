@@ -1,0 +1,105 @@
+"""Slope of a mesh of linear facets at its nodes, by quadratic fits to two rings of neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from scipy import sparse
+
+from sim.arrays import IntArray
+from sim.optics.height.node_kernel import FREE, TOUCHES
+
+_TERMS = wp.constant(5)
+_Normal = wp.types.matrix(shape=(5, 5), dtype=wp.float64)
+_Load = wp.types.vector(length=5, dtype=wp.float64)
+# Of the matrix' trace: on slopes, and on curvatures, which few neighbours do not settle.
+_RIDGE_SLOPE = wp.constant(wp.float64(1.0e-9))
+_RIDGE_CURVATURE = wp.constant(wp.float64(1.0e-6))
+# Added to squared distances over the mean one, so that no neighbour counts for all.
+_NEAREST = wp.constant(wp.float64(1.0e-3))
+_TRACE_LEAST = wp.constant(wp.float64(1.0e-12))
+
+
+@wp.func
+def _solved(matrix: _Normal, load: _Load):
+    """Eliminate without pivoting: the matrix is positive definite."""
+    for i in range(_TERMS):
+        for j in range(i + 1, _TERMS):
+            factor = matrix[j, i] / matrix[i, i]
+            for k in range(i, _TERMS):
+                matrix[j, k] = matrix[j, k] - factor * matrix[i, k]
+            load[j] = load[j] - factor * load[i]
+    for back in range(_TERMS):
+        i = _TERMS - 1 - back
+        for k in range(i + 1, _TERMS):
+            load[i] = load[i] - matrix[i, k] * load[k]
+        load[i] = load[i] / matrix[i, i]
+    return load
+
+
+@wp.func
+def _counts(
+    states: wp.array2d(dtype=wp.int32),
+    marks: wp.array3d(dtype=wp.int32),
+    env: int,
+    node: int,
+    neighbour: int,
+):
+    """Return whether a neighbour has a say: nodes inside the contact have none outside of it."""
+    inside = (states[env, node] & TOUCHES) > 0 and marks[env, node, FREE] == 0
+    other = (states[env, neighbour] & TOUCHES) > 0 and marks[env, neighbour, FREE] == 0
+    return inside or not other
+
+
+@wp.kernel(enable_backward=False)
+def fit_slopes(
+    # Model:
+    ring_starts: wp.array(dtype=wp.int32),
+    ring_nodes: wp.array(dtype=wp.int32),
+    # Data in:
+    states: wp.array2d(dtype=wp.int32),
+    marks: wp.array3d(dtype=wp.int32),
+    nodes: wp.array2d(dtype=wp.vec3d),
+    # Data out:
+    sum_out: wp.array2d(dtype=wp.vec3d),
+):
+    """Fit z = z_i + g (x - x_i) + quadratic around each node; exact for quadratic surfaces.
+
+    Nodes inside the contact are no neighbours of nodes on its edge or outside, because the slope
+    jumps at a sharp rim: there the slope is that of the free gel.
+    """
+    env, i = wp.tid()
+    one = wp.float64(1.0)
+    x = nodes[env, i]
+    total, count = wp.float64(0.0), wp.float64(0.0)
+    for n in range(ring_starts[i], ring_starts[i + 1]):
+        if _counts(states, marks, env, i, ring_nodes[n]):
+            d = nodes[env, ring_nodes[n]] - x
+            total += wp.sqrt(d[0] * d[0] + d[1] * d[1])
+            count += one
+    radius = wp.where(total > wp.float64(0.0), total / wp.max(count, one), one)
+    normal, load = _Normal(), _Load()
+    for n in range(ring_starts[i], ring_starts[i + 1]):
+        if _counts(states, marks, env, i, ring_nodes[n]):
+            d = (nodes[env, ring_nodes[n]] - x) / radius
+            weight = one / (d[0] * d[0] + d[1] * d[1] + _NEAREST)
+            basis = _Load(d[0], d[1], d[0] * d[0], d[0] * d[1], d[1] * d[1])
+            load += weight * d[2] * basis
+            normal += weight * wp.outer(basis, basis)
+    trace = wp.trace(normal) + _TRACE_LEAST
+    for k in range(_TERMS):
+        normal[k, k] = normal[k, k] + trace * wp.where(k < 2, _RIDGE_SLOPE, _RIDGE_CURVATURE)
+    fitted = _solved(normal, load)
+    sum_out[env, i] = wp.vec3d(fitted[0], fitted[1], one)
+
+
+def two_rings(triangles: IntArray, node_count: int) -> tuple[IntArray, IntArray]:
+    """Return the nodes at most two edges from each node, and where those of each begin."""
+    start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
+    end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
+    one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)
+    rings = (one_ring + one_ring @ one_ring).tolil()
+    rings.setdiag(0.0)
+    found = rings.tocsr()
+    found.eliminate_zeros()
+    return found.indptr.astype(np.int32), found.indices.astype(np.int32)

@@ -1,0 +1,122 @@
+"""Images and markers of many pressed gels, from the nodes that a solver holds on its device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from sim.device import Device
+from sim.fields.press_fields import top_surface
+from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
+from sim.optics.colour.nominal import nominal_model
+from sim.optics.colour.pixel_colours import ColourModel
+from sim.optics.height.height_map import TOUCHING_M, gap_left
+from sim.optics.height.surface_heights import SurfaceHeights
+from sim.optics.markers.material_points import MaterialPoints
+from sim.optics.markers.point_kernel import see_points
+from sim.optics.markers.printed_markers import marker_places
+from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
+from sim.scene.indenter import Indenter
+from sim.sensor.sensor import Sensor
+from sim.solve.model import Model
+
+
+class SurfaceImages:
+    """What the camera sees of environments that share a model and an indenter.
+
+    Results stay on the model's device, in arrays that the next call overwrites, and nothing waits
+    for the device: after a first call, which compiles kernels and takes memory, a CUDA graph can
+    hold the others. PyTorch and JAX take the arrays through DLPack. A model of a half or a quarter
+    of a pad is drawn whole.
+
+    Args:
+        model: The pad; its nodes are what positions are of.
+        indenter: In its own frame.
+        sensor: Camera, pad, markers, and what is not given below.
+        count: Environments.
+        samples: Of a pixel, both ways; replays take 2.
+        background: No-contact frame without markers, RGB, uint8, shape [height, width, 3]; evenly
+            grey by default.
+        colours: Calibrated optics; nominal ones by default.
+        geometry: Calibrated pixels; those of the sensor's file by default.
+        blur_px: Standard deviation of the camera's blur [px].
+
+    Raises:
+        ConfigError: The sensor has no nominal optics, a marker lies beside the gel, or the gel
+            covers no pixel.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        indenter: Indenter,
+        sensor: Sensor,
+        *,
+        count: int,
+        samples: int = 1,
+        background: ImageArray | None = None,
+        colours: ColourModel | None = None,
+        geometry: CameraGeometry | None = None,
+        blur_px: float = 0.0,
+    ) -> None:
+        self._device = device = Device(model.device)
+        geometry, top = geometry or camera_geometry(sensor), top_surface(model)
+        fine, options = geometry.refined(samples), model.contact_options
+        self._upright: Any = device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d)
+        self._heights = SurfaceHeights(
+            top,
+            indenter,
+            fine,
+            count=count,
+            standoff_m=options.distance_m,
+            contact_gap_m=gap_left(TOUCHING_M, 0.0 if options.is_wide else options.distance_m),
+            pad=sensor.pad,
+            device=model.device,
+        )
+        if background is None:
+            shape = (geometry.height, geometry.width, 3)
+            background = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+        renderer = TactileRenderer(
+            background,
+            self._heights.rest_m.numpy().reshape(fine.height, fine.width),
+            colours or nominal_model(sensor),
+            geometry,
+            shadows=sensor.optics.shadows,
+            samples=samples,
+            blur_px=blur_px,
+            device=model.device,
+        )
+        self._dents, self._render = renderer.prepared(count)
+        places = marker_places(sensor.markers) if sensor.markers else np.zeros((0, 2))
+        self._points = MaterialPoints(top, places, count=count, device=model.device)
+        self._places_px: Any = device.array(geometry.to_pixels(places), wp.vec2d)
+        self._back = wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1))
+        self._markers: Any = device.zeros((count, len(places), 2), wp.float32)
+
+    def images(self, positions: Any, tips: Any, rotations: Any = None) -> Any:
+        """Return images, RGB, Warp uint8, shape [count, height, width, 3].
+
+        Args:
+            positions: Nodes of the model [m], Warp vec3d, shape [count, node_count].
+            tips: The indenter's in the pad's frame [m], Warp vec3d, shape [count].
+            rotations: Indenter frame to pad frame, Warp mat33d, shape [count]; upright by default.
+        """
+        self._heights.dents(
+            positions, tips, self._upright if rotations is None else rotations, self._dents
+        )
+        return self._render()
+
+    def markers(self, positions: Any) -> Any:
+        """Return column and row of the markers [px], Warp float32, shape [count, marker_count, 2].
+
+        They are in the order of ``marker_places``; none where the sensor's file has none.
+
+        Args:
+            positions: As in ``images``.
+        """
+        moved = self._points.displacement(positions)
+        taken = [self._places_px, self._back, moved]
+        self._device.launch(see_points, moved.shape, taken, [self._markers])
+        return self._markers
