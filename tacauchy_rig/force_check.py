@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
-from tacauchy_rig.run import FZ, Tare, Vector3
+from tacauchy_rig.run import FZ, Tare
 
 GRAVITY_M_S2 = 9.81
 """Within 0.3 % of it everywhere on earth, at sea level."""
@@ -147,94 +147,72 @@ def judge_weight(
     # A weight that swings shows as noise: its mean is known no better than that.
     noise_n = 2.0 * max(tare.deviation[FZ] for tare in (before, loaded, after))
     doubt_n = math.hypot(weight.uncertainty_kg * GRAVITY_M_S2, noise_n, 0.5 * drift_n)
-    check = _Judged(
-        weight_n=weight.force_n,
-        measured_n=compression_sign * z,
-        change=(x, y, z),
-        doubt_n=doubt_n,
-        drift_n=drift_n,
-        is_frozen=all(tare.deviation[FZ] == 0.0 for tare in (before, loaded, after)),
-    )
-    return ForceCheck(
+    weight_n, measured_n = weight.force_n, compression_sign * z
+    tolerance_n = SCALE_SHARE * weight_n + doubt_n
+    check = ForceCheck(
         checked=checked,
         weight=weight,
         compression_sign=compression_sign,
         before=before,
         loaded=loaded,
         after=after,
-        expected_n=-weight.force_n,
-        measured_n=check.measured_n,
+        expected_n=-weight_n,
+        measured_n=measured_n,
         sideways_n=math.hypot(x, y),
         drift_n=drift_n,
-        tolerance_n=check.tolerance_n,
-        finding=check.finding(weight),
-        remedy="; ".join(check.causes()),
+        tolerance_n=tolerance_n,
+        finding=(
+            f"{weight} pull with {weight_n:.3f} N, so the pressing force has to change by "
+            f"{-weight_n:.3f} N (+- {tolerance_n:.3f} N); it changed by {measured_n:+.3f} N, "
+            f"{-measured_n / weight_n:.3g} of that (raw Fx {x:+.3f}, Fy {y:+.3f}, Fz {z:+.3f} N)"
+        ),
     )
+    return replace(check, remedy="; ".join(_causes(check, doubt_n=doubt_n)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Judged:
-    weight_n: float
-    measured_n: float
-    change: Vector3
-    doubt_n: float
-    drift_n: float
-    is_frozen: bool
-
-    @property
-    def tolerance_n(self) -> float:
-        return SCALE_SHARE * self.weight_n + self.doubt_n
-
-    def finding(self, weight: Weight) -> str:
-        x, y, z = self.change
-        return (
-            f"{weight} pull with {self.weight_n:.3f} N, so the pressing force has to change by "
-            f"{-self.weight_n:.3f} N (+- {self.tolerance_n:.3f} N); it changed by "
-            f"{self.measured_n:+.3f} N, {-self.measured_n / self.weight_n:.3g} of that "
-            f"(raw Fx {x:+.3f}, Fy {y:+.3f}, Fz {z:+.3f} N)"
+def _causes(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
+    """Yield what is wrong, the likely cause first; nothing where all is right."""
+    weight_n = check.weight.force_n
+    tares = check.before, check.loaded, check.after
+    if all(tare.deviation[FZ] == 0.0 for tare in tares):
+        yield "the cell has no noise, so it is stuck: switch the box off and on"
+    elif math.hypot(check.measured_n, check.sideways_n) < NOTHING_SHARE * weight_n:
+        yield "the cell felt next to nothing: did the weight hang on the tool, touching nothing"
+        yield "is the cell plugged into the box; does the box read in kN"
+    elif abs(check.drift_n) > 0.5 * weight_n:
+        yield (
+            f"unloaded again the cell is {check.drift_n:+.3f} N off its first zero: hang the "
+            "weight after the second line and take it off before the third"
         )
+    elif doubt_n > UNCERTAIN_SHARE * weight_n:
+        yield (
+            f"drift and noise leave {doubt_n:.3f} N open: let the cell warm up and the "
+            "weight come to rest, or hang a heavier one"
+        )
+    elif abs(check.measured_n) < check.sideways_n:
+        yield (
+            "the weight was felt across the cell's axis: the tool does not point straight "
+            "down, the cell is mounted on its side, or its decoupling matrix (AT+DCPM) swaps "
+            "axes"
+        )
+    else:
+        yield from _causes_along_the_axis(check, doubt_n=doubt_n)
 
-    def causes(self) -> Iterator[str]:
-        """Yield what is wrong, the likely cause first; nothing where all is right."""
-        size_n = math.hypot(*self.change)
-        sideways_n = math.hypot(*self.change[:2])
-        if self.is_frozen:
-            yield "the cell has no noise, so it is stuck: switch the box off and on"
-        elif size_n < NOTHING_SHARE * self.weight_n:
-            yield "the cell felt next to nothing: did the weight hang on the tool, touching nothing"
-            yield "is the cell plugged into the box; does the box read in kN"
-        elif abs(self.drift_n) > 0.5 * self.weight_n:
-            yield (
-                f"unloaded again the cell is {self.drift_n:+.3f} N off its first zero: hang the "
-                "weight after the second line and take it off before the third"
-            )
-        elif self.doubt_n > UNCERTAIN_SHARE * self.weight_n:
-            yield (
-                f"drift and noise leave {self.doubt_n:.3f} N open: let the cell warm up and the "
-                "weight come to rest, or hang a heavier one"
-            )
-        elif abs(self.measured_n) < sideways_n:
-            yield (
-                "the weight was felt across the cell's axis: the tool does not point straight "
-                "down, the cell is mounted on its side, or its decoupling matrix (AT+DCPM) swaps "
-                "axes"
-            )
-        else:
-            yield from self._along_the_axis(sideways_n)
 
-    def _along_the_axis(self, sideways_n: float) -> Iterator[str]:
-        if self.measured_n > 0.0:
-            yield (
-                "a weight that hangs pulls, and the cell calls it pressing: "
-                "force_sensor.compression_sign has to be the other one (or the weight stood on it)"
-            )
-        if abs(abs(self.measured_n) - self.weight_n) > self.tolerance_n:
-            yield _cause_of(abs(self.measured_n) / self.weight_n)
-        if sideways_n > SIDE_SHARE * self.weight_n + self.doubt_n:
-            yield (
-                f"{sideways_n:.3f} N of it went sideways: point the tool straight down, and see "
-                "how the cell is mounted and its decoupling matrix (AT+DCPM)"
-            )
+def _causes_along_the_axis(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
+    weight_n = check.weight.force_n
+    if check.measured_n > 0.0:
+        yield (
+            "a weight that hangs pulls, and the cell calls it pressing: "
+            "force_sensor.compression_sign has to be the other one (or the weight stood on it)"
+        )
+    if abs(abs(check.measured_n) - weight_n) > check.tolerance_n:
+        yield _cause_of(abs(check.measured_n) / weight_n)
+    if check.sideways_n > SIDE_SHARE * weight_n + doubt_n:
+        yield (
+            f"{check.sideways_n:.3f} N of it went sideways: point the tool straight down, and see "
+            "how the cell is mounted and its decoupling matrix (AT+DCPM)"
+        )
 
 
 def _cause_of(ratio: float) -> str:
