@@ -90,7 +90,7 @@ def load_evidence(
         contact_force_n=config.protocol.contact_force,
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
-        force_check=readable(store.load_force_check),
+        force_check=readable(store.force_check.load),
         unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
@@ -230,7 +230,7 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
 
 
 def _world(store: RunStore, records: Mapping[int, TrialRecord | None]) -> EmulatedWorld | None:
-    values = readable(store.load_truth)
+    values = readable(store.truth.load)
     if values is None:
         return None
     windows = {

@@ -253,7 +253,7 @@ def press(
             say(f"starting emulated {', '.join(sorted(chosen))}")
             addresses = emulation.start()
             with store.lock():
-                store.save_truth((store.paths.emulation / TRUTH_FILE).read_bytes())
+                store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
         progress = stack.enter_context(SessionProgress(config))

@@ -47,7 +47,7 @@ def check_cell(
             compression_sign=config.force_sensor.compression_sign,
             checked=datetime.now(UTC).isoformat(timespec="seconds"),
         )
-        store.save_force_check(check)
+        store.force_check.save(check)
         event = JournalEvent(
             stamp_ns=time.monotonic_ns(), name="force-check", detail=to_json(check)
         )
@@ -63,7 +63,7 @@ def require_right_cell(store: RunStore) -> None:
     Raises:
         ForceCheckError: It was; the likely cause and how to check it again stand in the remedy.
     """
-    check = store.load_force_check()
+    check = store.force_check.load()
     if check is not None and not check.passed:
         raise ForceCheckError(
             f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
@@ -101,7 +101,7 @@ def require_bounded_force(store: RunStore, config: RigConfig) -> None:
 
 def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
     """Return why the force of what is pressed now is not checked; empty where it is."""
-    check = store.load_force_check()
+    check = store.force_check.load()
     if check is None:
         return "force not checked: --check-weight 200g checks the cell by a known weight first"
     if _is_current(check, now or datetime.now(UTC)):
@@ -114,9 +114,9 @@ def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
 
 def mark_expired(store: RunStore, *, now: datetime | None = None) -> None:
     """Note in a check that has expired that trials are added to it, for the report to say so."""
-    check, now = store.load_force_check(), now or datetime.now(UTC)
+    check, now = store.force_check.load(), now or datetime.now(UTC)
     if check is not None and not _is_current(check, now):
-        store.save_force_check(replace(check, expired=now.isoformat(timespec="seconds")))
+        store.force_check.save(replace(check, expired=now.isoformat(timespec="seconds")))
 
 
 def _is_current(check: ForceCheck, now: datetime) -> bool:

@@ -94,7 +94,7 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
         RecordError: Another program works on the run, the disk is full or gone, or the file is
             damaged.
     """
-    known = store.load_expected()
+    known = store.expected.load()
     if known is not None:
         return known
     try:
@@ -103,7 +103,7 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
         logger.warning("no expected press: %s", error)
         return None
     with store.lock():
-        store.save_expected(made)
+        store.expected.save(made)
     return made
 
 

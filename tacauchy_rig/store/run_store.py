@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import logging
-import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,48 +19,20 @@ from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import TrialRecord
-from tacauchy_rig.store.codec import dumps, from_json, loads, to_json
-from tacauchy_rig.store.durable import read_bytes, write_atomically, write_error
+from tacauchy_rig.store.codec import dumps, loads, to_json
+from tacauchy_rig.store.durable import write_atomically, write_error
 from tacauchy_rig.store.journal import read_journal
 from tacauchy_rig.store.layout import RunPaths
 from tacauchy_rig.store.replay_files import ReplayFields, read_fields, write_fields
-from tacauchy_rig.store.seals import Seal, file_sha256, seal
+from tacauchy_rig.store.run_lock import run_lock
+from tacauchy_rig.store.sealed_file import SealedFile, read_json
+from tacauchy_rig.store.seals import Seal, bytes_sha256, file_sha256, seal
 
 logger = logging.getLogger(__name__)
 
 
-@contextmanager
-def run_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``; the kernel lets go of it when this process ends.
-
-    Raises:
-        RecordError: Another program holds it; the message names its process.
-    """
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise write_error(path, error) from error
-    try:
-        _take(path, descriptor)
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _take(path: Path, descriptor: int) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
-        raise RecordError(
-            f"{path.parent}: process {holder} is working on this run",
-            remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
-        ) from error
-
-
 FORMAT = 1
+_DESCRIPTION = "the run's description"
 
 
 class RunStore:
@@ -73,6 +43,9 @@ class RunStore:
         config: The run's configuration, checked.
         config_hash: Hash of the configuration as it was when the run was created.
         simulated: Any device of the run was not real.
+        expected: What the presses of the run should give; made before the first.
+        force_check: The newest check of the cell; the journal holds those before it.
+        truth: What the emulated world really is, as its emulators wrote it; never of a real rig.
     """
 
     def __init__(self, root: Path, description: dict[str, Any]) -> None:
@@ -81,6 +54,17 @@ class RunStore:
         self.config: RigConfig = restore_config(description["written"])
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
+        sealed = partial(SealedFile, journal=self.paths.journal)
+        self._run_json: SealedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
+        self.expected: SealedFile[ExpectedPress] = sealed(
+            self.paths.expected, ExpectedPress, what="the expectation"
+        )
+        self.force_check: SealedFile[ForceCheck] = sealed(
+            self.paths.force_check, ForceCheck, what="the check of the cell"
+        )
+        self.truth: SealedFile[dict[str, Any]] = sealed(
+            self.paths.truth, dict[str, Any], what="the emulated world's truth"
+        )
 
     @classmethod
     def create(
@@ -110,7 +94,7 @@ class RunStore:
             "config": loaded.config.model_dump(mode="json"),
             "written": loaded.written,
             "sources": loaded.sources,
-            "rig_toml_sha256": _sha256(config_text.encode()),
+            "rig_toml_sha256": bytes_sha256(config_text.encode()),
             "versions": versions,
             "devices": {},
             "clock": {"monotonic_ns": time.monotonic_ns(), "epoch_ns": time.time_ns()},
@@ -135,7 +119,7 @@ class RunStore:
                 remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
                 "such as runs/20250131-101500-NAME",
             )
-        description = _read(Any, path, what="the run's description")
+        description = read_json(Any, path, what=_DESCRIPTION)
         _check_description(description, path)
         return cls(root, description)
 
@@ -155,16 +139,7 @@ class RunStore:
             "devices": answered,
             "simulated": self.simulated,
         }
-        self._write_sealed(self.paths.run_json, dumps(self.description))
-
-    def _write_sealed(self, path: Path, content: bytes) -> None:
-        """Write a file of the run, and its hash into the journal.
-
-        The line goes out first: a crash between the two leaves the file that an earlier line told
-        of.
-        """
-        seal(self.paths.journal, Seal.WRITTEN, file=path.name, sha256=_sha256(content))
-        write_atomically(path, content)
+        self._run_json.save(self.description)
 
     def next_attempt(self, trial: int) -> int:
         """Return the number that the next attempt at a trial has to take."""
@@ -198,7 +173,7 @@ class RunStore:
         known = read_journal(journal) if journal.exists() else []
         if any((e.name, e.trial, e.attempt) == (Seal.SEALED, trial, attempt) for e in known):
             return
-        record: TrialRecord = _read(TrialRecord, path, what="the result")
+        record: TrialRecord = read_json(TrialRecord, path, what="the result")
         seal(
             journal,
             Seal.SEALED,
@@ -215,7 +190,7 @@ class RunStore:
             RecordError: The file is damaged; names file and field.
         """
         path = self.paths.result(trial, attempt)
-        return _read(TrialRecord, path, what="the result") if path.exists() else None
+        return read_json(TrialRecord, path, what="the result") if path.exists() else None
 
     def latest(self, trial: int) -> TrialRecord | None:
         """Return the result of the latest attempt that has one."""
@@ -265,7 +240,7 @@ class RunStore:
             self.paths.journal,
             Seal.REPLAYED,
             name=replay.name,
-            replay_sha256=_sha256(content),
+            replay_sha256=bytes_sha256(content),
         )
 
     def _recorded_hashes(self, replay: Replay) -> dict[str, str]:
@@ -292,7 +267,7 @@ class RunStore:
                 f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
                 remedy=f"`tacauchy-rig replay {self.paths.root}` makes one",
             )
-        replay: Replay = _read(Replay, path, what="the replay")
+        replay: Replay = read_json(Replay, path, what="the replay")
         return replay
 
     def replays(self) -> list[str]:
@@ -307,59 +282,6 @@ class RunStore:
         """
         return read_fields(self.paths.replay_trial(name, trial))
 
-    def save_expected(self, expected: ExpectedPress) -> None:
-        """Write what the presses of the run should give.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._write_sealed(self.paths.expected, dumps(expected))
-
-    def load_expected(self) -> ExpectedPress | None:
-        """Read what the presses of the run should give; None where it was never made.
-
-        Raises:
-            RecordError: It is damaged.
-        """
-        if not self.paths.expected.exists():
-            return None
-        expected: ExpectedPress = _read(ExpectedPress, self.paths.expected, what="the expectation")
-        return expected
-
-    def save_truth(self, written: bytes) -> None:
-        """Keep what the emulated world really is, as its emulators wrote it.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._write_sealed(self.paths.truth, written)
-
-    def load_truth(self) -> dict[str, Any] | None:
-        """Return what the emulated world really was; None where a real rig was pressed.
-
-        Raises:
-            RecordError: The file is damaged.
-        """
-        path, what = self.paths.truth, "the emulated world's truth"
-        return _read(dict[str, Any], path, what=what) if path.exists() else None
-
-    def save_force_check(self, check: ForceCheck) -> None:
-        """Write the newest check of the cell; the journal holds those before it.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        self._write_sealed(self.paths.force_check, dumps(check))
-
-    def load_force_check(self) -> ForceCheck | None:
-        """Return the newest check of the cell, or None where none was made.
-
-        Raises:
-            RecordError: The file is damaged.
-        """
-        path, what = self.paths.force_check, "the check of the cell"
-        return _read(ForceCheck, path, what=what) if path.exists() else None
-
     def lock(self) -> AbstractContextManager[None]:
         """Hold the run against other programs while in the returned context.
 
@@ -367,10 +289,6 @@ class RunStore:
             RecordError: (on entering) Another program is working on this run.
         """
         return run_lock(self.paths.lock)
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _without_hash(record: TrialRecord) -> bytes:
@@ -390,11 +308,6 @@ def _new_folder(parent: Path, name: str) -> Path:
             raise write_error(root, error) from error
         else:
             return root
-
-
-def _read(kind: Any, path: Path, *, what: str) -> Any:
-    data = loads(read_bytes(path, what=what), source=str(path))
-    return from_json(kind, data, source=str(path))
 
 
 def _check_description(description: Any, path: Path) -> None:

@@ -51,6 +51,11 @@ def seal(journal: Path, kind: Seal, *, trial: int = 0, attempt: int = 0, **detai
     append_event(journal, event)
 
 
+def bytes_sha256(content: bytes) -> str:
+    """Return the SHA-256 of some content."""
+    return hashlib.sha256(content).hexdigest()
+
+
 def file_sha256(path: Path, *, what: str) -> str:
     """Return the SHA-256 of a file that has to be there.
 

@@ -48,7 +48,7 @@ def fault_table(
     from tacauchy_rig.fault_table.emulated_rig import write_case_config
     from tacauchy_rig.fault_table.report import fault_page, summary_line
     from tacauchy_rig.side_by_side import side_by_side
-    from tacauchy_rig.store.run_store import run_lock
+    from tacauchy_rig.store.run_lock import run_lock
 
     chosen = select_cases(all_cases(), only=only or (), moments=moment or ())
     if list_only:

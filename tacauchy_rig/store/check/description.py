@@ -42,7 +42,7 @@ def _contradictions(store: RunStore, journal: JournalReading) -> Iterator[str]:
     pretending = [name for name, device in answered if device.get("simulated")]
     if pretending and not store.simulated:
         yield f"run.json: simulated is false, but so is no {', '.join(pretending)}"
-    for load in (store.load_truth, store.load_force_check, store.load_expected):
+    for load in (store.truth.load, store.force_check.load, store.expected.load):
         try:
             load()
         except RecordError as error:

@@ -57,7 +57,7 @@ def test_a_right_cell_is_kept_and_stands(store: RunStore, monkeypatch: pytest.Mo
     assert "force not checked" in standing_check(store)
     weighs(monkeypatch, 1.01)
     check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
-    assert store.load_force_check() == check
+    assert store.force_check.load() == check
     assert _journalled(store) == 1
     assert not standing_check(store)
 
@@ -90,9 +90,9 @@ def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> No
     later = made + timedelta(hours=24.1)
     assert "has expired" in standing_check(store, now=later)
     mark_expired(store, now=made)
-    assert store.load_force_check() == check
+    assert store.force_check.load() == check
     mark_expired(store, now=later)
-    assert store.load_force_check() == replace(check, expired=later.isoformat(timespec="seconds"))
+    assert store.force_check.load() == replace(check, expired=later.isoformat(timespec="seconds"))
 
 
 def coarse(parent: Path, *settings: str) -> RunStore:
@@ -115,7 +115,7 @@ def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
     check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
     require_bounded_force(store, store.config)
     old = datetime.fromisoformat(check.checked) - timedelta(hours=25)
-    store.save_force_check(replace(check, checked=old.isoformat()))
+    store.force_check.save(replace(check, checked=old.isoformat()))
     with pytest.raises(ForceCheckError, match="has expired"):
         require_bounded_force(store, store.config)
     admitted = coarse(tmp_path, "run.name=admitted", "limits.allow_unchecked_force=true")

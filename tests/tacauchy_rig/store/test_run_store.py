@@ -186,12 +186,12 @@ def test_a_damaged_replay_is_named(store: RunStore, name: str) -> None:
 
 def test_truth_is_there_in_dry_runs_only(store: RunStore) -> None:
     """A real run has no truth; a damaged one is named."""
-    assert store.load_truth() is None
+    assert store.truth.load() is None
     store.paths.truth.write_text('{"young_pa": 300000.0}')
-    assert store.load_truth() == {"young_pa": 3e5}
+    assert store.truth.load() == {"young_pa": 3e5}
     store.paths.truth.write_text("[1]")
     with pytest.raises(RecordError, match=r"truth\.json: the whole of it: \[1\] is not a table"):
-        store.load_truth()
+        store.truth.load()
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_one_program_at_a_time(store: RunStore) -> None:
     """A second program is told which process works on the run; the lock dies with its holder."""
     code = (
         "import sys, time; from pathlib import Path; "
-        "from tacauchy_rig.store.run_store import run_lock; lock = run_lock(Path(sys.argv[1])); "
+        "from tacauchy_rig.store.run_lock import run_lock; lock = run_lock(Path(sys.argv[1])); "
         "lock.__enter__(); print('locked', flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(store.paths.lock)]

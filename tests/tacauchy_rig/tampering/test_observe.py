@@ -42,7 +42,7 @@ SEEN = {
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two presses that nobody touched."""
     store = new_run(tmp_path_factory.mktemp("runs"))
-    store.save_truth(b'{"young_pa": 440000.0}\n')
+    store.truth.write(b'{"young_pa": 440000.0}\n')
     press_run(store)
     assert check_run(store).passed
     return store.paths.root

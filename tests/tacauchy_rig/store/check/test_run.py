@@ -190,7 +190,7 @@ def test_a_session_may_count_a_push_the_other_way(tmp_path: Path) -> None:
 def test_an_edited_truth_is_found(tmp_path: Path) -> None:
     """What the emulated world was is sealed as the run's other files are."""
     store = new_run(tmp_path)
-    store.save_truth(b'{"young_pa": 440000.0}\n')
+    store.truth.write(b'{"young_pa": 440000.0}\n')
     press_run(store)
     assert list(check_run(store).missed()) == []
     _edit(store.paths.truth, "young_pa", 1e3)
