@@ -30,7 +30,8 @@ from drivers.camera.video_device import (
 )
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.device.stream_buffer import StreamBuffer
-from tacauchy_rig.config.model import CameraSection, RigConfig
+from tacauchy_rig.config.devices import CameraSection
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.run import ImageFrame
 

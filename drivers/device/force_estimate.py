@@ -10,7 +10,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.run import Vector6
 
 _MOST_DEVIATIONS = 2.0

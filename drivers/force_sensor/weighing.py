@@ -9,7 +9,8 @@ from enum import StrEnum
 
 from drivers.device.interface import Clock, HostClock
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.config.model import MOCK, RigConfig
+from tacauchy_rig.config.devices import MOCK
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError, DeviceError
 from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.run import ForceSample, Tare, Vector6

@@ -10,7 +10,8 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from tacauchy_rig.config.model import RigConfig, RobotModel
+from tacauchy_rig.config.devices import RobotModel
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.quantities import UNITS, Dimension, example, split_quantity
 
 _LINE_MOST = 400

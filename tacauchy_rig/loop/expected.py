@@ -18,7 +18,8 @@ from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.config.model import RigConfig, RobotModel
+from tacauchy_rig.config.devices import RobotModel
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.loop.settings import indenter_of, sensor_of

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
 from drivers.emulators.arm.motion import compose_rotations
-from tacauchy_rig.config.model import RobotModel
+from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.run import Vector6
 
 _READY, _DONE = 1, 2

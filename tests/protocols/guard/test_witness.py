@@ -9,8 +9,8 @@ import pytest
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.witness import Stage, Witness
+from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.config.model import RobotModel
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import ArmSample, Pose
 
