@@ -20,6 +20,7 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
+from tacauchy_rig.config.model import ReportSection
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
@@ -76,14 +77,7 @@ def load_evidence(
     return RunEvidence(
         trials=trials,
         simulated=store.simulated,
-        thresholds=Thresholds(
-            min_force_margin=config.report.min_force_margin,
-            max_contact_residual=config.report.max_contact_residual,
-            max_contact_offset_m=config.report.max_contact_offset,
-            coverage_factor=config.report.coverage_factor,
-            min_modulus_trials=config.report.min_modulus_trials,
-            max_force_mismatch_n=config.report.max_force_mismatch,
-        ),
+        thresholds=_thresholds(config.report),
         geometry=run.geometry,
         provenance={**_provenance(store, replay), "journal_head": check.journal_head},
         journal=summarize_journal(_events(store)),
@@ -95,6 +89,17 @@ def load_evidence(
         world=_world(store, run.records),
         checks=check.run,
         notes=(*check.notes, *_of_other_attempts(check, run)),
+    )
+
+
+def _thresholds(report: ReportSection) -> Thresholds:
+    return Thresholds(
+        min_force_margin=report.min_force_margin,
+        max_contact_residual=report.max_contact_residual,
+        max_contact_offset_m=report.max_contact_offset,
+        coverage_factor=report.coverage_factor,
+        min_modulus_trials=report.min_modulus_trials,
+        max_force_mismatch_n=report.max_force_mismatch,
     )
 
 

@@ -25,6 +25,7 @@ def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[tuple[st
     yield from (rule[1:] for rule in force_rules if rule[0])
     if placed:
         yield from _workspace_rules(config)
+        yield from _height_rules(config)
     yield from _device_rules(config)
 
 
@@ -126,8 +127,7 @@ def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
                 ),
                 "draw it close around gel and home",
             )
-    points = (("robot.home", home), ("sensor.surface", surface))
-    for name, point in points:
+    for name, point in (("robot.home", home), ("sensor.surface", surface)):
         inside = (
             box.x_min <= point[0] <= box.x_max
             and box.y_min <= point[1] <= box.y_max
@@ -136,6 +136,10 @@ def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
         if not inside:
             text = ", ".join(f"{value * 1e3:g}" for value in point)
             yield (name, f"({text}) mm lies outside the workspace box", "correct it or the box")
+
+
+def _height_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
+    home, surface, low = config.robot.home, config.sensor.surface, config.workspace.z_min
     clearance = config.protocol.air_press_height + config.protocol.approach_height
     if home[2] - surface[2] < clearance:
         yield (
@@ -147,11 +151,11 @@ def _workspace_rules(config: RigConfig) -> Iterator[tuple[str, str, str]]:
             "raise home",
         )
     deepest = surface[2] - config.limits.max_depth - config.sensor.surface_uncertainty
-    if deepest < box.z_min:
+    if deepest < low:
         yield (
             "workspace.z_min",
             (
-                f"{box.z_min * 1e3:g} mm stops the arm before max_depth below the lowest expected "
+                f"{low * 1e3:g} mm stops the arm before max_depth below the lowest expected "
                 f"surface, {deepest * 1e3:g} mm"
             ),
             "lower z_min or max_depth",

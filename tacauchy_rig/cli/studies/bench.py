@@ -26,73 +26,83 @@ from tacauchy_rig.versions import machine, versions
 _PUNCH = "cylinder:diameter=5mm,fillet=0.1mm"
 
 
+_Parts = Annotated[
+    list[Part] | None,
+    typer.Option("--part", metavar="PART", help=f"Only this; may be repeated. {', '.join(Part)}."),
+]
+_Peer = Annotated[
+    Peer | None,
+    typer.Option(
+        "--peer",
+        help="Run the batches' press by this engine too, on the same GPU after ours, with its "
+        "force and balance beside its time; libuipc comes with pip install pyuipc.",
+    ),
+]
+_Only = Annotated[
+    str, typer.Option("--only", metavar="PATTERN", help="Of the scenes: those named so.")
+]
+_Tolerances = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tolerance",
+        metavar="5%|1%",
+        help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
+    ),
+]
+_Device = Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")]
+_Environments = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--environments",
+        metavar="N",
+        min=1,
+        help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
+    ),
+]
+_Reference = Annotated[
+    bool,
+    typer.Option(
+        "--reference",
+        help="Of the scenes: first press with preset reference, and keep that beside the page.",
+    ),
+]
+_Against = Annotated[
+    Path | None,
+    typer.Option(
+        "--against",
+        metavar="FILE",
+        help=f"Of the scenes: what forces are compared with; else OUT/{REFERENCE_FILE}.",
+    ),
+]
+_Compare = Annotated[
+    str | None,
+    typer.Option(
+        "--compare",
+        metavar="COMMIT",
+        help="Of the scenes: press by that commit's solver too, in turns with this one's.",
+    ),
+]
+_Limit = Annotated[
+    float, typer.Option("--limit", metavar="SECONDS", help="Of the scenes: each ends by then.")
+]
+
+
 def bench(
     out: Annotated[Path, typer.Option("--out", help="Folder for figure, page and JSON.")] = Path(
         "bench"
     ),
     sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
     indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
-    parts: Annotated[
-        list[Part] | None,
-        typer.Option(
-            "--part", metavar="PART", help=f"Only this; may be repeated. {', '.join(Part)}."
-        ),
-    ] = None,
-    peer: Annotated[
-        Peer | None,
-        typer.Option(
-            "--peer",
-            help="Run the batches' press by this engine too, on the same GPU after ours, with its "
-            "force and balance beside its time; libuipc comes with pip install pyuipc.",
-        ),
-    ] = None,
-    only: Annotated[
-        str, typer.Option("--only", metavar="PATTERN", help="Of the scenes: those named so.")
-    ] = "",
-    tolerances: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--tolerance",
-            metavar="5%|1%",
-            help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
-        ),
-    ] = None,
-    device: Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")] = "cpu",
-    environments: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--environments",
-            metavar="N",
-            min=1,
-            help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
-        ),
-    ] = None,
-    reference: Annotated[
-        bool,
-        typer.Option(
-            "--reference",
-            help="Of the scenes: first press with preset reference, and keep that beside the page.",
-        ),
-    ] = False,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            "--against",
-            metavar="FILE",
-            help=f"Of the scenes: what forces are compared with; else OUT/{REFERENCE_FILE}.",
-        ),
-    ] = None,
-    compare: Annotated[
-        str | None,
-        typer.Option(
-            "--compare",
-            metavar="COMMIT",
-            help="Of the scenes: press by that commit's solver too, in turns with this one's.",
-        ),
-    ] = None,
-    limit_s: Annotated[
-        float, typer.Option("--limit", metavar="SECONDS", help="Of the scenes: each ends by then.")
-    ] = SCENE_LIMIT_S,
+    parts: _Parts = None,
+    peer: _Peer = None,
+    only: _Only = "",
+    tolerances: _Tolerances = None,
+    device: _Device = "cpu",
+    environments: _Environments = None,
+    reference: _Reference = False,
+    against: _Against = None,
+    compare: _Compare = None,
+    limit_s: _Limit = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
     """Time batches, images, a replay, growth, scenes, start-up and threads; minutes."""
