@@ -11,19 +11,23 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
+from sim.device import Device
 from sim.effects.plan import plan_effects
+from sim.effects.presets import build_model
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import camera_geometry
+from sim.optics.camera_geometry import ImageArray, camera_geometry
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
+from sim.optics.surface_images import SurfaceImages
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.studies.bench.batches import batch_device
 from sim.studies.bench.frames import times_of
 from tacauchy_rig.errors import ConfigError
@@ -44,7 +48,8 @@ class RenderingRow:
 
     Attributes:
         sensor: Its title.
-        renderer: ``one by one`` is what a replay uses, ``batch`` many images in each launch.
+        renderer: ``one by one`` is what a replay uses, ``batch`` many images in each launch, and
+            ``from nodes`` that with their height maps and markers.
         device: Where it ran.
         image_count: Rendered at once.
         shadow_count: Lamps that cast shadows.
@@ -96,7 +101,11 @@ def measure_rendering(
 
 def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRow]:
     device = batch_device()
-    surface = _pressed(scene, name)
+    sensor, target = load_sensor(name), Target(depth_m=_DEPTH_M)
+    pressed = sensor.scene(scene.indenter, target, preset=Preset.FAST)
+    path = path_for(pressed, plan_effects(pressed))
+    point = path.advance(_DEPTH_M)
+    surface = surface_state(path, point)
     many = BATCH if device != "cpu" else _BATCH_ON_CPU
     for samples, count in ((1, 1), (SAMPLES, many)):
         renderer, rest_m, dents_m, row = _look(name, surface, samples=samples, count=count)
@@ -106,29 +115,67 @@ def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRo
     batch = renderer(device=device)
     dents: Any = wp.array(dents_m.astype(np.float32), dtype=wp.float32, device=device)
 
-    def together() -> Any:
-        images = batch.render_batch(dents)
+    single = renderer()
+    expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
+    yield row(**_judged("batch", partial(batch.render_batch, dents), expected, budget_s))
+    yield row(**_from_nodes(pressed, sensor, point, count=many, budget_s=budget_s))
+
+
+def _from_nodes(
+    scene: Scene, sensor: Sensor, point: PathPoint, *, count: int, budget_s: float
+) -> dict[str, Any]:
+    """Time images and markers of gels that moved by as many shares of a press' displacement."""
+    rest, shares = build_model(scene).nodes, np.arange(1, count + 1) / count
+    positions = rest + shares[:, None, None] * (point.state.positions - rest)
+    tips = point.state.tip + (1.0 - shares[:, None]) * (0.0, 0.0, point.depth_m)
+    colours = _as_wide_as_fitted(sensor)
+
+    def drawing(device: str, count: int) -> SurfaceImages:
+        return SurfaceImages(
+            build_model(scene, device=device),
+            scene.indenter,
+            sensor,
+            count=count,
+            samples=SAMPLES,
+            colours=colours,
+            blur_px=BLUR_PX,
+        )
+
+    alone, on_host, on_device = drawing("cpu", 1), Device("cpu"), Device(batch_device())
+    expected = [
+        alone.images(on_host.vectors(nodes[None]), on_host.vectors(tip[None])).numpy().copy()
+        for nodes, tip in zip(positions, tips, strict=True)
+    ]
+    many = drawing(on_device.name, count)
+    taken = on_device.vectors(positions), on_device.vectors(tips)
+
+    def images() -> Any:
+        many.markers(taken[0])
+        return many.images(*taken)
+
+    return _judged("from nodes", images, np.concatenate(expected), budget_s)
+
+
+def _judged(
+    renderer: str, draw: Callable[[], Any], expected: ImageArray, budget_s: float
+) -> dict[str, Any]:
+    """Return what drawing many images takes, and how far they are from those drawn alone."""
+    device = batch_device()
+
+    def drawn() -> Any:
+        images = draw()
         wp.synchronize_device(device)
         return images
 
-    single = renderer()
-    expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
-    apart = np.abs(together().numpy().astype(np.int16) - expected.astype(np.int16))
-    yield row(
-        renderer="batch",
-        device=wp.get_device(device).name if device != "cpu" else device,
-        image_count=len(dents_m),
-        apart_levels=int(apart.max()),
-        apart_share=float(np.mean(apart > 0)),
-        **_times_of(together, budget_s),
-    )
-
-
-def _pressed(scene: Scene, name: str) -> SurfaceState:
-    target = Target(depth_m=_DEPTH_M)
-    pressed = load_sensor(name).scene(scene.indenter, target, preset=Preset.FAST)
-    path = path_for(pressed, plan_effects(pressed))
-    return surface_state(path, path.advance(_DEPTH_M))
+    apart = np.abs(drawn().numpy().astype(np.int16) - expected.astype(np.int16))
+    return {
+        "renderer": renderer,
+        "device": wp.get_device(device).name if device != "cpu" else device,
+        "image_count": len(expected),
+        "apart_levels": int(apart.max()),
+        "apart_share": float(np.mean(apart > 0)),
+        **_times_of(drawn, budget_s),
+    }
 
 
 def _look(

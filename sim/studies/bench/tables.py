@@ -19,6 +19,8 @@ from tacauchy_rig.tables import Table, table_of
 
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
+# 5,550 frames a second, ten times the paper's (with stress, GPU), leave as much for all of a frame.
+_FROM_NODES_MS = 0.18
 # To which times are to grow less than the environments.
 _FEW = 60
 _STRESS_MS = 0.1
@@ -120,7 +122,7 @@ def _launches(found: Benchmark) -> Table:
 
 
 def _rendering(found: Benchmark) -> Table:
-    limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS}
+    limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS, "from nodes": _FROM_NODES_MS}
     judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
     return table_of(
         found.rendering,
@@ -142,6 +144,7 @@ def _rendering(found: Benchmark) -> Table:
             "rendering",
             one_ms=_ONE_MS,
             of_a_batch_ms=_OF_A_BATCH_MS,
+            from_nodes_ms=_FROM_NODES_MS,
             batch=BATCH,
             first=found.rendering[0],
             blur_px=f"{BLUR_PX:g}",
