@@ -68,7 +68,7 @@ class BackgroundRenderer:
         """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; an older wish is forgotten.
 
         Raises:
-            DeviceError: A block could not be encoded.
+            DeviceError: It could not be rendered.
         """
         if self._wish is not None:
             self._wish.cancel()
@@ -183,7 +183,6 @@ class EmulatedCamera:
             for frame in self._output.frames(jpeg, faults, now_s=time.monotonic()):
                 self._server.publish(frame)
         self._write_trace(number, capture_s, depth_m)
-        self._factory.renew()
 
     def _look(self, capture_s: float) -> tuple[PressKey, float]:
         """Return what to show and how deep the tip really is [m]; the gel if no arm is known."""
