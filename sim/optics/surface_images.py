@@ -29,7 +29,7 @@ class SurfaceImages:
     Results stay on the model's device, in arrays that the next call overwrites, and nothing waits
     for the device: after a first call, which compiles kernels and takes memory, a CUDA graph can
     hold the others. PyTorch and JAX take the arrays through DLPack. A model of a half or a quarter
-    of a pad is drawn whole.
+    of a pad is drawn whole. An environment whose nodes are not numbers has a black image.
 
     Args:
         model: The pad; its nodes are what positions are of.

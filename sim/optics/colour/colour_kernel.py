@@ -195,3 +195,38 @@ def colour_pixels(
     change_out[0, to] = wp.cw_mul(red, gain[0, of])
     change_out[1, to] = wp.cw_mul(green, gain[1, of])
     change_out[2, to] = wp.cw_mul(blue, gain[2, of])
+
+
+@wp.kernel(enable_backward=False)
+def grey_pixels(
+    layout: Layout,
+    first: wp.int32,
+    # Model:
+    starts: wp.array(dtype=wp.float32),
+    per_length: wp.array(dtype=wp.float32),
+    rises: wp.array(dtype=wp.float32),
+    level: wp.float32,
+    # Data in:
+    along: wp.array2d(dtype=Any),  # noqa: ARG001 - a model of light reads the tilts
+    across: wp.array(dtype=Any),  # noqa: ARG001
+    dent: wp.array(dtype=Any),
+    # Data out:
+    change_out: wp.array2d(dtype=Any),
+):
+    """Mean change of grey of pixels' samples: a table of indentation, as a sum of bounded ramps."""
+    image, i, k = wp.tid()
+    row = first + i
+    at = place_of(layout, image, row, k)
+    total = type(dent[at])()
+    for _s in range(layout.samples * layout.samples):
+        total += dent[at] - dent[at]  # what is not a number stays so, which a clamp would hide
+        for m in range(starts.shape[0]):
+            share = (dent[at] - type(total)(starts[m])) * per_length[m]
+            for n in range(len(share)):
+                share[n] = wp.clamp(share[n], wp.float32(0.0), wp.float32(1.0))
+            total += rises[m] * share
+        at += layout.plane
+    total = total * (wp.float32(1.0) / wp.float32(layout.samples * layout.samples))
+    to = (image * layout.rows + row) * layout.blocks + k
+    for channel in range(3):
+        change_out[channel, to] = total + type(total)(level)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import Float32Array, RealArray
+from sim.arrays import Float32Array
+from sim.optics.colour.colour_kernel import grey_pixels
 from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
@@ -44,13 +45,12 @@ class GreyDepthModel:
         default_factory=lambda: {"source": "nominal table of the sensor's file"}
     )
 
-    def over(self, frame: Float32Array, _layout: PixelBlocks) -> PixelColours:
+    def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
-        return PixelColours(light=frame, function=self._changed)
-
-    def _changed(self, _tilt: Float32Array, indentation_m: Float32Array) -> RealArray:
-        level = np.interp(indentation_m, self.depth_m, self.change).astype(np.float32)
-        return np.broadcast_to(level, (3, *level.shape))
+        depth, change = np.array(self.depth_m), np.array(self.change)
+        table = depth[:-1], 1.0 / np.diff(depth), np.diff(change)
+        inputs = [*(layout.array(values) for values in table), float(self.change[0])]
+        return PixelColours(light=frame, kernel=grey_pixels, inputs=inputs)
 
 
 def _read(table: Mapping[str, Any], _lamps: tuple[Lamp, ...], origin: str) -> GreyDepthModel:

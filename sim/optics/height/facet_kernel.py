@@ -167,7 +167,7 @@ def draw_facets(
             corner_slopes[c] = wp.vec2d(total[0], total[1]) / wp.max(total[2], _WEIGHT_LEAST)
     u, v = px[0] - px[2], px[1] - px[2]
     area = u[0] * v[1] - u[1] * v[0]
-    if area == wp.float64(0.0) or not wp.isfinite(area):
+    if area == wp.float64(0.0) or not wp.isfinite(area + z[0] + z[1] + z[2]):
         return
     first_row = _first_pixel(px[0, 1], px[1, 1], px[2, 1], view.rows)
     last_row = _last_pixel(px[0, 1], px[1, 1], px[2, 1], view.rows)
@@ -247,8 +247,8 @@ def _nearest_height(
     row: int,
     column: int,
 ):
-    """Return the height of the covered pixel that is nearest to a bare one."""
-    height = BARE_M
+    """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
+    height = wp.float64(wp.nan)
     best = view.columns * view.columns + view.rows * view.rows
     for aside in range(view.columns):
         if aside * aside >= best:
@@ -291,7 +291,7 @@ def bound_heights(
         height = _nearest_height(view, heights, nearest, whole, env, row, column)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
     ceiling = underside(body, poses, env, place[0], place[1])
-    if ceiling < BESIDE:
+    if ceiling < BESIDE and not wp.isnan(height):
         height = wp.where(pressed[env, pixel] == wp.uint8(1), ceiling, wp.min(height, ceiling))
     if dent_out.shape[0] > 0:
         dent_out[env, row, column] = wp.float32(rest[pixel] - height)

@@ -14,6 +14,7 @@ from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.surface_heights import SurfaceHeights
 from sim.scene.pad import Pad
+from tacauchy_rig.errors import ConfigError
 
 # What touches, a little more than the gap that narrow barriers leave.
 TOUCHING_M = 6e-6
@@ -59,7 +60,7 @@ def height_maps(
             middles are put back onto it. None takes the mesh for the pad.
 
     Raises:
-        ConfigError: The mesh covers no pixel.
+        ConfigError: The mesh covers no pixel, at rest or deformed.
     """
     device = Device("cpu")
     drawing = SurfaceHeights(
@@ -76,6 +77,11 @@ def height_maps(
         device.array(surface.indenter_rotation[None], wp.mat33d),
     )
     shape = geometry.height, geometry.width
+    if np.isnan(loaded.numpy()).any():
+        raise ConfigError(
+            "the deformed surface covers no pixel, though the unloaded one does",
+            remedy="check that the press ended with finite positions in the pad's frame",
+        )
     return HeightMaps(
         loaded=loaded.numpy().reshape(shape),
         rest=drawing.rest_m.numpy().reshape(shape),

@@ -137,6 +137,17 @@ def test_unmoved_gel_gives_the_frame_and_markers_at_rest() -> None:
     np.testing.assert_allclose(drawing.markers(nodes).numpy()[0], rest, rtol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["digit", "9dtact"])
+def test_an_environment_without_numbers_is_black(name: str) -> None:
+    """The others are drawn as before: nothing that looks like an image stands for a failure."""
+    drawing, taken = _together(_model(name), name, _PUNCH, np.eye(3))
+    before = drawing.images(*taken).numpy().copy()
+    taken[0].numpy()[1] = np.nan
+    images = drawing.images(*taken).numpy()
+    np.testing.assert_array_equal(images[[0, 2]], before[[0, 2]])
+    assert not images[1].any()
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("indenter", [_PUNCH, _BODY])
 def test_a_graph_on_a_gpu_gives_the_images_of_the_processor(indenter: Indenter) -> None:

@@ -222,6 +222,13 @@ def test_a_mesh_in_millimetres_is_refused() -> None:
         _unloaded(nodes, triangles)
 
 
+def test_a_surface_without_numbers_is_refused() -> None:
+    """A press that failed gives no height map."""
+    surface = pressed_surface(lambda x, _: np.full_like(x, np.nan))
+    with pytest.raises(ConfigError, match="deformed surface covers no pixel"):
+        height_maps(surface, camera())
+
+
 def test_nodes_on_chords_are_put_back_onto_a_dome() -> None:
     """Nodes in the middle of straight edges lie below a dome; the map does not show that."""
     pad = BoxPad(
