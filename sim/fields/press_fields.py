@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.fields.stress import nodal_contact, surface_stress
 from sim.fields.surface import SurfaceState, TopSurface
-from sim.mesh.elements import linear_facets
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
 from sim.solve.load_steps.equilibrium import PathPoint
@@ -104,8 +103,7 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
     return SurfaceState(
         positions_rest=top.rest,
         positions=top.of(point.state.positions),
-        triangles=linear_facets(top.faces),
-        triangles6=top.faces if top.faces.shape[1] == 6 else None,
+        faces=top.faces,
         indenter=grown(path.indenter, reach) if reach else path.indenter,
         indenter_position=point.state.tip - reach * point.state.rotation[:, 2],
         indenter_rotation=point.state.rotation.copy(),

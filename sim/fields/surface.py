@@ -45,11 +45,8 @@ class SurfaceState:
     Attributes:
         positions_rest: Nodes at rest [m], shape [node_count, 3].
         positions: The same nodes deformed [m], shape [node_count, 3].
-        triangles: Linear facets, counter-clockwise seen from +z, shape [facet_count, 3]; a
-            quadratic face gives four.
-        triangles6: Quadratic faces, shape [face_count, 6]: corners 0, 1, 2, then the nodes on the
-            edges 01, 12, 20 (straight-sided at rest, parabolic when deformed); None for linear
-            elements.
+        faces: As ``TopSurface`` has them; quadratic ones are straight-sided at rest, parabolic
+            when deformed.
         indenter: The rigid body, or with a wide barrier what lies within d_hat of it; its
             ``lower_surface(x, y)`` is the height above its own tip.
         indenter_position: Its tip [m], shape [3]: no point of the gel lies above
@@ -63,8 +60,7 @@ class SurfaceState:
 
     positions_rest: FloatArray
     positions: FloatArray
-    triangles: IntArray
-    triangles6: IntArray | None
+    faces: IntArray
     indenter: Indenter
     indenter_position: FloatArray
     indenter_rotation: FloatArray
@@ -76,7 +72,7 @@ class SurfaceState:
         """The surface at rest, of which this one is its own model."""
         return TopSurface(
             rest=self.positions_rest,
-            faces=self.triangles if self.triangles6 is None else self.triangles6,
+            faces=self.faces,
             sources=np.arange(len(self.positions_rest), dtype=np.int32),
             signs=np.ones_like(self.positions_rest),
             mesh_axis_m=self.mesh_axis_m,

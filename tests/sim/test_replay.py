@@ -12,6 +12,7 @@ import pyvista
 from sim.error.prior_error import force_error
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
+from sim.mesh.elements import linear_facets
 from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Plane
 from sim.scene.material import Material
@@ -105,9 +106,8 @@ def test_surface_covers_the_pad_and_stays_below_the_indenter(
     surface = fields[0].surface
     assert surface.positions_rest[:, 0].min() == pytest.approx(-25.25e-3 / 2)
     assert surface.positions_rest[:, 1].max() == pytest.approx(20.75e-3 / 2)
-    assert surface.triangles6 is not None
-    assert len(surface.triangles) == 4 * len(surface.triangles6)
-    a, b, c = (surface.positions_rest[surface.triangles[:, k]] for k in range(3))
+    assert surface.faces.shape[1] == 6
+    a, b, c = (surface.positions_rest[linear_facets(surface.faces)[:, k]] for k in range(3))
     assert np.cross(b - a, c - a)[:, 2].sum() / 2 == pytest.approx(20.75e-3 * 25.25e-3, rel=1e-6)
     assert np.cross(b - a, c - a)[:, 2].min() > 0.0
     offset = surface.positions - surface.indenter_position

@@ -85,7 +85,7 @@ def round_rings(rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]) 
 
 
 def _rings(
-    triangles6: IntArray, radius: FloatArray, angle: FloatArray
+    faces: IntArray, radius: FloatArray, angle: FloatArray
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield the complete rings: those of corners, and those in the middle between two of them.
 
@@ -95,8 +95,8 @@ def _rings(
     equal on a chord; of a ring between two others, it is an edge along a ray or a diagonal.
     """
     _, circle = np.unique(np.round(radius / _SAME_RADIUS_M), return_inverse=True)
-    corners = np.unique(triangles6[:, :3])
-    edges = triangles6[:, [[0, 1, 3], [1, 2, 4], [2, 0, 5]]].reshape(-1, 3)
+    corners = np.unique(faces[:, :3])
+    edges = faces[:, [[0, 1, 3], [1, 2, 4], [2, 0, 5]]].reshape(-1, 3)
     edges = edges[np.unique(edges[:, 2], return_index=True)[1]]
     nodes = np.concatenate([corners, edges[:, 2]])
     ends = np.concatenate([np.stack([corners, corners], axis=1), edges[:, :2]])

@@ -55,8 +55,7 @@ def pressed_surface(
     return SurfaceState(
         positions_rest=rest,
         positions=np.c_[points, height(points[:, 0], points[:, 1])],
-        triangles=triangles,
-        triangles6=None,
+        faces=triangles,
         indenter=indenter or Plane(),
         indenter_position=np.array(tip),
         indenter_rotation=np.eye(3) if rotation is None else rotation,

@@ -16,7 +16,6 @@ from sim.device import Device
 from sim.effects.presets import build_model
 from sim.fields.press_fields import top_surface
 from sim.fields.surface import SurfaceState
-from sim.mesh.elements import linear_facets
 from sim.optics.camera_geometry import camera_geometry
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.material_points import surface_displacement
@@ -66,8 +65,7 @@ def _surface(
     return SurfaceState(
         positions_rest=top.rest,
         positions=top.of(positions),
-        triangles=linear_facets(top.faces),
-        triangles6=top.faces if top.faces.shape[1] == 6 else None,
+        faces=top.faces,
         indenter=grown(indenter, reach),
         indenter_position=tip - reach * rotation[:, 2],
         indenter_rotation=rotation,

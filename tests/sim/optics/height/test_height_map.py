@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sim.mesh.elements import linear_facets
+from sim.mesh.elements import FACE_EDGES, quadratic_nodes
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.underside_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
@@ -42,31 +42,20 @@ def _unloaded(nodes, faces, geometry=None):  # type: ignore[no-untyped-def]
         pressed_surface(lambda x, _: x),
         positions_rest=nodes,
         positions=nodes,
-        triangles=linear_facets(faces),
-        triangles6=faces if faces.shape[1] == 6 else None,
+        faces=faces,
     )
     return height_maps(surface, geometry or camera()).rest
 
 
 def test_quadratic_faces_are_exact() -> None:
     """Slopes of six-node faces of a quadratic surface, and so its heights, are exact."""
-    points, _, triangles6 = _with_edge_nodes(*irregular_mesh(1.5e-3))
+    points, faces = quadratic_nodes(*irregular_mesh(1.5e-3), edges=FACE_EDGES)
 
     def height(x, y):  # type: ignore[no-untyped-def]
         return APEX_M + 3.0 * x * x - 5.0 * x * y + y * y + 0.1 * x
 
-    z = _unloaded(np.c_[points, height(points[:, 0], points[:, 1])], triangles6)
+    z = _unloaded(np.c_[points, height(points[:, 0], points[:, 1])], faces)
     np.testing.assert_allclose(z, height(*camera().pad_grid()), atol=1e-9)
-
-
-def _with_edge_nodes(points, corners):  # type: ignore[no-untyped-def]
-    """Add a node on every edge; returns points, linear facets and six-node faces."""
-    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, index = np.unique(edges, axis=0, return_inverse=True)
-    middle = index.reshape(-1, 3).astype(np.int32) + len(points)
-    triangles6 = np.concatenate([corners, middle], axis=1)
-    parts = triangles6[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
-    return np.concatenate([points, points[unique].mean(axis=1)]), parts, triangles6
 
 
 @pytest.mark.parametrize("edge", [2e-4, 5e-4])
@@ -242,13 +231,12 @@ def test_nodes_on_chords_are_put_back_onto_a_dome() -> None:
     plan = flat.positions_rest
     corners = plan.copy()
     corners[:, 2] = pad.height_at(plan[:, 0], plan[:, 1])
-    points, facets, faces = _with_edge_nodes(corners, flat.triangles)
+    points, faces = quadratic_nodes(corners, flat.faces, edges=FACE_EDGES)
     below = replace(
         flat,
         positions_rest=points,
         positions=points - (0.0, 0.0, 1e-4),
-        triangles=facets,
-        triangles6=faces,
+        faces=faces,
     )
     x, y = camera().pad_grid()
     true = pad.height_at(x, y) - 1e-4

@@ -113,8 +113,7 @@ def test_rings_that_are_round_already_stay() -> None:
 def test_cut_faces_keep_the_surface() -> None:
     """The parts of faces cover what the faces covered, and neighbours share the nodes on edges."""
     surface = _punched()
-    faces = surface.triangles6
-    assert faces is not None
+    faces = surface.faces
     added, cut = added_nodes(faces, len(surface.positions)), cut_face()
     at = surface.positions[faces]
     bends = 0.125 * (at[:, :3] + np.roll(at[:, :3], -1, axis=1) - 2.0 * at[:, 3:])
