@@ -21,6 +21,7 @@ from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.scene.indenter import Indenter
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
+from tacauchy_rig.errors import ConfigError
 
 
 class SurfaceImages:
@@ -62,6 +63,7 @@ class SurfaceImages:
         blur_px: float = 0.0,
     ) -> None:
         self._device = device = Device(model.device)
+        self._shape = (count, len(model.nodes))
         geometry, top = geometry or camera_geometry(sensor), top_surface(model)
         fine, options = geometry.refined(samples), model.contact_options
         self._upright: Any = device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d)
@@ -102,10 +104,13 @@ class SurfaceImages:
             positions: Nodes of the model [m], Warp vec3d, shape [count, node_count].
             tips: The indenter's in the pad's frame [m], Warp vec3d, shape [count].
             rotations: Indenter frame to pad frame, Warp mat33d, shape [count]; upright by default.
+
+        Raises:
+            ConfigError: An array has not the shape that it is to have.
         """
-        self._heights.dents(
-            positions, tips, self._upright if rotations is None else rotations, self._dents
-        )
+        turned = self._upright if rotations is None else rotations
+        self._refuse_unfit(positions, tips, turned)
+        self._heights.dents(positions, tips, turned, self._dents)
         return self._render()
 
     def markers(self, positions: Any) -> Any:
@@ -116,7 +121,17 @@ class SurfaceImages:
         Args:
             positions: As in ``images``.
         """
+        self._refuse_unfit(positions)
         moved = self._points.displacement(positions)
         taken = [self._places_px, self._back, moved]
         self._device.launch(see_points, moved.shape, taken, [self._markers])
         return self._markers
+
+    def _refuse_unfit(self, positions: Any, *poses: Any) -> None:
+        found = [tuple(array.shape) for array in (positions, *poses)]
+        expected = [self._shape, *[self._shape[:1]] * len(poses)]
+        if found != expected:
+            raise ConfigError(
+                f"nodes, tips and rotations have the shapes {found}, the environments {expected}",
+                remedy="give all environments at once, with the nodes of the model",
+            )

@@ -27,6 +27,7 @@ from sim.scene.scene import Effect, Preset, Target
 from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
+from tacauchy_rig.errors import ConfigError
 
 _DEPTHS_M = (0.0, 0.2e-3, 0.5e-3)
 _PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.3e-3)
@@ -144,6 +145,15 @@ def test_an_environment_without_numbers_is_black(name: str) -> None:
     images = drawing.images(*taken).numpy()
     np.testing.assert_array_equal(images[[0, 2]], before[[0, 2]])
     assert not images[1].any()
+
+
+def test_nodes_of_another_model_are_refused() -> None:
+    """Before a kernel reads beside an array."""
+    drawing, (positions, *poses) = _together(_model("digit"), "digit", _PUNCH, np.eye(3))
+    with pytest.raises(ConfigError, match="all environments at once"):
+        drawing.images(positions[:2], *poses)
+    with pytest.raises(ConfigError, match="nodes of the model"):
+        drawing.markers(positions[:, 1:])
 
 
 @pytest.mark.gpu
