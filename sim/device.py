@@ -77,6 +77,16 @@ class Device:
         """Copy positions [m], shape [count, 3], to an array of vectors."""
         return self.array(positions, wp.vec3d)
 
+    def tables(self, structure: Any, *sources: Any, **members: Any) -> Any:
+        """Return a Warp structure; its arrays are copies of the attributes of objects."""
+        arrays = {
+            name: self.array(getattr(source, name), var.type.dtype)
+            for name, var in structure.vars.items()
+            for source in sources
+            if name not in members and hasattr(source, name)
+        }
+        return filled(structure, **arrays, **members)
+
     def empty(self, shape: tuple[int, ...], kind: Any) -> Any:
         """Return an array that a kernel fills."""
         return wp.empty(shape, dtype=kind, device=self.name)

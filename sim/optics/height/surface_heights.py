@@ -118,47 +118,30 @@ class SurfaceHeights:
         return loaded, contact
 
     def _take_tables(self, top: TopSurface, lifts: FloatArray) -> None:
-        array = self._device.array
-        node_count, face_count = len(top.rest), len(top.faces)
+        device, node_count = self._device, len(top.rest)
         parts, facets = top.faces, np.array([[0, 1, 2]])
-        self._part_count, self._added_count = face_count, 0
         self._cuts, self._rings, self._neighbours = Cuts(), None, None
+        self._added_count = 0
         if self._is_quadratic:
             cut, added = cut_face(), added_nodes(top.faces, node_count)
             parts, facets = np.concatenate([top.faces, added.parts]), np.array(QUARTERS)
-            self._part_count, self._added_count = len(parts), len(added.face)
-            tables = {
-                name: array(getattr(cut, name), wp.float64) for name in ("values", "straight")
-            }
-            names = ("across", "face", "beside", "place")
-            tables |= {name: array(getattr(added, name), wp.int32) for name in names}
-            self._cuts = filled(Cuts, **tables)
-            if top.mesh_axis_m is not None:
-                self._rings = self._ring_tables(top)
+            self._added_count = len(added.face)
+            self._cuts = device.tables(Cuts, cut, added)
         else:
-            self._neighbours = [array(table, wp.int32) for table in two_rings(parts, node_count)]
-        self._follower = filled(
+            rings = two_rings(parts, node_count)
+            self._neighbours = [device.array(table, wp.int32) for table in rings]
+        if self._is_quadratic and top.mesh_axis_m is not None:
+            made, (x, y) = round_rings(top.rest, top.faces, top.mesh_axis_m), top.mesh_axis_m
+            self._rings = device.tables(Rings, made, x=x, y=y) if len(made.on_rays) else None
+        self._follower = device.tables(
             Follower,
-            sources=array(top.sources, wp.int32),
-            signs=array(top.signs, wp.vec3d),
-            lifts=array(lifts, wp.float64),
-            faces=array(top.faces, wp.int32),
-            parts=array(parts, wp.int32),
-            facets=array(facets, wp.int32),
+            top,
+            lifts=device.array(lifts, wp.float64),
+            parts=device.array(parts, wp.int32),
+            facets=device.array(facets, wp.int32),
         )
-        self._face_count, self._facet_count = face_count, len(facets)
-        self._node_count = node_count
-
-    def _ring_tables(self, top: TopSurface) -> Any:
-        made = round_rings(top.rest, top.faces, top.mesh_axis_m or (0.0, 0.0))
-        if len(made.on_rays) == 0:
-            return None
-        reals = {name: getattr(made, name) for name in ("angle", "weights")}
-        names = ("between", "on_rays", "starts", "weight_starts", "counts")
-        whole = {name: self._device.array(getattr(made, name), wp.int32) for name in names}
-        arrays = {name: self._device.array(values, wp.float64) for name, values in reals.items()}
-        x, y = top.mesh_axis_m or (0.0, 0.0)
-        return filled(Rings, x=x, y=y, **whole, **arrays)
+        self._node_count, self._face_count = node_count, len(top.faces)
+        self._part_count, self._facet_count = len(parts), len(facets)
 
     def _make_room(self) -> None:
         count, nodes = self._count, self._node_count + self._added_count
