@@ -1,13 +1,10 @@
-"""A batch of presses: many environments over one rest mesh advance together.
+"""A batch of presses: many environments over one pad and one indenter, in step with each other.
 
-Each environment has a material, a pose of the indenter and a load history of its own, of depths or
-loads. Newton's equations are solved by conjugate gradients, preconditioned with the stiffness at a
-few depths of one pilot press, contact included. All environments share it: on a GPU its dense
-inverse, so that applying it is one product of two matrices, on the CPU its sparse factor.
-Environments go through frames, Newton's and conjugate gradients' iterations each at its own pace;
-the next depth's stiffness takes over when the last of them has passed the depth up to which the old
-one is the nearest. On a GPU such a segment is one CUDA graph: the host waits for its end and does
-nothing else. On the CPU the same kernels run.
+Each has a material, a friction, a place and a course of its own. They descend to equilibrium as a
+single press does (``sim.solve.descents``), with inverses of the stiffness that a pilot press left
+(``sim.batch.inverses``); the one nearest to where the environments are serves them all. Arrays stay
+on the device. On a GPU a step is one CUDA graph with a loop in it: the host waits for its end and
+reads how every environment ended.
 """
 
 from __future__ import annotations
@@ -18,27 +15,46 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.batch.environment import BatchOptions, BatchResult, Environment, refuse_unfit, segments
-from sim.batch.iteration import Iteration
-from sim.batch.kernels.dense import padded_columns
+from sim.batch import step_kernels as kernels
+from sim.batch.environment import (
+    BatchOptions,
+    BatchResult,
+    Course,
+    Environment,
+    refuse_unfit,
+    start_of,
+)
+from sim.batch.frames import Frames
+from sim.batch.inverses import inverses_for
 from sim.batch.pilot import Pilot
-from sim.device import Device, on_host
-from sim.fields.stress import SurfaceStress
+from sim.device import Device, filled, on_host
+from sim.fields.stress import StressProjection, SurfaceStress
+from sim.material.elastic_body import element_constants
+from sim.solve.descent_state import DONE, TOO_NEAR
+from sim.solve.descents import Descents, zeroed
+from sim.solve.equilibrium import EXTENSIONS
+from tacauchy_rig.errors import ConfigError
 
-# A test costs a GPU some microseconds, a few ticks too many cost few environments more: they would
-# go on with a stiffness that is no longer the nearest.
-_ITERATIONS_A_TEST, _FEW = 4, 8
+# A residual that is always enough, over E H^2 with the pad's height H.
+_FLOOR_SHARE = 1e-9
 
 
 class Batch:
     """Environments over one pad, ready to be pressed again and again.
 
     Args:
-        pilot: Pad, indenter and preconditioners.
+        pilot: Pad, indenter and inverses.
         environments: What differs.
         device: Warp device, ``cpu`` or ``cuda:0``.
+
+    Attributes:
+        model: The pad, on the device.
+        positions: Nodes of every environment [m], a Warp array of vectors, shape
+            [environment_count, node_count]; PyTorch and JAX take it through DLPack.
+        stress: Finds the stress on the surface, on the device.
 
     Raises:
         ConfigError: The environments do not fit together or to the pilot.
@@ -52,90 +68,290 @@ class Batch:
         options: BatchOptions | None = None,
         device: str = "cpu",
     ) -> None:
-        refuse_unfit(pilot, environments)
+        refuse_unfit(pilot.model, environments)
         self.pilot, self.options = pilot, options or BatchOptions()
-        self.environments = list(environments)
+        self.environments, self.count = list(environments), len(environments)
         self.device, self._device = device, Device(device)
-        count = len(self.environments)
-        missing = padded_columns(count) - count if self._device.is_gpu else 0
-        filled = [*self.environments, *[self.environments[-1]] * missing]
-        self.iteration = Iteration(
-            pilot, filled, count=count, options=self.options, device=self._device
+        self.model = model = pilot.model.on(device)
+        self._gel, surface, young_pa = self._own_materials()
+        self.inverse = inverses_for(pilot, self._device)
+        self.descents = Descents(
+            model,
+            pilot.indenter,
+            self.inverse,
+            memory=self.options.memory,
+            count=self.count,
+            gel=self._gel,
+            surface=surface,
+            young_share=model.young_pa / young_pa,
+            keeps=True,
+            holds_max=self.options.holds_max,
         )
-        load_histories = np.stack([each.load_history for each in self.environments], axis=1)
-        copies = pilot.model.mesh.symmetry.copies if pilot.is_pushed else 1
-        self._segments = segments(pilot, load_histories / copies)
-        self._graphs: list[Any] = []
+        self._start = start_of(
+            pilot.model,
+            pilot.indenter,
+            self.environments,
+            centre_m=pilot.centre_m,
+            rotation=pilot.rotation,
+            touch_m=pilot.touch_m,
+        )
+        self._allocate()
+        self.positions = self.trail.last
+        self.stress = StressProjection(model, self.positions, gel=self._gel)
+        self._frames: dict[int, Frames] = {}
+        self.reset()
 
-    @property
-    def frame_count(self) -> int:
-        """Frames of every environment."""
-        return len(self.environments[0].load_history)
+    def reset(self, which: Sequence[int] | None = None) -> None:
+        """Put environments back to the untouched gel; None is all of them."""
+        chosen = np.arange(self.count) if which is None else np.asarray(which, dtype=np.intp)
+        trail, model, start = self.trail, self.pilot.model, self._start
+        free = model.surface.free_grip()
+        for b in chosen:
+            self.descents.place(
+                int(b), model.nodes, tip=start.tips_m[b], rotation=start.rotations[b]
+            )
+            if free is not None:
+                self.descents.hold(int(b), free, start=free)
+        for array, value in (
+            (trail.known, np.int32(1)),
+            (trail.shares, np.array([1.0, 0.0, 0.0])),
+            (trail.features, np.zeros((3, 4))),
+            (trail.last, model.nodes),
+            (trail.older, np.stack([model.nodes] * 2)),
+            (trail.inverse, np.int32(-1)),
+        ):
+            self._assign(array, chosen, value)
+        heights = np.repeat(start.tips_m[:, 2:], 3, axis=1)
+        self._assign(trail.heights, chosen, heights[chosen])
+        self._extend(chosen, np.zeros(len(chosen), dtype=np.intp))
+        self._at[chosen] = 0.0
 
-    def prepare(self) -> None:
-        """Compile the kernels and, on a GPU, record the graphs, so that ``press`` need not."""
-        if self._graphs:
-            return
-        self.iteration.reset()
-        self.iteration.run()
-        if self._device.is_gpu:
-            for segment in range(len(self._segments)):
-                with wp.ScopedCapture(device=self._device.name) as capture:
-                    self._go(segment)
-                self._graphs.append(capture.graph)
+    def step(
+        self,
+        *,
+        depths_m: FloatArray | None = None,
+        loads_n: FloatArray | None = None,
+        shifts_m: FloatArray | None = None,
+        turns_rad: FloatArray | None = None,
+        active: NDArray[np.bool_] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Take the environments' indenters somewhere and find the gel's equilibrium.
 
-    def press(self) -> BatchResult:
-        """Press every environment along its load history from the untouched gel."""
-        self.prepare()
-        self.iteration.reset()
+        Args:
+            depths_m: Below first touch [m], shape [environment_count]; or
+            loads_n: F_z that pushes them [N], the same shape, for a pilot that is pushed.
+            shifts_m: Along x and y from where they came down [m], shape [environment_count, 2].
+            turns_rad: About z through the tip [rad], shape [environment_count].
+            active: Which take part; None is all of them. The others stay as they are.
+
+        Returns:
+            Which of those that took part arrived; the others are where they were before.
+
+        Raises:
+            ConfigError: Depths are given where the pilot is pushed, or loads where it is not.
+        """
+        given = loads_n if self.pilot.is_pushed else depths_m
+        if given is None:
+            wanted = "loads_n" if self.pilot.is_pushed else "depths_m"
+            raise ConfigError(f"the pilot is made for {wanted}", remedy=f"give {wanted}")
+        goal = np.zeros((self.count, 4))
+        goal[:, 0] = given
+        goal[:, 1:3] = 0.0 if shifts_m is None else shifts_m
+        goal[:, 3] = 0.0 if turns_rad is None else turns_rad
+        taking = np.ones(self.count, dtype=np.bool_) if active is None else active
+        return self._go(goal, taking)
+
+    def _go(self, goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Go somewhere, in parts if need be, and return who arrived."""
+        arrived = self._attempt(goal, taking)
+        parts = 2
+        while parts <= self.options.parts_max and (taking & ~arrived).any():
+            arrived |= self._in_parts(goal, taking & ~arrived, parts)
+            parts *= 2
+        self._at[arrived] = goal[arrived]
+        return arrived
+
+    def press(self, courses: Sequence[Course] | Course) -> BatchResult:
+        """Press every environment along its course from the untouched gel.
+
+        Raises:
+            ConfigError: There is not a course for each, or they are unlike in length.
+        """
+        courses = [courses] * self.count if isinstance(courses, Course) else list(courses)
+        frames = self.prepare(self._checked(courses))
+        course = np.stack([each.goals for each in courses], axis=1)
+        self.reset()
+        frames.course.assign(course)
+        evaluations = self.descents.state.evaluations
+        before = on_host(evaluations).copy()
+        self._active.fill_(1)
+        self._frame.fill_(0)
         self._device.synchronise()
         started = time.perf_counter()
-        for segment in range(len(self._segments)):
-            if self._graphs:
-                wp.capture_launch(self._graphs[segment])
-            else:
-                self._go(segment)
+        for _ in course:
+            frames.run()
         self._device.synchronise()
-        return self._result(time.perf_counter() - started)
+        results = frames.results()
+        for frame in range(len(course)) if (results["status"] != DONE).any() else ():
+            self._go_on(frame, course[frame], results)
+        wall_s = time.perf_counter() - started
+        return self._result(results, wall_s, (on_host(evaluations) - before).astype(np.int32))
+
+    def prepare(self, frame_count: int = 1) -> Frames:
+        """Compile the kernels and, on a GPU, record a step, so that ``press`` need not."""
+        if frame_count not in self._frames:
+            self._active.fill_(0)
+            self._frame.fill_(0)
+            self._frames[frame_count] = Frames(self, frame_count)
+        return self._frames[frame_count]
+
+    def _go_on(self, frame: int, goal: FloatArray, results: dict[str, FloatArray]) -> None:
+        """Take those further with care that did not arrive in a frame, or in one before it."""
+        missed = results["status"][frame] != DONE
+        ready = missed & ((results["status"][:frame] == DONE).all(axis=0))
+        arrived = self._go(goal, ready) if ready.any() else ready
+        for name, values in self.prepare(1).results().items():
+            results[name][frame, arrived] = values[0, arrived]
 
     def displacements(self) -> FloatArray:
         """Return the last frames' nodal displacements [m], [environment_count, node_count, 3]."""
-        pattern, count = self.pilot.model.pattern, len(self.environments)
-        found = on_host(self.iteration.vectors.before)[:count, : pattern.dof_count]
-        return np.stack([pattern.nodal(row) for row in found])
+        return on_host(self.positions) - self.pilot.model.nodes
 
     def surface_stresses(self) -> list[SurfaceStress]:
         """Return the stress on the last frames' surface, environment by environment."""
-        self.iteration.stress.launch()
-        return self.iteration.stress.fetch()
+        self.stress.launch()
+        return self.stress.fetch()
 
-    def _go(self, segment: int) -> None:
-        """Go on to the end of a segment."""
-        self.iteration.begin(*self._segments[segment])
-        wp.capture_while(self.iteration.busy, while_body=self._iterate)
+    def _own_materials(self) -> tuple[Any, Any, FloatArray]:
+        """Return the environments' elements and surface, and E of what is touched of each [Pa]."""
+        model, mesh = self.model, self.model.mesh
+        own = [
+            model.materials if each.materials is None else element_constants(mesh, each.materials)
+            for each in self.environments
+        ]
+        touched = model.discretisation.touched_element
+        young_pa = np.array([young[touched] for young, _ in own])
+        usual = model.contact_options.friction
+        friction = [usual if each.friction is None else each.friction for each in self.environments]
+        return model.gel.of(own), model.surface.of(young_pa.tolist(), friction), young_pa
 
-    def _iterate(self) -> None:
-        """Run the body of a segment's loop, after which is tested whether anybody is busy."""
-        few = not self._device.is_gpu or len(self.environments) <= _FEW
-        for _ in range(1 if few else _ITERATIONS_A_TEST):
-            self.iteration.run()
-
-    def _result(self, wall_s: float) -> BatchResult:
-        count, symmetry = len(self.environments), self.pilot.model.mesh.symmetry
-        found = self.iteration.found
-        part = on_host(found.push)[:, :count]
-        residual, imbalance, gap = (
-            on_host(array)[:, :count].copy()
-            for array in (found.residual, found.imbalance, found.gap)
+    def _allocate(self) -> None:
+        device, count, model = self._device, self.count, self.model
+        nodes = len(model.nodes)
+        shape = {"features": (count, 3), "last": (count, nodes), "older": (count, 2, nodes)}
+        self.trail = zeroed(kernels.Trail, (count,), device, heights=(count, 3), **shape)
+        self._active = self.trail.active
+        self._frame, self.straight = device.zeros(1, wp.int32), device.zeros(1, wp.int32)
+        self.floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
+        self._at = np.zeros((count, 4))
+        self._extension = np.zeros(count, dtype=np.intp)
+        self.descents.set(
+            relative=self.options.residual_relative,
+            floor=self.floor_n,
+            steps_max=self.options.steps_max,
+            rounding=model.gel.rounding_n,
         )
-        pushed = self.pilot.is_pushed
-        depth = -on_host(self.iteration.lifts) if pushed else on_host(self.iteration.depths)
+
+    def _attempt(self, goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Go to a goal in one step, and return who arrived."""
+        frames = self.prepare(1)
+        frames.course.assign(goal[None])
+        self._active.assign(taking.astype(np.int32))
+        while True:
+            self._frame.fill_(0)
+            frames.run()
+            status = on_host(self.descents.state.status)
+            near = taking & (status == TOO_NEAR) & (self._extension + 1 < len(self._extensions))
+            if not near.any():
+                return np.asarray(taking & (status == DONE))
+            arrived = taking & (status == DONE)
+            again = np.flatnonzero(near)
+            self._extend(again, self._extension[again] + 1)
+            taking = near
+            self._active.assign(taking.astype(np.int32))
+            if arrived.any():
+                return np.asarray(arrived | self._attempt(goal, taking))
+
+    def _in_parts(
+        self, goal: FloatArray, failing: NDArray[np.bool_], parts: int
+    ) -> NDArray[np.bool_]:
+        """Go to a goal in so many steps, and return who arrived."""
+        begun = self._at.copy()
+        for part in range(1, parts + 1):
+            self.straight.fill_(1 if part == 1 else 0)
+            failing = self._attempt(begun + part / parts * (goal - begun), failing)
+        self.straight.fill_(0)
+        return failing
+
+    def way(self, course: Any) -> Any:
+        """Return where the environments begin, and where a course leads them."""
+        start, symmetry, device = self._start, self.model.mesh.symmetry, self._device
+        metres_n, metres_rad = self.pilot.metres
+        return filled(
+            kernels.Way,
+            tips=device.array(start.tips_m, wp.vec3d),
+            rotations=device.array(start.rotations, wp.mat33d),
+            course=course,
+            frame=self._frame,
+            metres=wp.vec2d(metres_n, metres_rad),
+            copies=float(symmetry.copies),
+            pushed=self.pilot.is_pushed,
+        )
+
+    @property
+    def _extensions(self) -> tuple[float, ...]:
+        return (self.model.contact_options.extension, *EXTENSIONS)
+
+    def _extend(self, which: NDArray[np.intp], stage: NDArray[np.intp]) -> None:
+        """Give environments another form of the barrier."""
+        self._extension[which] = stage
+        chosen = np.array(self._extensions)[self._extension]
+        least = [self.model.contact_options.gap_least_m(float(each)) for each in chosen]
+        self.descents.surface.extensions.assign(chosen)
+        self.descents.state.gap_least.assign(np.array(least))
+
+    def _checked(self, courses: Sequence[Course]) -> int:
+        """Return the frames of courses that fit together.
+
+        Raises:
+            ConfigError: They do not.
+        """
+        lengths = {each.frame_count for each in courses}
+        if len(courses) != self.count or len(lengths) != 1:
+            raise ConfigError(
+                f"{len(courses)} courses of {', '.join(map(str, sorted(lengths)))} frames for "
+                f"{self.count} environments",
+                remedy="give each environment a course, all with the same number of frames",
+            )
+        for number, each in enumerate(courses):
+            if each.is_pushed != self.pilot.is_pushed:
+                given, wanted = ("loads", "depths")[:: 1 if each.is_pushed else -1]
+                raise ConfigError(
+                    f"environment {number} has {given}, and the pilot is made for {wanted}",
+                    remedy=f"give {wanted}, or make a pilot for {given}",
+                )
+        return lengths.pop()
+
+    def _result(
+        self, results: dict[str, Any], wall_s: float, evaluations: NDArray[np.int32]
+    ) -> BatchResult:
+        symmetry, missed = self.model.mesh.symmetry, results["status"] != DONE
+        for name in ("push", "tips", "residual", "imbalance", "gap"):
+            results[name][missed] = np.nan
+        part = results["push"]
         return BatchResult(
             force_n=np.sum([sign * part for sign in symmetry.signs()], axis=0),
-            depth_m=np.where(np.isnan(residual), np.nan, depth[:, :count]),
-            residual=residual,
-            imbalance=imbalance,
-            gap_m=gap,
-            evaluations=self.iteration.progress.spent.numpy()[:count].copy(),
+            depth_m=self._start.tips_m[:, 2] - results["tips"][..., 2],
+            residual=results["residual"],
+            imbalance=results["imbalance"],
+            gap_m=results["gap"],
+            evaluations=evaluations,
             wall_s=wall_s,
         )
+
+    def _assign(self, array: Any, which: NDArray[np.intp], values: Any) -> None:
+        """Set an array's entries of some environments."""
+        host = array.numpy()
+        host[which] = values
+        if self._device.is_gpu:
+            array.assign(host)

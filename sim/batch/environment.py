@@ -1,67 +1,136 @@
-"""What the environments of a batch have of their own, and what they give.
-
-Each has a load history: depths or loads, frame by frame.
-"""
+"""What the environments of a batch have of their own, where they go, and what they give."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.batch.pilot import Pilot
+from sim.scene.indenter import Indenter
+from sim.scene.material import Material
+from sim.scene.scene import Scene
 from sim.solve.load_steps.first_touch import touch_height
+from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Environment:
-    """One press of a batch.
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """Where an indenter goes, frame by frame.
 
     Attributes:
-        young_pa: E [Pa] of the gel.
-        poisson: nu of the gel.
-        depths_m: Depth of every frame below first touch [m], growing; or none, and
-        loads_n: Force F_z that pushes the indenter in every frame [N], growing.
-        offset_m: Where the indenter comes down beside the pilot's place, x and y [m].
-        rotation: Indenter frame to pad frame, shape [3, 3].
+        depths_m: Depth below first touch [m]; or none, and
+        loads_n: Force F_z that pushes it [N].
+        shifts_m: Along x and y from where it came down [m], shape [frame_count, 2]; none is zero.
+        turns_rad: About z through its tip [rad]; none is zero.
     """
 
-    young_pa: float
-    poisson: float
     depths_m: FloatArray | None = None
     loads_n: FloatArray | None = None
-    offset_m: tuple[float, float] = (0.0, 0.0)
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    shifts_m: FloatArray | None = None
+    turns_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if (self.depths_m is None) == (self.loads_n is None):
             raise ConfigError(
-                "an environment has both depths and loads, or neither",
+                "a course has both depths and loads, or neither",
                 remedy="give the one that is known, frame by frame",
             )
-        given = self.load_history
-        if given.ndim != 1 or len(given) == 0 or np.diff(given, prepend=0.0).min() <= 0.0:
-            unit, scale = ("mm", 1e3) if self.is_displaced else ("N", 1.0)
-            shown = ", ".join(f"{scale * value:.4g}" for value in given.reshape(-1)[:8])
+        count = self.frame_count
+        for name, given in (("shifts_m", self.shifts_m), ("turns_rad", self.turns_rad)):
+            if given is not None and len(given) != count:
+                raise ConfigError(
+                    f"{name}: {len(given)} of them for {count} frames", remedy="give as many"
+                )
+        if count == 0 or not np.isfinite(self.goals).all():
             raise ConfigError(
-                f"the frames of an environment, {shown} {unit}, do not grow from above zero",
-                remedy="give growing depths or loads",
+                "a course has no frames, or numbers in it that are not finite",
+                remedy="give at least one frame, and finite numbers",
             )
 
-    @property
-    def is_displaced(self) -> bool:
-        """Its depths are given, not its loads."""
-        return self.depths_m is not None
+    def scaled(self, share: float) -> Course:
+        """Return the course to a share of its depths or loads."""
+        depths, loads = self.depths_m, self.loads_n
+        return replace(
+            self,
+            depths_m=None if depths is None else share * depths,
+            loads_n=None if loads is None else share * loads,
+        )
 
     @property
-    def load_history(self) -> FloatArray:
+    def is_pushed(self) -> bool:
+        """Its loads are given, not its depths."""
+        return self.loads_n is not None
+
+    @property
+    def along(self) -> FloatArray:
         """What is given frame by frame: depths [m] or loads [N]."""
         given = self.depths_m if self.depths_m is not None else self.loads_n
         return np.asarray(given, dtype=np.float64)
+
+    @property
+    def frame_count(self) -> int:
+        """Frames."""
+        return len(self.along)
+
+    @property
+    def shifts(self) -> FloatArray:
+        """Shifts [m], shape [frame_count, 2]."""
+        none = np.zeros((self.frame_count, 2))
+        return none if self.shifts_m is None else np.asarray(self.shifts_m, dtype=np.float64)
+
+    @property
+    def turns(self) -> FloatArray:
+        """Turns [rad], shape [frame_count]."""
+        none = np.zeros(self.frame_count)
+        return none if self.turns_rad is None else np.asarray(self.turns_rad, dtype=np.float64)
+
+    @property
+    def goals(self) -> FloatArray:
+        """Depths [m] or loads [N], shifts [m] and turns [rad], shape [frame_count, 4]."""
+        return np.column_stack([self.along, self.shifts, self.turns])
+
+    @property
+    def moves(self) -> bool:
+        """It goes along the surface or turns."""
+        return bool(self.shifts.any() or self.turns.any())
+
+
+def course_of(scene: Scene, *, frame_count: int) -> Course:
+    """Return a scene's course in equal frames: down, then, in half of them, its motion."""
+    motion, target = scene.motion, scene.target
+    moves = any(motion.shift_m) or motion.twist_rad != 0.0
+    pressing = frame_count // 2 if moves else frame_count
+    down = np.minimum(1.0, np.arange(1, frame_count + 1) / pressing)
+    beside = np.maximum(0.0, np.arange(1, frame_count + 1) - pressing) / max(
+        1, frame_count - pressing
+    )
+    return Course(
+        depths_m=None if target.depth_m is None else down * target.depth_m,
+        loads_n=None if target.force_n is None else down * target.force_n,
+        shifts_m=np.outer(beside, motion.shift_m),
+        turns_rad=beside * motion.twist_rad,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Environment:
+    """One press of a batch: what it has of its own; None is what the model has.
+
+    Attributes:
+        materials: Of the gel's layers, from the camera's side.
+        friction: Coulomb coefficient mu.
+        offset_m: Where the indenter comes down beside the pilot's place, x and y [m].
+        rotation: Indenter frame to pad frame, shape [3, 3].
+    """
+
+    materials: tuple[Material, ...] | None = None
+    friction: float | None = None
+    offset_m: tuple[float, float] = (0.0, 0.0)
+    rotation: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,33 +140,22 @@ class BatchOptions:
     Attributes:
         residual_relative: Norm of the unbalanced force, and difference of base reaction and
             indenter force, over the contact force.
-        forcing: Conjugate gradients end at this share of their first residual.
-        extension: Share of d_hat below which the barrier is a parabola. At 1 it is one altogether,
-            and gaps stay positive while the pressure is below 8 E.
-        search_max: Most steps of conjugate gradients for one of Newton.
-        newton_max: Most Newton steps for a frame.
-        halving_max: Most halvings of a Newton step.
-        retry_max: Most further starts of a frame where Newton did not arrive: from the last frame
-            as it is, then half extrapolated.
-        growth_max: Most that a Newton step may multiply the norm of the unbalanced force by.
-        lead_max: Frames that an environment may be ahead of the slowest one's stiffness. Farther
-            from it conjugate gradients take many times as long, or fail.
+        memory: Steps that are remembered.
+        steps_max: Most steps for a frame.
+        holds_max: How often it is found anew where points take hold in a step.
+        parts_max: Into how many parts a step is cut at most where the descent does not arrive.
     """
 
     residual_relative: float = 1e-6
-    forcing: float = 0.25
-    extension: float = 1.0
-    search_max: int = 100
-    newton_max: int = 40
-    halving_max: int = 12
-    retry_max: int = 2
-    lead_max: int = 1
-    growth_max: float = 4.0
+    memory: int = 16
+    steps_max: int = 200
+    parts_max: int = 16
+    holds_max: int = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchResult:
-    """What a batch gives; not a number where Newton gave up.
+    """What a batch gives; not a number where the descent gave up.
 
     Attributes:
         force_n: Force on the indenter, whole pad [N], shape [frame_count, environment_count, 3].
@@ -105,7 +163,7 @@ class BatchResult:
         residual: Norm of the unbalanced force over the contact force's, the same shape.
         imbalance: Base reaction against the indenter's force, over the latter, the same shape.
         gap_m: Smallest gap [m], the same shape.
-        evaluations: Forces, or stiffness times a direction, that each environment took.
+        evaluations: Of the forces, by environment.
         wall_s: Time of the presses, without setting up.
     """
 
@@ -128,86 +186,71 @@ class BatchResult:
         return float(np.isfinite(self.force_n[..., 2]).sum() / self.wall_s)
 
 
-def refuse_unfit(pilot: Pilot, environments: Sequence[Environment]) -> None:
-    """End where environments do not fit together or to their pilot.
+def refuse_unfit(model: Model, environments: Sequence[Environment]) -> None:
+    """End where environments do not fit to their pad.
 
     Raises:
         ConfigError: Names the first that does not fit.
     """
     if not environments:
         raise ConfigError("a batch without environments", remedy="give at least one")
-    lengths = {len(environment.load_history) for environment in environments}
-    if len(lengths) > 1:
-        raise ConfigError(
-            "the environments of a batch have unlike numbers of frames: "
-            + ", ".join(map(str, sorted(lengths))),
-            remedy="give each the same number of depths or loads",
-        )
+    symmetry = model.mesh.symmetry
     for number, environment in enumerate(environments):
-        if environment.is_displaced == pilot.is_pushed:
-            given, wanted = ("depths", "loads")[:: 1 if pilot.is_pushed else -1]
-            raise ConfigError(
-                f"environment {number} has {given}, and the pilot is made for {wanted}",
-                remedy=f"give {wanted}, or make a pilot for {given}",
-            )
-        symmetry = pilot.model.mesh.symmetry
-        turned = not np.array_equal(environment.rotation, np.eye(3))
+        turned = environment.rotation is not None
         if symmetry.copies > 1 and (turned or environment.offset_m != (0.0, 0.0)):
             raise ConfigError(
                 f"environment {number} moves or turns the indenter, but symmetry lets only a "
                 f"{'quarter' if symmetry.copies == 4 else 'half'} of the pad be modelled",
                 remedy="mesh the whole pad: switch the effect symmetry off",
             )
+        friction = environment.friction
+        if friction is not None and not (model.contact_options.friction > 0.0 and friction > 0.0):
+            raise ConfigError(
+                f"environment {number} has a friction of {friction:g}, and the model is made for "
+                f"{model.contact_options.friction:g}",
+                remedy="give a friction above zero to all, or to none",
+            )
 
 
-def touch_point(pilot: Pilot, environment: Environment) -> FloatArray:
-    """Return where an environment's indenter first touches the pad: its tip [m], shape [3]."""
-    x, y = np.add(pilot.centre_m, environment.offset_m)
-    if environment.offset_m == (0.0, 0.0) and np.array_equal(environment.rotation, np.eye(3)):
-        return np.array([x, y, pilot.touch_m])
-    model = pilot.model
-    height = touch_height(
-        model,
-        pilot.indenter,
-        model.nodes,
-        centre_m=(float(x), float(y)),
-        rotation=environment.rotation,
-    )
-    return np.array([x, y, height])
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Start:
+    """Where environments begin, shape [environment_count, ...] each.
+
+    Attributes:
+        tips_m: At first touch [m], shape [..., 3].
+        rotations: Indenter frame to pad frame, shape [..., 3, 3].
+    """
+
+    tips_m: FloatArray
+    rotations: FloatArray = field(repr=False)
 
 
-def segments(pilot: Pilot, load_histories: FloatArray) -> list[tuple[int, int]]:
-    """Return which of a pilot's stiffnesses serves up to which frame: (stiffness, end frame).
+def start_of(
+    model: Model,
+    indenter: Indenter,
+    environments: Sequence[Environment],
+    *,
+    centre_m: tuple[float, float],
+    rotation: FloatArray,
+    touch_m: float,
+) -> Start:
+    """Return where the environments' indenters first touch the pad.
 
     Args:
-        load_histories: Depths [m] or loads on the modelled part [N], shape [frame_count, count].
+        model: On a processor.
+        centre_m: Where the pilot came down, x and y [m].
+        rotation: The pilot's.
+        touch_m: Height of its tip at first touch [m].
     """
-    nearest = pilot.nearest(load_histories.mean(axis=1))
-    return [
-        (int(which), int(np.flatnonzero(nearest == which)[-1]) + 1) for which in np.unique(nearest)
-    ]
-
-
-def extrapolation(load_histories: FloatArray) -> FloatArray:
-    """Return the shares of the last three frames in the next one's start: Lagrange's polynomials.
-
-    The untouched gel, at zero, counts as a frame before the first.
-
-    Args:
-        load_histories: Shape [frame_count, environment_count].
-
-    Returns:
-        Shape [frame_count, environment_count, 3], newest first.
-    """
-    frames, count = load_histories.shape
-    shares = np.zeros((frames, count, 3))
-    shares[:, :, 0] = 1.0
-    points = np.concatenate([np.zeros((1, count)), load_histories])
-    for frame in range(frames - 1):
-        order = min(frame + 1, 3) if frame else 2
-        known, ahead = points[frame - order + 2 : frame + 2][::-1], points[frame + 2]
-        for k in range(order):
-            others = [j for j in range(order) if j != k]
-            factors = [(ahead - known[j]) / (known[k] - known[j]) for j in others]
-            shares[frame, :, k] = np.prod(factors, axis=0)
-    return shares
+    tips, rotations = [], []
+    for environment in environments:
+        turned = rotation if environment.rotation is None else environment.rotation
+        x, y = np.add(centre_m, environment.offset_m)
+        height = touch_m
+        if environment.rotation is not None or environment.offset_m != (0.0, 0.0):
+            height = touch_height(
+                model, indenter, model.nodes, centre_m=(float(x), float(y)), rotation=turned
+            )
+        tips.append([x, y, height])
+        rotations.append(turned)
+    return Start(tips_m=np.array(tips), rotations=np.array(rotations))

@@ -25,23 +25,25 @@ class TouchedSurface:
         faces: Nodes of every face, shape [face_count, face_node_count].
         values: Of the shape functions, shape [point_count, face_node_count].
         areas: At rest, of every contact point [m^2], shape [face_count, point_count].
+        young: E of what is touched [Pa], shape [environment_count].
+        extensions: Share of d_hat below which the barrier goes on as a parabola, the same shape.
+        friction: mu, the same shape.
         distance: d_hat [m].
-        stiffness: kappa [J/m^2].
-        extension: Share of d_hat below which the barrier goes on as a parabola.
-        bond: k [Pa/m]; positive only where points are bonded.
-        friction: mu.
+        stiffness_factor: kappa over E d_hat.
         slip: s [m], the offset at which sticking has become sliding.
+        bonded: Points that touch stick, with k = E / d_hat.
     """
 
     faces: wp.array2d(dtype=wp.int32)
     values: wp.array2d(dtype=wp.float64)
     areas: wp.array2d(dtype=wp.float64)
+    young: wp.array(dtype=wp.float64)
+    extensions: wp.array(dtype=wp.float64)
+    friction: wp.array(dtype=wp.float64)
     distance: wp.float64
-    stiffness: wp.float64
-    extension: wp.float64
-    bond: wp.float64
-    friction: wp.float64
+    stiffness_factor: wp.float64
     slip: wp.float64
+    bonded: wp.bool
 
 
 @wp.func
@@ -93,21 +95,23 @@ def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def normal_contact(surface: TouchedSurface, s: wp.float64):
+def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
     """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m] at gap s d_hat < d_hat.
 
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
-    scale = surface.stiffness / surface.distance
-    pressure = scale * barrier_slope(s, surface.extension)
-    change = scale / surface.distance * barrier_curvature(s, surface.extension)
-    return surface.stiffness * _barrier(s, surface.extension), pressure, change
+    extension = surface.extensions[b]
+    scale = surface.stiffness_factor * surface.young[b]
+    pressure = scale * barrier_slope(s, extension)
+    change = scale / surface.distance * barrier_curvature(s, extension)
+    return scale * surface.distance * _barrier(s, extension), pressure, change
 
 
 @wp.kernel(enable_backward=False)
 def scatter(
     # Model:
-    surface: TouchedSurface,
+    faces: wp.array2d(dtype=wp.int32),
+    values: wp.array2d(dtype=wp.float64),
     # Data in:
     point_vectors: wp.array2d(dtype=wp.vec3d),
     # Data out:
@@ -117,7 +121,8 @@ def scatter(
     f, q = wp.tid()
     v = point_vectors[f, q]
     if wp.dot(v, v) > wp.float64(0.0):
-        add_to_nodes(v, surface, f, q, nodes_out)
+        for k in range(faces.shape[1]):
+            wp.atomic_add(nodes_out, faces[f, k], v * values[q, k])
 
 
 @wp.kernel(enable_backward=False)

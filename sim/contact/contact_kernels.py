@@ -2,7 +2,8 @@
 
 They are compiled for what presses, an analytic body or one of triangles, and for whether anything
 resists along the surface, so that none carries what it does not need. All launch over
-[face_count, face_point_count].
+[environment_count, face_count, face_point_count], and leave environments alone that are not
+``wanted``.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from sim.contact.friction import (
     taken_hold,
     tangential_contact,
 )
-from sim.contact.indenter_distance import distance_curvature, signed_distance
+from sim.contact.indenter_distance import Poses, distance_curvature, posed, signed_distance
 from sim.device import CPU_FLAGS
 
 
@@ -38,7 +39,8 @@ class ContactKernels:
         gap: Gaps [m].
         touch: Energies [J] and gaps [m]; adds forces [N] to the nodes, and their sum.
         force: Position [m] of every point, force on the indenter [N] and its stiffness [N/m].
-        hold: Holds points that touch and frees the others; takes over their pressure.
+        hold: Holds points that touch and frees the others; takes over their pressure, and tells
+            its change and size [N].
         drag: Lets anchors of sliding points follow.
     """
 
@@ -57,8 +59,11 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         body_kind: ``Body`` or ``MeshBody``.
         grips: Points that touch hold on to the indenter.
     """
-    made = {"enable_backward": False, "module": "unique"}
-    fast = {**made, "module_options": {"cpu_compiler_flags": CPU_FLAGS}}
+    made = {
+        "enable_backward": False,
+        "module": "unique",
+        "module_options": {"cpu_compiler_flags": CPU_FLAGS},
+    }
 
     @wp.kernel(**made)
     def gap(
@@ -66,49 +71,57 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         surface: TouchedSurface,
         body: Any,
         # Data in:
-        positions: wp.array(dtype=wp.vec3d),
+        poses: Poses,
+        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
-        gap_out: wp.array2d(dtype=wp.float64),
+        gap_out: wp.array3d(dtype=wp.float64),
     ):
-        f, q = wp.tid()
-        distance, _ = signed_distance(body, surface_point(surface, positions, f, q))
-        gap_out[f, q] = distance
+        b, f, q = wp.tid()
+        here = posed(body, poses, b)
+        distance, _ = signed_distance(here, surface_point(surface, positions[b], f, q))
+        gap_out[b, f, q] = distance
 
-    @wp.kernel(**fast)
+    @wp.kernel(**made)
     def touch(
         # Model:
         surface: TouchedSurface,
         body: Any,
         # Data in:
+        wanted: wp.array(dtype=wp.int32),
+        poses: Poses,
         grip: GripArrays,
-        positions: wp.array(dtype=wp.vec3d),
+        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
-        nodes_out: wp.array(dtype=wp.vec3d),
+        nodes_out: wp.array2d(dtype=wp.vec3d),
         push_out: wp.array(dtype=wp.vec3d),
-        energy_out: wp.array2d(dtype=wp.float64),
-        gap_out: wp.array2d(dtype=wp.float64),
+        energy_out: wp.array3d(dtype=wp.float64),
+        gap_out: wp.array3d(dtype=wp.float64),
     ):
-        f, q = wp.tid()
-        x = surface_point(surface, positions, f, q)
-        distance, n = signed_distance(body, x)
-        density = wp.float64(0.0)
-        v = wp.vec3d()
-        if distance < surface.distance:
-            density, slope, _change = normal_contact(surface, distance / surface.distance)
-            v = n * slope
-        if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
-            if grip.held[f, q] == 1:
-                u = grip_offset(body, grip, f, q, x)
-                load = wp.length(grip.loads[f, q])
-                more, across, _along = tangential_contact(surface, load, wp.length(u))
-                density += more
-                v += u * across
-        energy_out[f, q] = surface.areas[f, q] * density
-        gap_out[f, q] = distance
-        if wp.dot(v, v) > wp.float64(0.0):
-            v = v * surface.areas[f, q]
-            add_to_nodes(v, surface, f, q, nodes_out)
-            wp.atomic_add(push_out, 0, v)
+        b, f, q = wp.tid()
+        if wanted[b] == 1:
+            x = surface_point(surface, positions[b], f, q)
+            here = posed(body, poses, b)
+            distance, n = signed_distance(here, x)
+            density = wp.float64(0.0)
+            v = wp.vec3d()
+            if distance < surface.distance:
+                density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+                v = n * slope
+            if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+                if grip.held[b, f, q] == 1:
+                    load = grip.loads[b, f, q]
+                    u = grip_offset(here, load, grip.anchors[b, f, q], x)
+                    more, across, _along = tangential_contact(
+                        surface, b, wp.length(load), wp.length(u)
+                    )
+                    density += more
+                    v += u * across
+            energy_out[b, f, q] = surface.areas[f, q] * density
+            gap_out[b, f, q] = distance
+            if wp.dot(v, v) > wp.float64(0.0):
+                v = v * surface.areas[f, q]
+                add_to_nodes(v, surface, f, q, nodes_out[b])
+                wp.atomic_add(push_out, b, v)
 
     @wp.kernel(**made)
     def force(
@@ -116,45 +129,48 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         surface: TouchedSurface,
         body: Any,
         # Data in:
+        poses: Poses,
         grip: GripArrays,
-        positions: wp.array(dtype=wp.vec3d),
+        positions: wp.array2d(dtype=wp.vec3d),
         curved: wp.bool,
         # Data out:
-        point_out: wp.array2d(dtype=wp.vec3d),
-        force_out: wp.array2d(dtype=wp.vec3d),
-        stiffness_out: wp.array2d(dtype=wp.mat33d),
+        point_out: wp.array3d(dtype=wp.vec3d),
+        force_out: wp.array3d(dtype=wp.vec3d),
+        stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
         # With ``curved`` the stiffness is exact; without, the indenter's curvature is left out,
         # which keeps it positive semidefinite.
-        f, q = wp.tid()
-        x = surface_point(surface, positions, f, q)
-        distance, n = signed_distance(body, x)
+        b, f, q = wp.tid()
+        x = surface_point(surface, positions[b], f, q)
+        here = posed(body, poses, b)
+        distance, n = signed_distance(here, x)
         pull = wp.vec3d()
         stiffness = wp.mat33d()
         if distance < surface.distance:
-            _energy, slope, change = normal_contact(surface, distance / surface.distance)
+            _energy, slope, change = normal_contact(surface, b, distance / surface.distance)
             pull = n * slope
             stiffness = wp.outer(n, n) * change
             if curved:
-                stiffness += distance_curvature(body, x) * slope
+                stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
-            if grip.held[f, q] == 1:
-                u = grip_offset(body, grip, f, q, x)
+            if grip.held[b, f, q] == 1:
+                lagged = grip.loads[b, f, q]
+                u = grip_offset(here, lagged, grip.anchors[b, f, q], x)
                 length = wp.length(u)
-                load = wp.length(grip.loads[f, q])
-                _more, across, along = tangential_contact(surface, load, length)
+                load = wp.length(lagged)
+                _more, across, along = tangential_contact(surface, b, load, length)
                 tangent = wp.identity(n=3, dtype=wp.float64)
                 if load > wp.float64(0.0):
-                    held = body.rotation * (grip.loads[f, q] / load)
+                    held = here.rotation * (lagged / load)
                     tangent = tangent - wp.outer(held, held)
                 stiffness += tangent * across
                 if length > wp.float64(1.0e-30):
                     t = u / length
                     stiffness += wp.outer(t, t) * (along - across)
                 pull += u * across
-        point_out[f, q] = x
-        force_out[f, q] = pull * surface.areas[f, q]
-        stiffness_out[f, q] = stiffness * surface.areas[f, q]
+        point_out[b, f, q] = x
+        force_out[b, f, q] = pull * surface.areas[f, q]
+        stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
 
     @wp.kernel(**made)
     def hold(
@@ -162,18 +178,30 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         surface: TouchedSurface,
         body: Any,
         # Data in:
-        positions: wp.array(dtype=wp.vec3d),
+        wanted: wp.array(dtype=wp.int32),
+        poses: Poses,
+        positions: wp.array2d(dtype=wp.vec3d),
+        start: GripArrays,
         # Data in and out:
         grip: GripArrays,
+        # Data out:
+        change_out: wp.array3d(dtype=wp.float64),
+        limit_out: wp.array3d(dtype=wp.float64),
     ):
-        f, q = wp.tid()
-        x = surface_point(surface, positions, f, q)
-        distance, _normal = signed_distance(body, x)
-        pressure = wp.float64(0.0)
-        if distance < surface.distance:
-            _energy, slope, _change = normal_contact(surface, distance / surface.distance)
-            pressure = -slope
-        taken_hold(surface, body, x, pressure, f, q, grip)
+        # Where 2 is wanted, points that are held stay where they hold on.
+        b, f, q = wp.tid()
+        if wanted[b] > 0:
+            before = grip.loads[b, f, q]
+            x = surface_point(surface, positions[b], f, q)
+            was_held = start.held[b, f, q]
+            anchor = start.anchors[b, f, q]
+            if wanted[b] == 2 and grip.held[b, f, q] == 1:
+                was_held = wp.int32(1)
+                anchor = grip.anchors[b, f, q]
+            taken_hold(surface, posed(body, poses, b), x, b, f, q, was_held, anchor, grip)
+            load = grip.loads[b, f, q]
+            change_out[b, f, q] = surface.areas[f, q] * wp.length(load - before)
+            limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
 
     @wp.kernel(**made)
     def drag(
@@ -181,12 +209,16 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         surface: TouchedSurface,
         body: Any,
         # Data in:
-        positions: wp.array(dtype=wp.vec3d),
+        wanted: wp.array(dtype=wp.int32),
+        poses: Poses,
+        positions: wp.array2d(dtype=wp.vec3d),
         # Data in and out:
         grip: GripArrays,
     ):
-        f, q = wp.tid()
-        dragged(surface, body, surface_point(surface, positions, f, q), f, q, grip)
+        b, f, q = wp.tid()
+        if wanted[b] == 1:
+            x = surface_point(surface, positions[b], f, q)
+            dragged(surface, posed(body, poses, b), x, b, f, q, grip)
 
     def built(kernel: Any) -> Any:
         return wp.overload(kernel, {"body": body_kind})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import warp as wp
 from sim.arrays import FloatArray
 from sim.contact import barrier, friction
 from sim.contact.contact_kernels import ContactKernels, contact_kernels
-from sim.contact.indenter_distance import body_at, body_kind
+from sim.contact.indenter_distance import body_kind, body_of, poses_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
@@ -21,6 +20,8 @@ from sim.scene.indenter import Indenter
 
 class ContactSurface:
     """A pad's outer faces with their contact points.
+
+    Its methods that take a state serve one press; ``of`` is for kernels over many environments.
 
     Args:
         young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness.
@@ -33,24 +34,27 @@ class ContactSurface:
         self._shape = (len(pad.faces), len(pad.reference.face_weights))
         self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
         areas = pad.face_areas[:, None] * pad.reference.face_weights
-        # Kernels that know of no grip read nothing of it; the others read it at every point.
-        read = self._shape if options.is_tangential else (1, 1)
-        self._no_grip = filled(
-            friction.GripArrays,
-            held=device.zeros(read, wp.int32),
-            anchors=device.zeros(read, wp.vec3d),
-            loads=device.zeros(read, wp.vec3d),
-        )
         self._surface = filled(
             barrier.TouchedSurface,
             faces=device.array(pad.faces, wp.int32),
             values=device.array(pad.reference.face_values, wp.float64),
             areas=device.array(areas, wp.float64),
             distance=options.distance_m,
-            stiffness=options.stiffness_factor * young_pa * options.distance_m,
-            bond=young_pa / options.distance_m if options.bonded else 0.0,
-            friction=options.friction,
+            stiffness_factor=options.stiffness_factor,
             slip=options.slip_m,
+            bonded=options.bonded,
+        )
+        self._surface = self.of([young_pa], [options.friction])
+
+    def of(self, young_pa: Sequence[float], friction: Sequence[float]) -> Any:
+        """Return the surface for environments that differ in E [Pa] and mu."""
+        extensions = np.full(len(young_pa), self._options.extension)
+        return replaced(
+            barrier.TouchedSurface,
+            self._surface,
+            young=self._device.array(young_pa, wp.float64),
+            friction=self._device.array(friction, wp.float64),
+            extensions=self._device.array(extensions, wp.float64),
         )
 
     @property
@@ -71,52 +75,43 @@ class ContactSurface:
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
         out = self._points(wp.float64)
-        inputs = [*self._at(indenter, state), self._device.vectors(positions)]
-        self._device.launch(self._kernels(indenter).gap, self._shape, inputs, [out])
-        return on_host(out)
+        inputs = [*self._model(indenter, state), *self._at(positions, state)]
+        self._device.launch(self.kernels(indenter).gap, out.shape, inputs, [out])
+        return np.asarray(on_host(out)[0])
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        room = self.room()
-        self.recorded(self._device.vectors(positions), room, indenter, state).launch()
-        return float(on_host(room[2]).sum())
+        return float(on_host(self.touched(positions, indenter, state)[2]).sum())
+
+    def touched(self, positions: FloatArray, indenter: Indenter, state: State) -> tuple[Any, ...]:
+        """Return what ``room`` names, for one state."""
+        room, (poses, at) = self.room(1), self._at(positions, state)
+        inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
+        inputs += [self.grip_arrays(state.grip), at]
+        self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(room))
+        return room
 
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
-        at = self._device.vectors(positions)
-        inputs = [*self._at(indenter, state), self.grip_arrays(state.grip), at, curved]
-        self._device.launch(self._kernels(indenter).force, self._shape, inputs, out)
-        points, forces, stiffness = (on_host(array) for array in out)
+        poses, at = self._at(positions, state)
+        grip = self.grip_arrays(state.grip)
+        inputs = [*self._model(indenter, state), poses, grip, at, curved]
+        self._device.launch(self.kernels(indenter).force, (1, *self._shape), inputs, out)
+        points, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
-    def room(self) -> tuple[Any, ...]:
-        """Return what an evaluation fills: nodal forces [N], their sum, energies [J], gaps [m]."""
-        zeros, points = self._device.zeros, self._points
-        counts = len(self._pad.nodes), 1
-        nodal, push = (zeros(count, wp.vec3d) for count in counts)
-        return nodal, push, points(wp.float64), points(wp.float64)
+    def room(self, count: int) -> tuple[Any, ...]:
+        """Return what ``touch`` fills for so many environments.
 
-    def recorded(
-        self, positions: Any, room: Sequence[Any], indenter: Indenter, state: State
-    ) -> Any:
-        """Return a launch that adds to nodal forces and their sum, and sets energies and gaps.
-
-        Its parameters ``surface``, ``body`` and ``grip`` are those of a state, and may be set anew.
-
-        Args:
-            positions: Nodes [m], on the device.
-            room: What ``room`` gave.
+        Returns:
+            Nodal forces [N], their sum, energies [J], gaps [m].
         """
-        inputs = [*self._at(indenter, state), self.grip_arrays(state.grip), positions]
-        touch = self._kernels(indenter).touch
-        return self._device.record(touch, self._shape, inputs, list(room))
-
-    def stretched(self, extension: float) -> Any:
-        """Return the surface with a barrier that is a parabola below a share of d_hat."""
-        return replaced(barrier.TouchedSurface, self._surface, extension=extension)
+        nodal = self._device.zeros((count, len(self._pad.nodes)), wp.vec3d)
+        push = self._device.zeros(count, wp.vec3d)
+        return nodal, push, *(self._points(wp.float64, count) for _ in range(2))
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
@@ -130,7 +125,8 @@ class ContactSurface:
     def scatter(self, point_vectors: FloatArray) -> FloatArray:
         """Sum vectors at contact points to the nodes, shape [node_count, 3]."""
         out = self._device.zeros(len(self._pad.nodes), wp.vec3d)
-        inputs = [self._surface, self._device.array(point_vectors, wp.vec3d)]
+        surface = self._surface
+        inputs = [surface.faces, surface.values, self._device.array(point_vectors, wp.vec3d)]
         self._device.launch(barrier.scatter, self._shape, inputs, [out])
         return on_host(out)
 
@@ -152,19 +148,17 @@ class ContactSurface:
         grip = state.grip
         if grip is None:
             return 0.0
-        before, held_on = grip.loads, self.grip_arrays(start or grip)
-        inputs = [*self._at(indenter, state), self._device.vectors(state.positions)]
-        self._device.launch(self._kernels(indenter).hold, self._shape, inputs, [held_on])
-        state.grip = Grip(
-            held=on_host(held_on.held).copy(),
-            anchors=on_host(held_on.anchors).copy(),
-            loads=on_host(held_on.loads).copy(),
-        )
+        before, now = self.grip_arrays(start or grip), self.grip_arrays(grip)
+        poses, at = self._at(state.positions, state)
+        wanted = self._device.array([1], wp.int32)
+        inputs = [*self._model(indenter, state), wanted, poses, at, before, now]
+        points = [self._points(wp.float64) for _ in range(2)]
+        self._device.launch(self.kernels(indenter).hold, (1, *self._shape), inputs, points)
+        state.grip = self.grip_of(now)
         if self._options.bonded:
             return 0.0
-        change = self.areas * np.linalg.norm(state.grip.loads - before, axis=2)
-        total = self.areas * np.linalg.norm(state.grip.loads, axis=2)
-        return float(change.sum() / max(total.sum(), 1e-300))
+        change, limit = (float(on_host(array).sum()) for array in points)
+        return change / max(limit, 1e-300)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:
         """Let the anchors of sliding points follow; the state is then one to go on from."""
@@ -172,30 +166,56 @@ class ContactSurface:
         if grip is None or self._options.bonded:
             return
         held_on = self.grip_arrays(grip)
-        inputs = [*self._at(indenter, state), self._device.vectors(state.positions)]
-        self._device.launch(self._kernels(indenter).drag, self._shape, inputs, [held_on])
-        state.grip = replace(grip, anchors=on_host(held_on.anchors).copy())
+        wanted = self._device.array([1], wp.int32)
+        inputs = [*self._model(indenter, state), wanted, *self._at(state.positions, state)]
+        self._device.launch(self.kernels(indenter).drag, (1, *self._shape), inputs, [held_on])
+        state.grip = self.grip_of(held_on)
 
-    def grip_arrays(self, grip: Grip | None) -> Any:
-        """Return a memory on the device; one of nothing where nothing is kept."""
-        if grip is None:
-            return self._no_grip
+    def grip_arrays(self, grip: Grip | None, count: int = 1) -> Any:
+        """Return a memory on the device, of one press or so many free ones.
+
+        Kernels that know of no grip read nothing of it.
+        """
+        if grip is not None:
+            return filled(
+                friction.GripArrays,
+                held=self._device.array(grip.held[None], wp.int32),
+                anchors=self._device.array(grip.anchors[None], wp.vec3d),
+                loads=self._device.array(grip.loads[None], wp.vec3d),
+            )
+        shape = (count, *self._shape) if self._options.is_tangential else (1, 1, 1)
         return filled(
             friction.GripArrays,
-            held=self._device.array(grip.held, wp.int32),
-            anchors=self._device.array(grip.anchors, wp.vec3d),
-            loads=self._device.array(grip.loads, wp.vec3d),
+            held=self._device.zeros(shape, wp.int32),
+            anchors=self._device.zeros(shape, wp.vec3d),
+            loads=self._device.zeros(shape, wp.vec3d),
         )
 
-    def _kernels(self, indenter: Indenter) -> ContactKernels:
+    def grip_of(self, arrays: Any, b: int = 0) -> Grip | None:
+        """Return an environment's memory from the device; None where nothing is kept."""
+        if not self._options.is_tangential:
+            return None
+        return Grip(
+            held=on_host(arrays.held)[b].copy(),
+            anchors=on_host(arrays.anchors)[b].copy(),
+            loads=on_host(arrays.loads)[b].copy(),
+        )
+
+    def kernels(self, indenter: Indenter) -> ContactKernels:
+        """Return the kernels for an indenter."""
         return contact_kernels(body_kind(indenter), grips=self._options.is_tangential)
 
-    def _points(self, kind: Any) -> Any:
-        return self._device.empty(self._shape, kind)
+    def _points(self, kind: Any, count: int = 1) -> Any:
+        return self._device.empty((count, *self._shape), kind)
 
-    def _at(self, indenter: Indenter, state: State) -> list[Any]:
-        body = body_at(indenter, state.tip, state.rotation, device=self._device.name)
-        return [self.stretched(state.extension), body]
+    def _model(self, indenter: Indenter, state: State) -> list[Any]:
+        extensions = self._device.array([state.extension], wp.float64)
+        surface = replaced(barrier.TouchedSurface, self._surface, extensions=extensions)
+        return [surface, body_of(indenter, device=self._device.name)]
+
+    def _at(self, positions: FloatArray, state: State) -> tuple[Any, Any]:
+        poses = poses_at(state.tip[None], state.rotation[None], self._device)
+        return poses, self._device.array(positions[None], wp.vec3d)
 
 
 def contact_rounding_n(found: ContactForces) -> float:

@@ -20,7 +20,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.barrier import TouchedSurface, tangential_part
+from sim.contact.barrier import TouchedSurface, normal_contact, tangential_part
 from sim.contact.indenter_distance import local_point, signed_distance
 
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
@@ -28,20 +28,20 @@ _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 @wp.struct
 class GripArrays:
-    """``Grip`` on a device; each array has shape [face_count, face_point_count]."""
+    """``Grip`` on a device; arrays have shape [environment_count, face_count, face_point_count]."""
 
-    held: wp.array2d(dtype=wp.int32)
-    anchors: wp.array2d(dtype=wp.vec3d)
-    loads: wp.array2d(dtype=wp.vec3d)
+    held: wp.array3d(dtype=wp.int32)
+    anchors: wp.array3d(dtype=wp.vec3d)
+    loads: wp.array3d(dtype=wp.vec3d)
 
 
 @wp.func
-def grip_offset(body: Any, grip: GripArrays, f: wp.int32, q: wp.int32, x: wp.vec3d) -> wp.vec3d:
-    """Return the tangential offset from the anchor in the pad's frame [m]."""
-    p = wp.length(grip.loads[f, q])
-    away = local_point(body, x) - grip.anchors[f, q]
+def grip_offset(body: Any, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d) -> wp.vec3d:
+    """Return the tangential offset from an anchor in the pad's frame [m]."""
+    p = wp.length(load)
+    away = local_point(body, x) - anchor
     if p > wp.float64(0.0):
-        away = tangential_part(away, grip.loads[f, q] / p)
+        away = tangential_part(away, load / p)
     return body.rotation * away
 
 
@@ -66,57 +66,74 @@ def taken_hold(
     surface: TouchedSurface,
     body: Any,
     x: wp.vec3d,
-    pressure: wp.float64,
+    b: wp.int32,
     f: wp.int32,
     q: wp.int32,
+    was_held: wp.int32,
+    anchor: wp.vec3d,
     grip: GripArrays,
 ):
-    """Hold a point that touches, free one that left, and take over pressure [Pa] and normal."""
+    """Hold a point that touches, free one that left, and take over pressure [Pa] and normal.
+
+    Args:
+        was_held: 1 where it was held before,
+        anchor: and there; where it was last, for one that was free [m].
+        grip: What is held from now on.
+    """
     distance, n = signed_distance(body, x)
-    if distance >= surface.distance:
-        grip.held[f, q] = 0
-        grip.loads[f, q] = wp.vec3d()
-    else:
-        if grip.held[f, q] == 0:
-            grip.held[f, q] = 1
-            grip.anchors[f, q] = _first_hold(
-                body, grip.anchors[f, q], local_point(body, x), distance, surface.distance
-            )
+    held = wp.int32(0)
+    load = wp.vec3d()
+    if distance < surface.distance:
+        held = wp.int32(1)
+        if was_held == 0:
+            here = local_point(body, x)
+            anchor = _first_hold(body, anchor, here, distance, surface.distance)
+        _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
         # Where there is no pressure yet, a tiny one carries the direction.
-        grip.loads[f, q] = (wp.transpose(body.rotation) * n) * wp.max(pressure, _TINY_PA)
+        load = (wp.transpose(body.rotation) * n) * wp.max(-slope, _TINY_PA)
+    grip.held[b, f, q] = held
+    grip.anchors[b, f, q] = anchor
+    grip.loads[b, f, q] = load
 
 
 @wp.func
 def dragged(
-    surface: TouchedSurface, body: Any, x: wp.vec3d, f: wp.int32, q: wp.int32, grip: GripArrays
+    surface: TouchedSurface,
+    body: Any,
+    x: wp.vec3d,
+    b: wp.int32,
+    f: wp.int32,
+    q: wp.int32,
+    grip: GripArrays,
 ):
     """Bring the anchor of a sliding point up to the slip length behind it.
 
     That of a free point comes along, to know where it was last free.
     """
-    if grip.held[f, q] == 0:
-        grip.anchors[f, q] = local_point(body, x)
-    elif surface.bond == wp.float64(0.0):
-        u = grip_offset(body, grip, f, q, x)
+    if grip.held[b, f, q] == 0:
+        grip.anchors[b, f, q] = local_point(body, x)
+    elif not surface.bonded:
+        u = grip_offset(body, grip.loads[b, f, q], grip.anchors[b, f, q], x)
         length = wp.length(u)
         if length > surface.slip:
             u = u * (surface.slip / length)
-            grip.anchors[f, q] = local_point(body, x) - wp.transpose(body.rotation) * u
+            grip.anchors[b, f, q] = local_point(body, x) - wp.transpose(body.rotation) * u
 
 
 @wp.func
-def tangential_contact(surface: TouchedSurface, load: wp.float64, length: wp.float64):
+def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, length: wp.float64):
     """Return energy [J/m^2] and stiffness across and along an offset [Pa/m], at its length [m].
 
     Args:
         load: Lagged pressure [Pa].
     """
     one = wp.float64(1.0)
-    across = surface.bond
-    along = surface.bond
-    density = wp.float64(0.5) * surface.bond * length * length
-    if surface.bond == wp.float64(0.0):
-        strength = surface.friction * load
+    bond = surface.young[b] / surface.distance
+    across = bond
+    along = bond
+    density = wp.float64(0.5) * bond * length * length
+    if not surface.bonded:
+        strength = surface.friction[b] * load
         y = length / surface.slip
         third = one / wp.float64(3.0)
         if y < one:

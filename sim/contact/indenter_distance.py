@@ -12,7 +12,7 @@ import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact.triangle_distance import DeviceSurface, surface_distance, uploaded_surface
-from sim.device import filled
+from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 
 PLANE = wp.constant(0)
@@ -40,32 +40,71 @@ class MeshBody:
     rotation: wp.mat33d
 
 
+@wp.struct
+class Poses:
+    """The indenter's pose in every environment, shape [environment_count] each.
+
+    Attributes:
+        tips: In the pad's frame [m].
+        rotations: Indenter frame to pad frame.
+    """
+
+    tips: wp.array(dtype=wp.vec3d)
+    rotations: wp.array(dtype=wp.mat33d)
+
+
+@wp.func
+def posed(body: Body, poses: Poses, b: wp.int32) -> Body:
+    """Return an indenter at the pose of an environment."""
+    made = Body()
+    made.shape = body.shape
+    made.radius = body.radius
+    made.fillet = body.fillet
+    made.position = poses.tips[b]
+    made.rotation = poses.rotations[b]
+    return made
+
+
+@wp.func  # type: ignore[no-redef]
+def posed(body: MeshBody, poses: Poses, b: wp.int32) -> MeshBody:  # noqa: F811 - overloaded by type
+    """Return an indenter at the pose of an environment."""
+    made = MeshBody()
+    made.surface = body.surface
+    made.position = poses.tips[b]
+    made.rotation = poses.rotations[b]
+    return made
+
+
 def body_kind(indenter: Indenter) -> Any:
     """Return the type of an indenter's description."""
     return MeshBody if isinstance(indenter, MeshIndenter) else Body
 
 
-def body_at(
-    indenter: Indenter, position: FloatArray, rotation: FloatArray, *, device: str = "cpu"
-) -> Any:
-    """Return the device's description of an indenter.
+def body_of(indenter: Indenter, *, device: str = "cpu") -> Any:
+    """Return the device's description of an indenter, without a pose.
 
     Args:
-        position: Tip in the pad's frame [m], shape [3].
-        rotation: Indenter frame to pad frame, shape [3, 3].
         device: Where the kernels run; a mesh is uploaded there once.
     """
     if isinstance(indenter, MeshIndenter):
-        body = filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
-    elif isinstance(indenter, Cylinder):
-        body = filled(Body, shape=CYLINDER, radius=indenter.radius_m, fillet=indenter.fillet_m)
-    elif isinstance(indenter, Sphere):
-        body = filled(Body, shape=SPHERE, radius=indenter.radius_m)
-    else:
-        body = filled(Body, shape=PLANE)
-    body.position = wp.vec3d(*position)
-    body.rotation = wp.mat33d(*rotation.reshape(-1))
-    return body
+        return filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
+    if isinstance(indenter, Cylinder):
+        return filled(Body, shape=CYLINDER, radius=indenter.radius_m, fillet=indenter.fillet_m)
+    if isinstance(indenter, Sphere):
+        return filled(Body, shape=SPHERE, radius=indenter.radius_m)
+    return filled(Body, shape=PLANE)
+
+
+def poses_at(tips: FloatArray, rotations: FloatArray, device: Device) -> Any:
+    """Upload poses.
+
+    Args:
+        tips: In the pad's frame [m], shape [environment_count, 3].
+        rotations: Indenter frame to pad frame, shape [environment_count, 3, 3].
+    """
+    return filled(
+        Poses, tips=device.array(tips, wp.vec3d), rotations=device.array(rotations, wp.mat33d)
+    )
 
 
 @wp.func

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.device import KERNEL_EPSILON, Device, filled, on_host
+from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.material.elasticity import GelArrays, elastic_kernels, element_kernel
 from sim.material.laws.tangent import Law, Tangent
 from sim.material.relaxation import PronySeries, Relaxation, prony_series
@@ -85,16 +85,13 @@ class ElasticBody:
         self._nothing = device.zeros((1, 1), wp.mat33d), device.zeros(1, wp.float64)
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
-        materials = np.column_stack([young_pa, poisson])
-        distinct, material = np.unique(materials, axis=0, return_inverse=True)
-        parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
         self._arrays = filled(
             GelArrays,
             nodes=device.array(pad.elements, wp.int32),
             reference_gradients=device.array(pad.reference.gradients, wp.vec3d),
             inverse_jacobians=device.array(pad.inverse_jacobians, wp.mat33d),
             weights=device.array(pad.volumes[:, None] * pad.reference.weights, wp.float64),
-            parameters=device.array(parameters[material.reshape(-1)], wp.vec4d),
+            parameters=device.array(_parameters(law, young_pa, poisson)[None], wp.vec4d),
         )
         self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
         self.rounding_n = _rounding_force(pad, young_pa, poisson)
@@ -109,32 +106,54 @@ class ElasticBody:
 
     def gradient(self, positions: FloatArray) -> FloatArray:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
-        return on_host(self._evaluated(positions)[0])
+        return np.asarray(on_host(self._evaluated(positions)[0])[0])
 
-    def room(self) -> tuple[Any, Any, Any]:
-        """Return what an evaluation fills: gradient [N], energies [J], volume ratios."""
-        device, count = self._device, self._shape[0]
-        energies, ratios = (device.empty((count,), wp.float64) for _ in range(2))
-        return device.zeros(self._node_count, wp.vec3d), energies, ratios
+    def of(self, materials: Sequence[tuple[FloatArray, FloatArray]]) -> Any:
+        """Return the elements for environments that differ in E [Pa] and nu.
 
-    def recorded(self, positions: Any, room: Sequence[Any]) -> Any:
+        Args:
+            materials: Those of every tetrahedron, or one number each for all, by environment.
+        """
+        count = self._shape[0]
+        parameters = [
+            _parameters(self._law, *(np.broadcast_to(each, count) for each in constants))
+            for constants in materials
+        ]
+        return replaced(
+            GelArrays, self._arrays, parameters=self._device.array(parameters, wp.vec4d)
+        )
+
+    def room(self, count: int) -> tuple[Any, Any, Any]:
+        """Return what an evaluation of so many environments fills.
+
+        Returns:
+            Gradient [N], energies [J], volume ratios.
+        """
+        device, shape = self._device, (count, self._shape[0])
+        energies, ratios = (device.empty(shape, wp.float64) for _ in range(2))
+        return device.zeros((count, self._node_count), wp.vec3d), energies, ratios
+
+    def recorded(self, wanted: Any, positions: Any, room: Sequence[Any], *, gel: Any = None) -> Any:
         """Return a launch that adds to the gradient and sets energies and volume ratios.
 
         What the gel remembers is that of now: with relaxation, a launch serves one time step.
 
         Args:
-            positions: Nodes [m], on the device.
+            wanted: 1 for environments to evaluate, on the device.
+            positions: Nodes [m], on the device, shape [environment_count, node_count].
             room: What ``room`` gave.
+            gel: What ``of`` gave; None is this one.
         """
         history, stiffening = self._nothing
         if self.relaxation is not None:
             history, stiffening = self.relaxation.history, self.relaxation.stiffening
-        inputs = [self._arrays, stiffening, history, positions]
-        return self._device.record(self._element_kernel, self._shape[:1], inputs, list(room))
+        inputs = [gel or self._arrays, stiffening, wanted, history, positions]
+        shape = (positions.shape[0], self._shape[0])
+        return self._device.record(self._element_kernel, shape, inputs, list(room))
 
     def _evaluated(self, positions: FloatArray) -> tuple[Any, Any, Any]:
-        room = self.room()
-        self.recorded(self._device.vectors(positions), room).launch()
+        room, wanted = self.room(1), self._device.array([1], wp.int32)
+        self.recorded(wanted, self._device.array(positions[None], wp.vec3d), room).launch()
         return room
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
@@ -153,12 +172,26 @@ class ElasticBody:
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
-        out = self._device.empty(self._shape, wp.mat33d)
-        at = self._device.vectors(positions)
-        self._device.launch(self._kernels.stress, self._shape, [self._arrays, at], [out])
+        at, out = self._device.array(positions[None], wp.vec3d), self.stress_room(1)
+        self.find_stress(at, out)
+        return np.asarray(on_host(out)[0])
+
+    def stress_room(self, count: int) -> Any:
+        """Return what ``find_stress`` fills for so many environments."""
+        return self._device.empty((count, *self._shape), wp.mat33d)
+
+    def find_stress(self, positions: Any, stress: Any, *, gel: Any = None) -> None:
+        """Set the Cauchy stress on the device [Pa] (Eq. 3).
+
+        Args:
+            positions: Nodes [m], on the device, shape [environment_count, node_count].
+            stress: Shape [environment_count, element_count, point_count].
+            gel: What ``of`` gave; None is this one.
+        """
+        inputs = [gel or self._arrays, positions]
+        self._device.launch(self._kernels.stress, stress.shape, inputs, [stress])
         if self.relaxation is not None:
-            self.relaxation.add_stress(at, out)
-        return on_host(out)
+            self.relaxation.add_stress(positions[0], stress[0])
 
     def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
         """Return the elastic Cauchy stress of given deformation gradients [Pa].
@@ -175,18 +208,18 @@ class ElasticBody:
         # A made-up element of three nodes, at F's columns, whose gradients are the unit vectors.
         count = len(deformations)
         corners = np.arange(3 * count, dtype=np.int32).reshape(count, 3)
-        columns = np.swapaxes(deformations, 1, 2).reshape(-1, 3)
-        out = self._device.empty((count, 1), wp.mat33d)
+        columns = np.swapaxes(deformations, 1, 2).reshape(1, -1, 3)
+        out = self._device.empty((1, count, 1), wp.mat33d)
         made_up = filled(
             GelArrays,
             nodes=self._device.array(corners, wp.int32),
             reference_gradients=self._device.array(np.eye(3)[None], wp.vec3d),
             inverse_jacobians=self._device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d),
-            parameters=self._device.array(on_host(self._arrays.parameters)[elements], wp.vec4d),
+            parameters=self._device.array(on_host(self._arrays.parameters)[:, elements], wp.vec4d),
         )
-        inputs = [made_up, self._device.vectors(columns)]
-        self._device.launch(self._kernels.stress, (count, 1), inputs, [out])
-        return on_host(out)[:, 0]
+        inputs = [made_up, self._device.array(columns, wp.vec3d)]
+        self._device.launch(self._kernels.stress, out.shape, inputs, [out])
+        return on_host(out)[0, :, 0]
 
     @cached_property
     def _tangent_room(self) -> list[Any]:
@@ -199,6 +232,14 @@ class ElasticBody:
     def _loaded(self) -> Any:
         """The element arrays, their weights stiffened by what relaxation adds in a step."""
         return self._arrays if self.relaxation is None else self.relaxation.loaded
+
+
+def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:
+    """Return the law's numbers of every tetrahedron, shape [tet_count, 4]."""
+    materials = np.column_stack([young_pa, poisson])
+    distinct, material = np.unique(materials, axis=0, return_inverse=True)
+    parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
+    return parameters[material.reshape(-1)]
 
 
 def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:

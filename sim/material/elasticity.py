@@ -25,12 +25,12 @@ _ZERO = 1e-14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticKernels:
-    """The kernels of one law; each launches over [element_count, point_count] but ``hessian``.
+    """The kernels of one law.
 
     Attributes:
-        tangent: Tangent structs for ``hessian``.
+        tangent: Tangent structs for ``hessian``; launches over [element_count, point_count].
         hessian: Launches over [element_count, element_node_count]; adds 3 x 3 blocks [N/m].
-        stress: Cauchy stress [Pa] at every point.
+        stress: Cauchy stress [Pa]; launches over [environment_count, element_count, point_count].
     """
 
     tangent: Any
@@ -47,14 +47,14 @@ class GelArrays:
         reference_gradients: Of the shape functions, shape [point_count, node_count].
         inverse_jacobians: At rest [1/m], shape [element_count].
         weights: Rest volume of every quadrature point [m^3], shape [element_count, point_count].
-        parameters: The law's numbers, shape [element_count].
+        parameters: The law's numbers, shape [environment_count, element_count].
     """
 
     nodes: wp.array2d(dtype=wp.int32)
     reference_gradients: wp.array2d(dtype=wp.vec3d)
     inverse_jacobians: wp.array(dtype=wp.mat33d)
     weights: wp.array2d(dtype=wp.float64)
-    parameters: wp.array(dtype=wp.vec4d)
+    parameters: wp.array2d(dtype=wp.vec4d)
 
 
 @wp.func
@@ -79,7 +79,9 @@ def elastic_kernels(law: Law) -> ElasticKernels:
     """Build the kernels of a law; Warp compiles them at their first launch and keeps the result."""
     law_stress, law_tangent = law.stress, law.tangent
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(
+        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
+    )
     def tangent(
         # Model:
         gel: GelArrays,
@@ -95,7 +97,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         e, q = wp.tid()
         F = deformation_gradient(gel, positions, e, q)
         inverse = gel.inverse_jacobians[e]
-        t = law_tangent(F, gel.parameters[e])
+        t = law_tangent(F, gel.parameters[0, e])
         if projected:
             t = semidefinite(t)
         w = gel.weights[e, q]
@@ -116,13 +118,13 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         # Model:
         gel: GelArrays,
         # Data in:
-        positions: wp.array(dtype=wp.vec3d),
+        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
-        stress_out: wp.array2d(dtype=wp.mat33d),
+        stress_out: wp.array3d(dtype=wp.mat33d),
     ):
-        e, q = wp.tid()
-        F = deformation_gradient(gel, positions, e, q)
-        stress_out[e, q] = cauchy(law_stress(F, gel.parameters[e]), F)
+        b, e, q = wp.tid()
+        F = deformation_gradient(gel, positions[b], e, q)
+        stress_out[b, e, q] = cauchy(law_stress(F, gel.parameters[b, e]), F)
 
     return ElasticKernels(tangent=tangent, hessian=hessian, stress=stress)
 
@@ -141,7 +143,7 @@ def semidefinite(t: Tangent) -> Tangent:
     return t
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS})
 def hessian(
     # Model:
     blocks: wp.array3d(dtype=wp.int32),
@@ -186,7 +188,10 @@ def shape_gradients(reference: ReferenceElement) -> list[Any]:
 
 @cache
 def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
-    """Build the kernel of a law's energy and forces; it launches over [element_count].
+    """Build the kernel of a law's energy and forces.
+
+    It launches over [environment_count, element_count], leaves environments alone that are not
+    ``wanted``, and adds to the gradient.
 
     Args:
         remembers: The gel relaxes: its history H, constant over a step, adds H : (F^T F - 1) / 2
@@ -205,22 +210,25 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
         gel: GelArrays,
         stiffening: wp.array(dtype=wp.float64),
         # Data in:
+        wanted: wp.array(dtype=wp.int32),
         history: wp.array2d(dtype=wp.mat33d),
-        positions: wp.array(dtype=wp.vec3d),
+        positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
-        gradient_out: wp.array(dtype=wp.vec3d),
-        energy_out: wp.array(dtype=wp.float64),
-        volume_ratio_out: wp.array(dtype=wp.float64),
+        gradient_out: wp.array2d(dtype=wp.vec3d),
+        energy_out: wp.array2d(dtype=wp.float64),
+        volume_ratio_out: wp.array2d(dtype=wp.float64),
     ):
-        e = wp.tid()
+        b, e = wp.tid()
+        if wanted[b] == 0:
+            return
         inverse = gel.inverse_jacobians[e]
-        p = gel.parameters[e]
+        p = gel.parameters[b, e]
         at = NodeVectors()
         total = NodeVectors()
         energy = wp.float64(0.0)
         least = wp.float64(1.0e300)
         for k in range(wp.static(node_count)):
-            x = positions[gel.nodes[e, k]]
+            x = positions[b, gel.nodes[e, k]]
             for axis in range(3):
                 at[k, axis] = x[axis]
         for q in range(wp.static(len(gradients))):
@@ -258,10 +266,10 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
                         g = wp.float64(wp.static(gradients[q][k][j]))
                         for axis in range(3):
                             total[k, axis] += K[axis, j] * g
-        energy_out[e] = energy
-        volume_ratio_out[e] = least
+        energy_out[b, e] = energy
+        volume_ratio_out[b, e] = least
         for k in range(wp.static(node_count)):
             node_total = wp.vec3d(total[k, 0], total[k, 1], total[k, 2])
-            wp.atomic_add(gradient_out, gel.nodes[e, k], node_total)
+            wp.atomic_add(gradient_out, b, gel.nodes[e, k], node_total)
 
     return element

@@ -36,7 +36,7 @@ def advance_kernel(law: Law) -> Any:
     ):
         e, q = wp.tid()
         F = deformation_gradient(gel, positions, e, q)
-        S = law_stress(F, gel.parameters[e])
+        S = law_stress(F, gel.parameters[0, e])
         if wp.static(objective):
             S = wp.inverse(F) * S
         for k in range(keeps.shape[0]):

@@ -38,6 +38,7 @@ class Model:
         gel: Its elastic energy and derivatives on the device.
         surface: Its contact on the device, and what that remembers of friction.
         relaxation: What the gel remembers; None for an elastic one.
+        materials: E [Pa] and nu of every tetrahedron.
     """
 
     def __init__(
@@ -76,6 +77,23 @@ class Model:
             pad, self.contact_options, young_pa=self.young_pa, device=self._device
         )
         self.relaxation = self.gel.relaxation
+        self.materials, self._prony = (young, ratio), prony
+
+    def on(self, device: str) -> Model:
+        """Return the same model on another device."""
+        if device == self.device:
+            return self
+        young, ratio = self.materials
+        return Model(
+            self.mesh,
+            order=self.reference.order,
+            law=self.law,
+            young_pa=young,
+            poisson=ratio,
+            contact_options=self.contact_options,
+            prony=self._prony,
+            device=device,
+        )
 
     def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
         """Return the undeformed state with the indenter's tip at ``tip`` [m]."""

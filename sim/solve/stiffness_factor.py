@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import warp as wp
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.contact.state import State
+from sim.device import on_host
 from sim.scene.indenter import Indenter
-from sim.solve.evaluation import NodalPotential
 from sim.solve.linear_solver import (
     LinearSolver,
     NotPositiveDefiniteError,
@@ -26,6 +29,7 @@ from sim.solve.linear_solver import (
     single_precision_solver,
 )
 from sim.solve.model import Model
+from sim.solve.potential import Potential
 from tacauchy_rig.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -41,10 +45,13 @@ class StiffnessFactor:
     Attributes:
         made: Factorisations so far.
         attempt: Of the last: 0 exact, above ever safer.
+        held: The indenter is; else its height is the last unknown.
     """
 
+    kind, scaled, unit = wp.float64, False, 1.0
+
     def __init__(
-        self, model: Model, indenter: Indenter, potentials: Sequence[NodalPotential] = ()
+        self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
     ) -> None:
         self._model, self._indenter, self.potentials = model, indenter, potentials
         self._quick: LinearSolver = single_precision_solver(model.pattern)
@@ -52,7 +59,8 @@ class StiffnessFactor:
         self._solver = self._quick
         self._border = self._along = np.zeros(0)
         self._contact_n_m, self._corner = np.zeros(0), 0.0
-        self.made, self.attempt = 0, 0
+        self.made, self.attempt, self.held = 0, 0, True
+        self.row_count = model.pattern.dof_count + 1
 
     @property
     def name(self) -> str:
@@ -100,10 +108,27 @@ class StiffnessFactor:
         """The gel holds the indenter; without, a load has no direction to go by."""
         return self._corner > _HELD * self._model.young_pa * self._model.height_m
 
-    def solve(self, right: FloatArray, *, held: bool = True) -> FloatArray:
-        """Solve for the unknowns, without or with the indenter's height."""
-        if held:
-            return self._solver.solve(right)
+    def columns(self, count: int) -> int:
+        """Return how many vectors it takes at once: as many as there are."""
+        return count
+
+    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
+        """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
+        right = on_host(sources)[0]
+        if self.held:
+            solved = np.append(self._solver.solve(right[:-1]), 0.0)
+        else:
+            solved = self._solve_pushed(right)
+        if self._model.device == "cpu":
+            found.numpy()[0] = solved
+        else:
+            found.assign(solved[None])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solve for the unknowns without the indenter's height."""
+        return self._solver.solve(right)
+
+    def _solve_pushed(self, right: FloatArray) -> FloatArray:
         if not self._along.size:
             pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
             self._border = self._model.pattern.unknowns(pushed)

@@ -21,7 +21,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.scene import Scene
-from sim.solve.dynamics.weight_and_inertia import Inertia, inertial_masses
+from sim.solve.dynamics.weight_and_inertia import inertia, inertial_masses
 from sim.solve.equilibrium import Equilibrium
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
@@ -129,8 +129,8 @@ class DynamicPress:
         """
         flown = self.state.positions + step_s * self.velocities
         flown[self._model.clamped] = self._model.nodes[self._model.clamped]
-        inertia = Inertia(masses_kg=self._masses, flown_m=flown, step_s=step_s)
-        self._path.solver.replace_potentials((*self._path.potentials, inertia))
+        flight = inertia(self._masses, flown_m=flown, step_s=step_s)
+        self._path.solver.replace_potentials((*self._path.potentials, flight))
         if self._model.relaxation is not None:
             self._model.relaxation.begin_step(step_s)
         try:
@@ -176,7 +176,7 @@ class DynamicPress:
         contact = model.surface.forces(state.positions, indenter, state)
         rise = np.array([0.0, 0.0, rise_m])
         pulled = pattern.unknowns(model.surface.scatter(contact.stiffness @ rise))
-        unbalanced = pattern.unknowns(solver.evaluator.at(state).gradient)
+        unbalanced = pattern.unknowns(solver.evaluate(state).gradient)
         motion = pattern.nodal(solver.factor.solve(pulled - unbalanced))
         tip = state.tip + rise
         fraction = overlap_fraction(self._model, indenter, state, tip, motion)
@@ -187,7 +187,7 @@ class DynamicPress:
         self, state: State, found: Equilibrium, iterations: int, step_s: float
     ) -> DynamicStep:
         symmetry, model = self._model.mesh.symmetry, self._model
-        force = symmetry.whole_force(found.contact.forces.reshape(-1, 3).sum(axis=0))
+        force = symmetry.whole_force(found.push_n)
         self._work_j -= float(force @ (state.tip - self.state.tip))
         self.velocities = (state.positions - self.state.positions) / step_s
         self.state = state
@@ -254,7 +254,8 @@ def moving_press(
     unbalanced = path.model.pattern.unknowns(elastic + path.model.surface.scatter(contact.forces))
     found = Equilibrium(
         iterations=last.newton_iterations,
-        contact=contact,
+        push_n=contact.forces.sum(axis=(0, 1)),
+        touch=lambda: contact,
         elastic_gradient=elastic,
         residual_n=float(np.linalg.norm(unbalanced)),
         min_jacobian=last.min_jacobian,

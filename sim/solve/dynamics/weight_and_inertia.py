@@ -16,14 +16,13 @@ mass matrix (Hinton, Rock, Zienkiewicz 1976), which is positive.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
+from sim.solve.potential import Potential
 from tacauchy_rig.errors import ConfigError
 
 # Of a tetrahedron's mass, node by node.
@@ -66,37 +65,12 @@ def _shared(model: Model, density_kg_m3: float | FloatArray, shares: FloatArray)
     return masses
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Weight:
-    """A constant force on every node.
-
-    Attributes:
-        forces_n: Shape [node_count, 3].
-        rest_m: Where the energy is zero, shape [node_count, 3].
-    """
-
-    forces_n: FloatArray
-    rest_m: FloatArray
-
-    def energy(self, positions: FloatArray) -> float:
-        """Return minus the work of the weight since rest [J]."""
-        return -float(np.sum(self.forces_n * (positions - self.rest_m)))
-
-    def gradient(self, positions: FloatArray) -> FloatArray:
-        """Return minus the weight [N], shape [node_count, 3], wherever the nodes are."""
-        return np.broadcast_to(-self.forces_n, positions.shape)
-
-    def diagonal(self) -> FloatArray:
-        """Return zero [N/m], shape [node_count, 3]."""
-        return np.zeros_like(self.forces_n)
-
-
 def weight(
     model: Model,
     density_kg_m3: float | FloatArray,
     *,
     acceleration_m_s2: tuple[float, float, float] = (0.0, 0.0, -STANDARD_M_S2),
-) -> Weight:
+) -> Potential:
     """Return the weight of a pad.
 
     Args:
@@ -115,36 +89,21 @@ def weight(
             remedy="let the weight act along z, or mesh the whole pad",
         )
     masses = weighing_masses(model, density_kg_m3)
-    return Weight(forces_n=np.outer(masses, acceleration_m_s2), rest_m=model.nodes)
+    return Potential(
+        stiffness_n_m=np.zeros(len(masses)),
+        force_n=np.outer(masses, acceleration_m_s2),
+        towards_m=model.nodes,
+    )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inertia:
-    """What pulls the nodes to where they would fly in one step.
+def inertia(masses_kg: FloatArray, *, flown_m: FloatArray, step_s: float) -> Potential:
+    """Return what pulls the nodes to where they would fly in one step.
 
-    Attributes:
+    Args:
         masses_kg: Lumped nodal masses, shape [node_count].
         flown_m: x_hat, where each node would be without forces, shape [node_count, 3].
         step_s: dt.
     """
-
-    masses_kg: FloatArray
-    flown_m: FloatArray
-    step_s: float
-
-    def energy(self, positions: FloatArray) -> float:
-        """Return the incremental energy [J]."""
-        away = positions - self.flown_m
-        return 0.5 * float(np.sum(self._stiffness[:, None] * away * away))
-
-    def gradient(self, positions: FloatArray) -> FloatArray:
-        """Return mass times acceleration [N], shape [node_count, 3]."""
-        return np.asarray(self._stiffness[:, None] * (positions - self.flown_m))
-
-    def diagonal(self) -> FloatArray:
-        """Return M / dt^2 [N/m], shape [node_count, 3]."""
-        return np.tile(self._stiffness[:, None], (1, 3))
-
-    @property
-    def _stiffness(self) -> FloatArray:
-        return self.masses_kg / self.step_s**2
+    return Potential(
+        stiffness_n_m=masses_kg / step_s**2, force_n=np.zeros_like(flown_m), towards_m=flown_m
+    )

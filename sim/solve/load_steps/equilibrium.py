@@ -97,9 +97,8 @@ class Settling:
         return self._point(state, found, before)
 
     def _point(self, state: State, found: Equilibrium, before: PathPoint | None) -> PathPoint:
-        pushed = found.contact.forces.reshape(-1, 3).sum(axis=0)
         force, depth = (
-            self.solver.model.mesh.symmetry.whole_force(pushed),
+            self.solver.model.mesh.symmetry.whole_force(found.push_n),
             self.touch_m - float(state.tip[2]),
         )
         rise, travel, last = float(force[2]), depth, 0.0

@@ -12,8 +12,8 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
-from sim.solve.evaluation import NodalPotential
 from sim.solve.model import Model
+from sim.solve.potential import Potential
 from tacauchy_rig.errors import ConfigError
 
 # Height of an indenter that touches nothing, in heights of the pad.
@@ -26,7 +26,7 @@ def unloaded_positions(
     model: Model,
     *,
     options: SolverOptions,
-    potentials: Sequence[NodalPotential] = (),
+    potentials: Sequence[Potential] = (),
 ) -> FloatArray:
     """Return the nodes at equilibrium without an indenter [m], shape [node_count, 3].
 

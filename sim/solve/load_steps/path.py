@@ -18,13 +18,13 @@ from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
-from sim.solve.evaluation import NodalPotential
 from sim.solve.load_steps.equilibrium import PathCounts, PathPoint, Settling
 from sim.solve.load_steps.first_touch import touch_height, unloaded_positions
 from sim.solve.load_steps.phases import CarryPhase, DepthPhase, ForcePhase, Phase
 from sim.solve.load_steps.stepping import Stepping
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
+from sim.solve.potential import Potential
 from tacauchy_rig.errors import ConvergenceError
 
 # Of the pad's height. Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face
@@ -67,7 +67,7 @@ class LoadingPath:
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     step_max_m: float = 0.0
     options: SolverOptions = field(default_factory=SolverOptions)
-    potentials: Sequence[NodalPotential] = ()
+    potentials: Sequence[Potential] = ()
     reuse: Reuse = field(default_factory=Reuse)
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)

@@ -10,39 +10,23 @@ import numpy as np
 import warp as wp
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, Environment
-from sim.batch.kernels.state import ADVANCE_SEARCH, EVALUATE, SEARCH, START
+from sim.batch.environment import BatchOptions, BatchResult, Course, Environment, course_of
 from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.tilted_indenter import tilted
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames, times_of
 
 _LAUNCHES = 50
-# Any but zero, which would be no work on the CPU.
-_SOURCE = 1e-3
+# Steps that are remembered while launches are timed.
+_REMEMBERED = 8
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
 BALANCE = 1e-5
-# Two for every frame: one is at each frame's depth, for which the first environment is made.
-_PILOTS = 40
+# One for every other frame.
+PILOTS = 10
 _PRESSES = 3
 # The environments after the first differ by so much in modulus, and are pressed so much less deep.
 _SPREAD = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BatchPartsRow:
-    """Times of an iteration's launches, all environments doing the same.
-
-    Attributes:
-        doing: Evaluating forces, or searching by conjugate gradients.
-        parts_s: Of each launch [s].
-    """
-
-    environments: int
-    doing: str
-    parts_s: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,27 +46,23 @@ class StressTimes:
 
 def stress_times(batch: Batch, *, repeats: int = _LAUNCHES) -> StressTimes:
     """Time taking the stress off the last press; the shortest of the ways to the host."""
-    extraction = batch.iteration.stress
-    device_s = _time_of(extraction.launch, device=batch.device, repeats=repeats)
+    device_s = _time_of(batch.stress.launch, device=batch.device, repeats=repeats)
     fetched = times_of(batch.surface_stresses, most=repeats, least=repeats, budget_s=0.0)
-    return StressTimes(face_count=extraction.face_count, device_s=device_s, host_s=min(fetched))
+    return StressTimes(face_count=len(batch.model.faces), device_s=device_s, host_s=min(fetched))
 
 
-def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> list[BatchPartsRow]:
-    """Time the launches of an iteration on the untouched gel; the batch is reset."""
-    rows = []
-    for doing, phase, act in (("forces", EVALUATE, START), ("search", SEARCH, ADVANCE_SEARCH)):
-        parts = {}
-        for name, launch in batch.iteration.launches.items():
-            batch.iteration.reset()
-            progress = batch.iteration.progress
-            progress.status.fill_(phase)
-            progress.act.fill_(act)
-            batch.iteration.sources.fill_(_SOURCE)
-            parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
-        rows.append(BatchPartsRow(environments=len(batch.environments), doing=doing, parts_s=parts))
-    batch.iteration.reset()
-    return rows
+def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
+    """Time the launches of a step of the descents, all environments taking it [s].
+
+    The batch is reset.
+    """
+    parts = {}
+    for name, launch in batch.descents.launches.items():
+        batch.reset()
+        batch.descents.pretend_to_step(remembered=_REMEMBERED)
+        parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
+    batch.reset()
+    return parts
 
 
 def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
@@ -110,13 +90,13 @@ class BatchRow(TimedFrames):
 
     Attributes:
         setup_s: The pilot press and its inverses, which all batches share [s].
-        evaluations: Of forces or of stiffness times a direction, for a frame of an environment.
+        evaluations: Of the forces, for a frame of an environment.
         imbalance: Base reaction against indenter force, over the latter, the largest.
         residual: Norm of the unbalanced force over the contact force, the largest.
         gap_m: The smallest [m].
         failed_count: Environments that did not reach their last frame.
         stress: What taking the stress off the surface takes.
-        parts: What each launch of an iteration takes.
+        parts_s: What each launch of a step takes [s].
     """
 
     device: str
@@ -128,7 +108,7 @@ class BatchRow(TimedFrames):
     gap_m: float
     failed_count: int
     stress: StressTimes
-    parts: tuple[BatchPartsRow, ...]
+    parts_s: dict[str, float]
 
     @property
     def _travelling(self) -> int:
@@ -156,9 +136,10 @@ def measure_batches(
     """
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
-    pilot = Pilot(batch_model(deep), deep.indenter, TRAVEL_M, count=_PILOTS)
+    course = course_of(deep, frame_count=FRAME_COUNT)
+    pilot = Pilot(batch_model(deep), deep.indenter, course, count=PILOTS)
     for count in counts:
-        yield _row(pilot, environments(deep, count), exact_n=exact_n, device=device)
+        yield _row(pilot, spread(deep, course, count), exact_n=exact_n, device=device)
 
 
 def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
@@ -167,28 +148,27 @@ def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
     return float(press(deep).force_n[2])
 
 
-def environments(scene: Scene, count: int) -> list[Environment]:
-    """Return the scene itself in its frames and others a little unlike it, always the same ones."""
+def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, Course]]:
+    """Return the scene itself and others a little unlike it, always the same ones.
+
+    Gels are up to a tenth stiffer, and pressed up to a tenth less deep or hard.
+    """
     random = np.random.default_rng(0)
-    depths = (scene.target.depth_m or 0.0) * np.arange(1, FRAME_COUNT + 1) / FRAME_COUNT
     found = []
     for number in range(count):
-        stiffer, shallower = (_SPREAD * random.random() for _ in range(2)) if number else (0.0, 0.0)
-        found.append(
-            Environment(
-                young_pa=scene.material.young_pa * (1.0 + stiffer),
-                poisson=scene.material.poisson,
-                depths_m=(1.0 - shallower) * depths,
-                rotation=tilted(*scene.motion.tilt_rad),
-            )
+        stiffer, weaker = (_SPREAD * random.random() for _ in range(2)) if number else (0.0, 0.0)
+        own = tuple(
+            replace(material, young_pa=material.young_pa * (1.0 + stiffer))
+            for material in scene.materials
         )
+        found.append((Environment(materials=own), course.scaled(1.0 - weaker)))
     return found
 
 
-def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device: str) -> BatchRow:
-    batch = Batch(pilot, chosen, options=BatchOptions(residual_relative=BALANCE), device=device)
-    batch.prepare()
-    results = [batch.press() for _ in range(_PRESSES)]
+def _row(
+    pilot: Pilot, chosen: Sequence[tuple[Environment, Course]], *, exact_n: float, device: str
+) -> BatchRow:
+    batch, results = pressed(pilot, chosen, device=device)
     found = min(results, key=lambda result: result.wall_s)
     return BatchRow(
         device=wp.get_device(device).name if device != "cpu" else device,
@@ -204,5 +184,16 @@ def _row(pilot: Pilot, chosen: Sequence[Environment], *, exact_n: float, device:
         gap_m=float(np.nanmin(found.gap_m)),
         failed_count=int(found.failed.sum()),
         stress=stress_times(batch),
-        parts=tuple(batch_parts(batch)),
+        parts_s=batch_parts(batch),
     )
+
+
+def pressed(
+    pilot: Pilot, chosen: Sequence[tuple[Environment, Course]], *, device: str
+) -> tuple[Batch, list[BatchResult]]:
+    """Press a batch several times, kernels and graphs made before."""
+    environments, courses = zip(*chosen, strict=True)
+    options = BatchOptions(residual_relative=BALANCE)
+    batch = Batch(pilot, environments, options=options, device=device)
+    batch.prepare(courses[0].frame_count)
+    return batch, [batch.press(courses) for _ in range(_PRESSES)]

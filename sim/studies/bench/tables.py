@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from sim.studies.bench.batches import BALANCE, BatchPartsRow
+from sim.studies.bench.batches import BALANCE, BatchRow
 from sim.studies.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
 from sim.studies.bench.peer.comparison import peer_table
@@ -104,16 +104,15 @@ def _stress(found: Benchmark) -> Table:
 
 
 def _launches(found: Benchmark) -> Table:
-    rows = [row for batch in found.batches for row in batch.parts]
+    rows = [row for row in found.batches if row.parts_s]
 
-    def time_us(row: BatchPartsRow, name: str) -> float:
+    def time_us(row: BatchRow, name: str) -> float:
         return round(1e6 * row.parts_s[name], 1)
 
     return table_of(
         rows,
         {
             "environments": lambda row: row.environments,
-            "doing": lambda row: row.doing,
             **{f"{name} [us]": partial(time_us, name=name) for name in rows[0].parts_s},
             "together [us]": lambda row: round(1e6 * sum(row.parts_s.values()), 1),
         },

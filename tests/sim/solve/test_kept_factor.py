@@ -118,7 +118,7 @@ def test_forces_are_those_of_the_model(model: Model) -> None:
         state.tip[2] += lift
         contact = model.surface.forces(state.positions, PUNCH, state)
         elastic = model.gel.gradient(state.positions)
-        found = path.solver.evaluator.at(state)
+        found = path.solver.evaluate(state)
         expected = elastic + model.surface.scatter(contact.forces)
         np.testing.assert_allclose(found.gradient, expected, atol=1e-12)
         np.testing.assert_allclose(found.push_n, contact.forces.sum(axis=(0, 1)), atol=1e-12)

@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
+from sim.batch.environment import Environment, course_of
 from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quadratic_nodes
@@ -25,8 +26,8 @@ from sim.scene.triangle_surface import closed_surface
 from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.bench.batches import environments
-from sim.studies.bench.frames import TRAVEL_M
+from sim.studies.bench.batches import spread
+from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.peer.task import PeerFound, PeerTask, PeerTolerance
 from tacauchy_rig.errors import ConfigError
 
@@ -96,16 +97,17 @@ class PeerPad:
         model, distance_m = self.model, self.whole.contact_options.distance_m
         triangles = cylinder_triangles(self.cylinder, sectors=_BODY_SECTORS)
         surface = closed_surface(*triangles, name="cylinder")
-        chosen = environments(self.scene, count)
+        course = course_of(self.scene, frame_count=FRAME_COUNT)
+        chosen = spread(self.scene, course, count)
         beneath = np.hypot(*model.nodes[:, :2].T) < self.cylinder.radius_m
         beneath &= model.nodes[:, 2] > _TOP_SHARE * model.height_m
         return PeerTask(
             nodes=model.nodes,
             tets=model.elements,
             clamped=model.clamped,
-            young_pa=np.array([environment.young_pa for environment in chosen]),
+            young_pa=np.array([_young_pa(each) for each, _ in chosen]),
             poisson=self.scene.material.poisson,
-            depths_m=np.stack([environment.load_history for environment in chosen], axis=1),
+            depths_m=np.stack([each.along for _, each in chosen], axis=1),
             body_vertices=surface.vertices,
             body_faces=surface.faces,
             touch_m=touch_height(
@@ -179,6 +181,12 @@ class PeerBalance:
     inner_residual: float
     gap_m: float
     depth_error_m: float
+
+
+def _young_pa(environment: Environment) -> float:
+    """Return E of an environment's one material [Pa]."""
+    (material,) = environment.materials or ()
+    return material.young_pa
 
 
 def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:

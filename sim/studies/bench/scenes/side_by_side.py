@@ -1,23 +1,20 @@
-"""A scene in many environments of a batch, and what a batch cannot do of it yet."""
+"""A scene in many environments of a batch."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 
-from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions
-from sim.batch.pilot import Pilot, batch_model
-from sim.scene.indenter import MeshIndenter
-from sim.scene.scene import ContactMode, Scene
-from sim.studies.bench.batches import BALANCE, environments
+from sim.batch.environment import course_of
+from sim.batch.pilot import Pilot
+from sim.effects.plan import plan_effects
+from sim.press import path_for
+from sim.scene.scene import Scene
+from sim.scene.tilted_indenter import tilted
+from sim.studies.bench.batches import PILOTS, pressed, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
-from tacauchy_rig.errors import ConfigError, ConvergenceError
-
-# As for the batches' own part: two for every frame, the least of three presses.
-_PILOTS, _PRESSES = 2 * FRAME_COUNT, 3
+from tacauchy_rig.errors import ConvergenceError
 
 
 def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
@@ -27,33 +24,31 @@ def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
         ConfigError: A batch cannot do this scene.
         ConvergenceError: An environment does not reach its last frame.
     """
-    lacking = ", ".join(_lacking(scene))
-    depth = scene.target.depth_m
-    if lacking or depth is None:
-        raise ConfigError(f"not yet: {lacking}", remedy="press one by one")
     started = time.perf_counter()
-    model = batch_model(scene, symmetric=scene.motion.is_straight)
-    pilot = Pilot(model, scene.indenter, depth, scene.centre_m, count=_PILOTS)
-    batch = Batch(
-        pilot,
-        environments(scene, count),
-        options=BatchOptions(residual_relative=BALANCE),
-        device=device,
+    model = path_for(scene, plan_effects(scene)).model
+    course = course_of(scene, frame_count=FRAME_COUNT)
+    pilot = Pilot(
+        model,
+        scene.indenter,
+        course,
+        scene.centre_m,
+        rotation=tilted(*scene.motion.tilt_rad),
+        count=PILOTS,
     )
-    batch.prepare()
-    setup_s = time.perf_counter() - started
-    presses = []
-    for _ in range(_PRESSES):
-        spent = time.process_time()
-        found = batch.press()
-        presses.append((found.wall_s, time.process_time() - spent, found))
-    wall_s, cpu_s, found = min(presses, key=lambda press: press[0])
+    spent = time.process_time()
+    _, results = pressed(pilot, spread(scene, course, count), device=device)
+    found = min(results, key=lambda result: result.wall_s)
+    cpu_s = (time.process_time() - spent) / len(results)
+    wall_s = found.wall_s
+    setup_s = time.perf_counter() - started - sum(result.wall_s for result in results)
     if found.failed.any():
         raise ConvergenceError(f"{found.failed.sum()} of {count} did not reach the last frame")
-    (x, y, z), depths = found.force_n[-1, 0], found.depth_m[-2:, 0]
+    x, y, z = found.force_n[-1, 0]
+    depths, forces = found.depth_m[:, 0], found.force_n[:, 0, 2]
+    last = np.flatnonzero(np.diff(depths, prepend=0.0) != 0.0)[-1]
     return ScenePress(
-        preset="batch",
-        edges=1.0,
+        preset=scene.preset.value,
+        edges=1.0 / scene.refinement,
         promised=False,
         tet_count=len(model.elements),
         unknown_count=model.pattern.dof_count,
@@ -64,20 +59,6 @@ def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
         force_n=(float(x), float(y), float(z)),
         moment_nm=None,
         depth_m=float(depths[-1]),
-        stiffness_n_m=float(np.diff(found.force_n[-2:, 0, 2])[0] / np.diff(depths)[0]),
+        stiffness_n_m=float((forces[last] - forces[last - 1]) / (depths[last] - depths[last - 1])),
         balance=float(np.abs(found.imbalance[-1]).max()),
     )
-
-
-def _lacking(scene: Scene) -> Iterator[str]:
-    """Name what a batch lacks for a scene."""
-    if scene.contact is not ContactMode.FRICTIONLESS:
-        yield "friction" if scene.contact is ContactMode.FRICTION else "bonded contact"
-    if scene.layers:
-        yield "layers"
-    if isinstance(scene.indenter, MeshIndenter):
-        yield "triangles"
-    if any(scene.motion.shift_m) or scene.motion.twist_rad:
-        yield "motion along the surface"
-    if scene.target.depth_m is None:
-        yield "a load in this benchmark"

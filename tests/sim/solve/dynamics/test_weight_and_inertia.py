@@ -17,13 +17,12 @@ from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.dynamics.weight_and_inertia import (
     STANDARD_M_S2,
-    Inertia,
+    inertia,
     inertial_masses,
     weighing_masses,
     weight,
 )
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.evaluation import NodalPotential
 from sim.solve.load_steps.first_touch import unloaded_positions
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
@@ -111,10 +110,8 @@ def test_gradient_and_diagonal_are_derivatives(kind: str) -> None:
     rng = np.random.default_rng(2)
     moved = model.nodes + rng.normal(scale=1e-4, size=model.nodes.shape)
     motion = rng.normal(scale=1e-5, size=model.nodes.shape)
-    inertia = Inertia(
-        masses_kg=inertial_masses(model, DENSITY), flown_m=model.nodes + 1e-5, step_s=1e-4
-    )
-    potential: NodalPotential = inertia if kind == "inertia" else weight(model, DENSITY)
+    flight = inertia(inertial_masses(model, DENSITY), flown_m=model.nodes + 1e-5, step_s=1e-4)
+    potential = flight if kind == "inertia" else weight(model, DENSITY)
     rise = (potential.energy(moved + motion) - potential.energy(moved - motion)) / 2.0
     assert rise == pytest.approx(float(np.sum(potential.gradient(moved) * motion)), rel=1e-9)
     change = (potential.gradient(moved + motion) - potential.gradient(moved - motion)) / 2.0

@@ -23,7 +23,8 @@ def point(depth_m: float) -> PathPoint:
         state=State(positions=nodes, tip=np.array([0.0, 0.0, -depth_m]), rotation=np.eye(3)),
         equilibrium=Equilibrium(
             iterations=0,
-            contact=ContactForces(points=_NONE, forces=_NONE, stiffness=_NONE),
+            push_n=np.zeros(3),
+            touch=lambda: ContactForces(points=_NONE, forces=_NONE, stiffness=_NONE),
             elastic_gradient=np.zeros((1, 3)),
             residual_n=0.0,
             min_jacobian=1.0,

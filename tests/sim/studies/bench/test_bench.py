@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.batch.environment import Course
 from sim.fields.surface import SurfaceState
 from sim.optics.camera_geometry import ImageArray
 from sim.scene.indenter import Sphere
@@ -16,7 +17,7 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench import suite
-from sim.studies.bench.batches import BALANCE, environments, exact_force, measure_batches
+from sim.studies.bench.batches import BALANCE, exact_force, measure_batches, spread
 from sim.studies.bench.frames import FRAME_COUNT
 from sim.studies.bench.growth import exponent, growth, local_exponents
 from sim.studies.bench.part import Part
@@ -125,13 +126,12 @@ def test_batches_are_counted_over_all_environments(found: Benchmark) -> None:
     assert alone.failed_count == three.failed_count == 0
 
 
-def test_every_launch_of_a_tick_is_timed(found: Benchmark) -> None:
-    """For forces and search, in the order of the launches, and none takes no time."""
+def test_every_launch_of_a_step_is_timed(found: Benchmark) -> None:
+    """In the order of the launches, and none takes no time."""
     for batch in found.batches:
-        assert [row.doing for row in batch.parts] == ["forces", "search"]
-        for row in batch.parts:
-            assert list(row.parts_s) == ["forces", "search", "preconditioner", "turn"]
-            assert min(row.parts_s.values()) > 0.0
+        names = ["gel", "contact", "judge", "prepare", "inverse", "turn"]
+        assert list(batch.parts_s) == names
+        assert min(batch.parts_s.values()) > 0.0
 
 
 def test_taking_the_stress_off_is_timed(found: Benchmark) -> None:
@@ -143,12 +143,16 @@ def test_taking_the_stress_off_is_timed(found: Benchmark) -> None:
 
 def test_environments_differ_but_the_first() -> None:
     """The first is the scene itself; others are up to a tenth stiffer and shallower."""
-    first, *others = environments(_SCENE, 5)
-    assert first.young_pa == _SCENE.material.young_pa
-    assert first.load_history[-1] == pytest.approx(1e-3)
-    assert len({other.young_pa for other in others}) == 4
-    assert all(1.0 <= other.young_pa / first.young_pa <= 1.1 for other in others)
-    assert all(0.9 <= other.load_history[-1] / first.load_history[-1] <= 1.0 for other in others)
+    course = Course(depths_m=np.array([0.5e-3, 1e-3]))
+    young, depths = [], []
+    for environment, own in spread(_SCENE, course, 5):
+        assert environment.materials is not None
+        young.append(environment.materials[0].young_pa)
+        depths.append(own.along[-1])
+    assert (young[0], depths[0]) == (_SCENE.material.young_pa, 1e-3)
+    assert len(set(young)) == len(set(depths)) == 5
+    assert all(1.0 <= other / young[0] <= 1.1 for other in young)
+    assert all(0.9 <= other / depths[0] <= 1.0 for other in depths)
 
 
 def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
@@ -167,7 +171,7 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
 def test_tables_hold_every_row(found: Benchmark) -> None:
     """One row a batch, an image, a replay, a mesh; what is absent is said."""
     tables = bench_tables(found)
-    assert [len(table.rows) for table in tables] == [2, 2, 4, 4, 1, 2]
+    assert [len(table.rows) for table in tables] == [2, 2, 2, 4, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
     assert "Not measured: nothing." in tables[0].note
     assert "Not measured: many images." in tables[3].note

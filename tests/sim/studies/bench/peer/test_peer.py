@@ -243,7 +243,7 @@ def _our_row(count: int, speed: float) -> BatchRow:
         gap_m=2e-5,
         failed_count=0,
         stress=StressTimes(face_count=200, device_s=1e-5, host_s=1e-4),
-        parts=(),
+        parts_s={},
     )
 
 

@@ -37,10 +37,14 @@ def test_a_process_that_crashes_is_a_row_that_says_so(
     assert row.failure == "its process ended with status 1: no more memory"
 
 
-def test_a_batch_says_what_it_does_not_know_yet() -> None:
-    """Friction: a row, and its setting names what is missing."""
+def test_a_batch_presses_the_scene_too() -> None:
+    """Friction and all: the first environment's force is that of the press alone."""
     scene = BenchScene(name="rubbed", stated={**_SHALLOW, "contact": "friction:0.5"})
-    assert pressed(scene, Order(environments=2)).setting == "not yet: friction"
+    alone, two = (pressed(scene, Order(environments=count)).press for count in (None, 2))
+    assert alone is not None
+    assert two is not None
+    assert two.force_n[2] == pytest.approx(alone.force_n[2], rel=5e-3)
+    assert two.balance <= 1e-5
 
 
 def test_a_commit_that_is_none_is_refused() -> None:

@@ -1,10 +1,4 @@
-"""The product of a dense symmetric matrix with a batch of vectors, on a GPU.
-
-A batch shares one matrix, so that the product is one of two matrices, for tensor cores in float16
-with float32 sums: a preconditioner needs no more digits. Warp's own tile product takes most of a
-minute to compile and leaves the cores idle for so few columns; here each warp feeds them from a
-matrix that was laid out for them once.
-"""
+"""Warp kernel of the product of a dense matrix with many vectors, on a GPU's tensor cores."""
 
 from __future__ import annotations
 
@@ -13,14 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
-
-from sim.device import Device
-
-# Rows of any block, and terms that a warp takes at once, divide it.
-_ROW_PADDING = 288
 
 # One block makes a block of the product. Its warps share out rows, columns and, in DEPTH_WARPS
 # groups, the terms of the sums, which are then added in shared memory. Fragments are those of the
@@ -136,81 +123,6 @@ class Tiling:
         return 32 * self.row_warps * self.column_warps * self.depth_warps
 
 
-# Few columns need many blocks that read the matrix, many need blocks that use what they read often.
-_TILINGS = {
-    8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
-    64: Tiling(row_tiles=2, column_tiles=4, column_warps=2, depth_warps=4),
-    256: Tiling(row_tiles=3, column_tiles=8, column_warps=2, depth_warps=4),
-}
-_LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
-
-
-def tiling(columns: int) -> Tiling:
-    """Return how a product with so many columns is done."""
-    fitting = [limit for limit in _TILINGS if columns <= limit]
-    return _TILINGS[fitting[0]] if fitting else _LARGEST
-
-
-def padded_rows(row_count: int) -> int:
-    """Return a row count that the blocks divide."""
-    return -(-row_count // _ROW_PADDING) * _ROW_PADDING
-
-
-def padded_columns(environment_count: int) -> int:
-    """Return an environment count that the blocks divide."""
-    width = tiling(environment_count).columns
-    return -(-environment_count // width) * width
-
-
-class DenseProduct:
-    """Multiplies one of several symmetric matrices with a batch of vectors.
-
-    Args:
-        matrices: Shape [matrix_count, row_count, row_count].
-
-    Attributes:
-        row_count: Rows of the padded vectors.
-        kind: Warp type of the vectors that it takes.
-        unit: What the product must be multiplied with: float16 holds nothing above 65,504.
-    """
-
-    kind = wp.float16
-
-    def __init__(self, matrices: NDArray[np.float32], *, device: Device) -> None:
-        count, rows, _ = matrices.shape
-        # At least a row more than there are: what is fixed reads it.
-        self.row_count = padded_rows(rows + 1)
-        self.unit = float(np.abs(matrices).max())
-        padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float16)
-        padded[:, :rows, :rows] = matrices / self.unit
-        self._which = device.zeros(1, wp.int32)
-        self._device = device
-        self._matrices = device.array(packed(padded).reshape(-1), wp.float16)
-
-    def select(self, which: int) -> None:
-        """Take another of the matrices from now on."""
-        self._which.fill_(which)
-
-    def apply(self, right: Any, out: Any) -> None:
-        """Set ``out`` to the product of the matrix with ``right``, over ``unit``.
-
-        Args:
-            right: Float16, shape [environment_count, row_count].
-            out: Float32, the same shape.
-        """
-        chosen = tiling(right.shape[0])
-        row_blocks = self.row_count // chosen.rows
-        blocks = row_blocks * (right.shape[0] // chosen.columns)
-        wp.launch(
-            product_kernel(chosen),
-            dim=blocks * chosen.threads,
-            inputs=[self._matrices, self._which, right, row_blocks],
-            outputs=[out],
-            block_dim=chosen.threads,
-            device=self._device.name,
-        )
-
-
 @cache
 def product_kernel(chosen: Tiling) -> Any:
     """Build the kernel of a tiling; it launches over the threads of all its blocks."""
@@ -252,17 +164,3 @@ def product_kernel(chosen: Tiling) -> Any:
         block_product(matrices, which, right, row_blocks, block, product_out)
 
     return product
-
-
-def packed(matrices: NDArray[np.float16]) -> NDArray[np.float16]:
-    """Order matrices as the lanes of a warp take them.
-
-    Returns:
-        Shape [matrix_count, row_tile, step, half of it, 32, 8].
-    """
-    count, rows, _ = matrices.shape
-    tiles = matrices.reshape(count, rows // 16, 2, 8, rows // 32, 4, 2, 2, 2)
-    # [matrix, tile, upper or lower, group, step, member, half, low or high, odd] becomes
-    # [matrix, tile, step, half, group, member, low or high, upper or lower, odd].
-    ordered = tiles.transpose(0, 1, 4, 6, 3, 5, 7, 2, 8)
-    return np.ascontiguousarray(ordered).reshape(count, rows // 16, rows // 32, 2, 32, 8)

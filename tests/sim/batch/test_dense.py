@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.batch.kernels.dense import DenseProduct, packed, padded_columns, padded_rows, tiling
+from sim.batch.dense import DenseProduct, packed, padded_columns, padded_rows, tiling
 from sim.device import Device
 
 
@@ -46,12 +46,12 @@ def test_product(columns: int) -> None:
     matrices += np.swapaxes(matrices, 1, 2)
     on = Device("cuda:0")
     product = DenseProduct(matrices, device=on)
-    product.select(1)
+    product.which.fill_(1)
     columns = padded_columns(columns)
     right = np.zeros((columns, product.row_count), dtype=np.float16)
     right[:, :300] = rng.standard_normal((columns, 300))
     out = on.zeros(right.shape, wp.float32)
-    product.apply(on.array(right, wp.float16), out)
+    product.apply(None, on.array(right, wp.float16), out)
     wanted = right[:, :300].astype(np.float64) @ matrices[1]
     error = np.abs(product.unit * out.numpy()[:, :300] - wanted).max()
     assert error <= 2e-3 * np.abs(wanted).max()

@@ -1,0 +1,112 @@
+"""Inverses of the stiffness at a few points of a pilot press, which serve all environments.
+
+On a GPU they are dense, so that applying one to a batch is one product of two matrices; on a
+processor they are sparse factors.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import warp as wp
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from sim.batch.dense import DenseProduct
+from sim.batch.pilot import Pilot, PilotStiffness
+from sim.device import Device
+from sim.mesh.sparsity import SparsePattern
+from sim.solve.linear_solver import single_precision_solver
+from tacauchy_rig.errors import ConfigError
+
+# Ten dense inverses of this size are 5 GB, and take a processor minutes to make.
+_UNKNOWNS_MAX = 16_000
+
+
+def inverses_for(pilot: Pilot, device: Device) -> FactoredInverses | DenseProduct:
+    """Return a pilot's inverses in the form that suits a device.
+
+    Raises:
+        ConfigError: There are too many unknowns for dense ones.
+    """
+    if not device.is_gpu:
+        return FactoredInverses(pilot)
+    pattern, pushed = pilot.model.pattern, pilot.is_pushed
+    if pattern.dof_count > _UNKNOWNS_MAX:
+        raise ConfigError(
+            f"the mesh has {pattern.dof_count} unknowns, more than the {_UNKNOWNS_MAX} that a GPU "
+            "takes",
+            remedy="use preset fast, or press one by one",
+        )
+    dense = [dense_inverse(each, pattern, pushed=pushed) for each in pilot.stiffnesses]
+    return DenseProduct(np.stack(dense), device=device)
+
+
+def dense_inverse(
+    stiffness: PilotStiffness, pattern: SparsePattern, *, pushed: bool
+) -> NDArray[np.float32]:
+    """Return the dense inverse [m/N], the indenter's height last, [dof_count + 1] squared.
+
+    Where that is no unknown, its row and column are zero.
+    """
+    count = pattern.dof_count
+    size = count + pushed
+    dense = np.zeros((size, size), order="F")
+    dense[:count, :count] = pattern.upper(stiffness.data).toarray()
+    if pushed:
+        dense[:count, count], dense[count, count] = stiffness.border, stiffness.corner
+    factor, _ = scipy.linalg.lapack.dpotrf(dense, lower=0, overwrite_a=1)
+    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=0, overwrite_c=1)
+    whole = np.zeros((count + 1,) * 2, dtype=np.float32)
+    whole[:size, :size] = np.triu(inverse) + np.triu(inverse, 1).T
+    return whole
+
+
+class FactoredInverses:
+    """Sparse factors, for vectors on a processor.
+
+    Attributes:
+        which: The one that serves, shape [1].
+    """
+
+    kind, scaled, unit = wp.float64, False, 1.0
+
+    def __init__(self, pilot: Pilot) -> None:
+        self.row_count = pilot.model.pattern.dof_count + 1
+        self.which: Any = wp.zeros(1, dtype=wp.int32, device="cpu")
+        self._factors = [
+            _Factor(pilot.model.pattern, stiffness, pushed=pilot.is_pushed)
+            for stiffness in pilot.stiffnesses
+        ]
+
+    def columns(self, count: int) -> int:
+        """Return how many vectors it takes at once: as many as there are."""
+        return count
+
+    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
+        """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count]."""
+        factor, given, out = self._factors[self.which.numpy()[0]], sources.numpy(), found.numpy()
+        for b in [] if asked is None else asked:
+            out[b] = factor.solve(given[b])
+
+
+class _Factor:
+    """One stiffness; the indenter's height, if it is an unknown, borders the sparse part."""
+
+    def __init__(self, pattern: SparsePattern, stiffness: PilotStiffness, *, pushed: bool) -> None:
+        self._solver = single_precision_solver(pattern)
+        self._solver.factorise(stiffness.data)
+        self._border = stiffness.border
+        self._pushed = pushed
+        if pushed:
+            self._along = self._solver.solve(self._border)
+            self._corner = stiffness.corner - float(self._border @ self._along)
+
+    def solve(self, vector: FloatArray) -> FloatArray:
+        nodes = self._solver.solve(vector[:-1])
+        if not self._pushed:
+            return np.append(nodes, 0.0)
+        lift = (vector[-1] - self._border @ nodes) / self._corner
+        return np.append(nodes - lift * self._along, lift)

@@ -1,0 +1,334 @@
+"""Warp kernels of a step of a batch: where every environment starts from, and what it found.
+
+A step takes each environment's indenter to a pose or a load. It starts where the last three states
+lead if the step goes the same way as the ones before; else from the last one.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from sim.contact.indenter_distance import Poses
+from sim.solve.descent_state import BEGIN, DONE, IDLE, RUNNING, Descent
+from sim.solve.memory_kernels import Memory
+
+# A step goes the same way as the one before if the cosine between them is above this,
+_SAME_WAY = wp.constant(wp.float64(0.9))
+# and if it is so many times as long at most.
+_LONGER = wp.constant(wp.float64(3.0))
+_NOTHING = wp.constant(wp.float64(1e-300))
+
+
+@wp.struct
+class Way:
+    """Where the environments begin and go.
+
+    Attributes:
+        tips: Of the indenter at first touch [m], shape [environment_count].
+        rotations: Indenter frame to pad frame, there.
+        course: Frame by frame, shape [frame_count, environment_count]: depth [m] or force that
+            pushes the whole pad [N], way along x and y [m], turn about z [rad].
+        frame: The frame that is under way, shape [1].
+        metres: Depth for a newton [m/N], way for a radian [m].
+        copies: Of the modelled part in the whole pad.
+        pushed: The force is given.
+    """
+
+    tips: wp.array(dtype=wp.vec3d)
+    rotations: wp.array(dtype=wp.mat33d)
+    course: wp.array2d(dtype=wp.vec4d)
+    frame: wp.array(dtype=wp.int32)
+    metres: wp.vec2d
+    copies: wp.float64
+    pushed: wp.bool
+
+
+@wp.struct
+class Trail:
+    """The last states, shape [environment_count, ...] each.
+
+    Attributes:
+        active: 1 where an environment takes part in the step.
+        known: States that there are so far, the untouched gel included.
+        shares: Of the last three states in the start of the next one, newest first.
+        features: Of the last three states, newest first, shape [..., 3]: along x and y, depth or
+            load, turn; each in metres.
+        last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the two before.
+        older: Shape [..., 2, node_count].
+        heights: Of the indenter's tip in the last three states [m], shape [..., 3].
+        inverse: Which inverse served last.
+    """
+
+    active: wp.array(dtype=wp.int32)
+    known: wp.array(dtype=wp.int32)
+    shares: wp.array(dtype=wp.vec3d)
+    features: wp.array2d(dtype=wp.vec4d)
+    last: wp.array2d(dtype=wp.vec3d)
+    older: wp.array3d(dtype=wp.vec3d)
+    heights: wp.array2d(dtype=wp.float64)
+    inverse: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Found:
+    """What a step gives, shape [frame_count, environment_count] each.
+
+    Attributes:
+        push: Force on the indenter, modelled part [N].
+        tips: Of the indenter [m].
+        residual: Norm of the unbalanced force over the contact force.
+        imbalance: Base reaction against the indenter's force, over the latter.
+        gap: The smallest [m].
+        status: How the descent ended.
+    """
+
+    push: wp.array2d(dtype=wp.vec3d)
+    tips: wp.array2d(dtype=wp.vec3d)
+    residual: wp.array2d(dtype=wp.float64)
+    imbalance: wp.array2d(dtype=wp.float64)
+    gap: wp.array2d(dtype=wp.float64)
+    status: wp.array2d(dtype=wp.int32)
+
+
+@wp.func
+def feature_of(way: Way, b: wp.int32) -> wp.vec4d:
+    """Return where an environment goes, every component in metres."""
+    goal = way.course[way.frame[0], b]
+    along = goal[0]
+    if way.pushed:
+        along = along * way.metres[0]
+    return wp.vec4d(goal[1], goal[2], along, goal[3] * way.metres[1])
+
+
+@wp.kernel(enable_backward=False)
+def aim(
+    # Data in:
+    way: Way,
+    trail: Trail,
+    # Data in and out:
+    total: wp.array(dtype=wp.vec4d),
+    count: wp.array(dtype=wp.int32),
+):
+    """Sum up where the environments go; launches over [environment_count]."""
+    b = wp.tid()
+    if trail.active[b] == 1:
+        wp.atomic_add(total, 0, feature_of(way, b))
+        wp.atomic_add(count, 0, 1)
+
+
+@wp.kernel(enable_backward=False)
+def choose(
+    # Model:
+    stands: wp.array(dtype=wp.vec4d),
+    # Data in and out:
+    total: wp.array(dtype=wp.vec4d),
+    count: wp.array(dtype=wp.int32),
+    # Data out:
+    which: wp.array(dtype=wp.int32),
+):
+    """Choose the inverse that is nearest to where the environments go; launches over [1]."""
+    mean = total[0] / wp.float64(wp.max(count[0], 1))
+    best = wp.float64(1e300)
+    chosen = wp.int32(0)
+    for k in range(stands.shape[0]):
+        distance = wp.length(stands[k] - mean)
+        if distance < best:
+            best = distance
+            chosen = k
+    which[0] = chosen
+    total[0] = wp.vec4d()
+    count[0] = 0
+
+
+@wp.func
+def shares_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.vec3d:
+    """Return Lagrange's shares of the last states, by the way between them."""
+    one = wp.float64(1.0)
+    zero = wp.float64(0.0)
+    shares = wp.vec3d(one, zero, zero)
+    ahead = goal - trail.features[b, 0]
+    behind = trail.features[b, 0] - trail.features[b, 1]
+    step = wp.length(ahead)
+    last = wp.length(behind)
+    known = trail.known[b]
+    if known > 1 and last > zero and step <= _LONGER * last:  # noqa: SIM102 - device code
+        if wp.dot(ahead, behind) > _SAME_WAY * step * last:
+            before = trail.features[b, 1] - trail.features[b, 2]
+            longer = wp.length(before)
+            shares = wp.vec3d(one + step / last, -step / last, zero)
+            alike = wp.dot(behind, before) > _SAME_WAY * last * longer
+            if known > 2 and alike and last <= _LONGER * longer:
+                whole = step + last + longer
+                shares = wp.vec3d(
+                    (step + last) * whole / (last * (last + longer)),
+                    -step * whole / (last * longer),
+                    step * (step + last) / (longer * (last + longer)),
+                )
+    return shares
+
+
+@wp.kernel(enable_backward=False)
+def begin(
+    # Model:
+    lags: wp.bool,
+    # Data in:
+    which: wp.array(dtype=wp.int32),
+    way: Way,
+    straight: wp.array(dtype=wp.int32),
+    # Data in and out:
+    trail: Trail,
+    poses: Poses,
+    d: Descent,
+    memory: Memory,
+    push_out: wp.array(dtype=wp.vec3d),
+):
+    """Let every active environment begin its step; launches over [environment_count].
+
+    Where ``straight`` is 1, from the last state as it is.
+    """
+    b = wp.tid()
+    d.status[b] = IDLE
+    d.wanted[b] = 0
+    d.act[b] = 0
+    d.holding[b] = 0
+    d.takes[b] = 0
+    d.learns[b] = 0
+    if trail.active[b] == 1:
+        shares = shares_of(trail, b, feature_of(way, b))
+        if straight[0] == 1:
+            shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        trail.shares[b] = shares
+        goal = way.course[way.frame[0], b]
+        tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
+        height = tip[2] - goal[0]
+        if way.pushed:
+            height = wp.float64(0.0)
+            for k in range(3):
+                height += shares[k] * trail.heights[b, k]
+            d.load[b] = goal[0] / way.copies
+            d.pushed[b] = 1
+        poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
+        c = wp.cos(goal[3])
+        s = wp.sin(goal[3])
+        zero = wp.float64(0.0)
+        turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
+        poses.rotations[b] = turn * way.rotations[b]
+        if which[0] != trail.inverse[b]:
+            trail.inverse[b] = which[0]
+            memory.counts[b] = 0
+            memory.next[b] = 0
+        d.status[b] = RUNNING
+        d.mode[b] = BEGIN
+        d.wanted[b] = 1
+        d.checked[b] = 0
+        d.rough[b] = 1
+        d.steps[b] = 0
+        d.since[b] = 0
+        d.recorded[b] = 0
+        d.holds[b] = 0
+        d.attempt[b] = 0
+        d.touches[b] = 1
+        d.gripped_at[b] = wp.float64(1e300)
+        d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
+        push_out[b] = wp.vec3d()
+
+
+@wp.kernel(enable_backward=False)
+def predict(
+    # Data in:
+    trail: Trail,
+    # Data out:
+    positions_out: wp.array2d(dtype=wp.vec3d),
+    elastic_out: wp.array2d(dtype=wp.vec3d),
+    contact_out: wp.array2d(dtype=wp.vec3d),
+):
+    """Put the nodes to where a step starts; launches over [environment_count, node_count]."""
+    b, n = wp.tid()
+    if trail.active[b] == 1:
+        shares = trail.shares[b]
+        x = trail.last[b, n] * shares[0]
+        x += trail.older[b, 0, n] * shares[1] + trail.older[b, 1, n] * shares[2]
+        positions_out[b, n] = x
+        elastic_out[b, n] = wp.vec3d()
+        contact_out[b, n] = wp.vec3d()
+
+
+@wp.kernel(enable_backward=False)
+def copy_grip(
+    wanted: wp.array(dtype=wp.int32),
+    goal: wp.int32,
+    held: wp.array3d(dtype=wp.int32),
+    anchors: wp.array3d(dtype=wp.vec3d),
+    loads: wp.array3d(dtype=wp.vec3d),
+    held_out: wp.array3d(dtype=wp.int32),
+    anchors_out: wp.array3d(dtype=wp.vec3d),
+    loads_out: wp.array3d(dtype=wp.vec3d),
+):
+    """Copy what points hold where ``wanted`` is the goal; launches over the points."""
+    b, f, q = wp.tid()
+    if wanted[b] == goal:
+        held_out[b, f, q] = held[b, f, q]
+        anchors_out[b, f, q] = anchors[b, f, q]
+        loads_out[b, f, q] = loads[b, f, q]
+
+
+@wp.kernel(enable_backward=False)
+def remember(
+    # Data in:
+    positions: wp.array2d(dtype=wp.vec3d),
+    d: Descent,
+    # Data in and out:
+    trail: Trail,
+):
+    """Take over what was found; launches over [environment_count, node_count]."""
+    b, n = wp.tid()
+    if trail.active[b] == 1 and d.status[b] == DONE:
+        trail.older[b, 1, n] = trail.older[b, 0, n]
+        trail.older[b, 0, n] = trail.last[b, n]
+        trail.last[b, n] = positions[b, n]
+
+
+@wp.kernel(enable_backward=False)
+def end(
+    # Model:
+    floor: wp.float64,
+    # Data in:
+    way: Way,
+    poses: Poses,
+    d: Descent,
+    push: wp.array(dtype=wp.vec3d),
+    # Data in and out:
+    trail: Trail,
+    # Data out:
+    found: Found,
+):
+    """Note what was found; who did not arrive takes no part in the next frame.
+
+    Launches over [environment_count].
+    """
+    b = wp.tid()
+    at = way.frame[0]
+    found.status[at, b] = d.status[b]
+    if trail.active[b] == 1:
+        if d.status[b] == DONE:
+            load = wp.max(d.scale[b], floor)
+            found.push[at, b] = push[b]
+            found.tips[at, b] = poses.tips[b]
+            found.residual[at, b] = d.residual[b] / load
+            found.imbalance[at, b] = d.vertical[b] / load
+            found.gap[at, b] = d.gap_min[b]
+            trail.features[b, 2] = trail.features[b, 1]
+            trail.features[b, 1] = trail.features[b, 0]
+            trail.features[b, 0] = feature_of(way, b)
+            trail.heights[b, 2] = trail.heights[b, 1]
+            trail.heights[b, 1] = trail.heights[b, 0]
+            trail.heights[b, 0] = poses.tips[b][2]
+            trail.known[b] = wp.min(trail.known[b] + 1, 3)
+        else:
+            trail.active[b] = 0
+
+
+@wp.kernel(enable_backward=False)
+def tick(frame: wp.array(dtype=wp.int32)):
+    """Go on to the next frame; launches over [1]."""
+    frame[0] = frame[0] + 1

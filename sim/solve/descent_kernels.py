@@ -1,0 +1,332 @@
+"""Warp kernels of the descent to equilibrium: what each environment does after an evaluation.
+
+An environment runs until it is done, or until it asks the host for what a kernel has not: a factor,
+a start that is not inside out, an error. ``judge`` decides, by ``descent_rules``; ``prepare`` takes
+over what was accepted and says what the inverse is asked for; ``turn`` makes a direction of the
+answer and goes along it. A block of threads has one environment, so that sums are known to all; on
+the CPU it is one thread. Device code has no membership test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.device import CPU_FLAGS
+from sim.solve.descent_rules import (
+    AHEAD,
+    CHANGE,
+    CUT,
+    ENERGY,
+    FAR,
+    GRIP,
+    LIMIT,
+    NOTHING_AT_ALL,
+    SQUARE,
+    VERTICAL,
+    Sums,
+    decide,
+    finds_no_way,
+)
+from sim.solve.descent_state import (
+    ASKS_FACTOR,
+    BACK,
+    GO,
+    HELD,
+    HOLD,
+    LOWER,
+    NOTHING,
+    RUNNING,
+    SOLVE,
+    TRY,
+    Descent,
+    Evaluated,
+    Limits,
+    Pull,
+    Unknowns,
+    Vectors,
+)
+from sim.solve.memory_kernels import (
+    Memory,
+    add_all,
+    first_loop,
+    note_products,
+    products_with,
+    second_loop,
+    wait_for_all,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DescentKernels:
+    """The kernels; each launches over [environment_count, threads of a block].
+
+    Attributes:
+        judge: Decides.
+        prepare: Takes over what was accepted, and asks the inverse.
+        turn: Makes a direction of its answer, and goes along it.
+    """
+
+    judge: Any
+    prepare: Any
+    turn: Any
+
+
+@cache
+def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
+    """Build the kernels.
+
+    Args:
+        grips: Points that touch hold on to the indenter.
+        pulls: Nodes have further energies.
+    """
+    made = {
+        "enable_backward": False,
+        "module": "unique",
+        "module_options": {"cpu_compiler_flags": CPU_FLAGS},
+    }
+
+    @wp.kernel(**made)
+    def judge(
+        # Model:
+        limits: Limits,
+        unknowns: Unknowns,
+        pull: Pull,
+        # Data in:
+        evaluated: Evaluated,
+        # Data in and out:
+        d: Descent,
+        vectors: Vectors,
+        memory: Memory,
+        # Data out:
+        busy_out: wp.array(dtype=wp.int32),
+    ):
+        b, thread = wp.tid()
+        if b == 0 and thread == 0:
+            busy_out[0] = 0
+        if d.status[b] == RUNNING:
+            mode = d.mode[b]
+            looks = mode < GO  # it begins, tries or is held anew
+            dof_count = unknowns.dofs.shape[0]
+            sums = Sums()
+            ratio = wp.float64(FAR)
+            nearest = wp.float64(FAR)
+            allowed = wp.float64(1.0)
+            if looks:
+                for row in range(thread, dof_count + 1, wp.block_dim()):
+                    g = wp.float64(0.0)
+                    if row < dof_count:
+                        dof = unknowns.dofs[row]
+                        g = evaluated.elastic[b, dof] + evaluated.contact[b, dof]
+                        if wp.static(pulls):
+                            x = evaluated.positions[b, dof]
+                            away = x - pull.towards[dof]
+                            drawn = pull.stiffness[dof] * away
+                            g += drawn - pull.force[dof]
+                            sums[ENERGY] += wp.float64(0.5) * drawn * away
+                            sums[ENERGY] -= pull.force[dof] * (x - pull.rest[dof])
+                        if dof % 3 == 2:
+                            sums[VERTICAL] += g
+                    elif d.pushed[b] == 1:
+                        g = d.load[b] - evaluated.push[b][2]
+                        sums[ENERGY] += d.load[b] * evaluated.tips[b][2]
+                    vectors.trial[b, row] = g
+                    change = g - vectors.gradient[b, row]
+                    sums[AHEAD] += g * vectors.direction[b, row]
+                    sums[SQUARE] += g * g
+                    sums[CHANGE] += change * change
+                for e in range(thread, evaluated.energies.shape[1], wp.block_dim()):
+                    sums[ENERGY] += evaluated.energies[b, e]
+                    ratio = wp.min(ratio, evaluated.ratios[b, e])
+                for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
+                    sums[ENERGY] += evaluated.touched[b, p]
+                    there = evaluated.gaps[b, p]
+                    nearest = wp.min(nearest, there)
+                    if mode == TRY:
+                        before = vectors.gaps[b, p]
+                        floor = wp.min(-limits.overlap, before)
+                        if there < floor:
+                            fall = wp.max(before - there, NOTHING_AT_ALL)
+                            allowed = wp.min(allowed, wp.min(CUT, (before - floor) / fall))
+                    if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+                        if mode == HELD:
+                            sums[GRIP] += evaluated.grip_change[b, p]
+                            sums[LIMIT] += evaluated.grip_limit[b, p]
+            all_sums = wp.tile_sum(wp.tile(sums, preserve_type=True))
+            ratios = wp.tile_min(wp.tile(ratio))
+            gaps = wp.tile_min(wp.tile(nearest))
+            fractions = wp.tile_min(wp.tile(allowed))
+            total = all_sums[0]
+            mins = wp.vec3d(ratios[0], gaps[0], fractions[0])
+            if thread == 0:
+                d.act[b] = NOTHING
+                d.wanted[b] = 0
+                d.holding[b] = 0
+                d.takes[b] = 0
+                d.learns[b] = 0
+                decide(d, memory, b, limits, total, mins, evaluated.push[b])
+        elif thread == 0:
+            d.act[b] = NOTHING
+            d.wanted[b] = 0
+            d.holding[b] = 0
+            d.takes[b] = 0
+            d.learns[b] = 0
+
+    @wp.kernel(**made)
+    def prepare(
+        # Model:
+        unknowns: Unknowns,
+        scaled: wp.bool,
+        # Data in and out:
+        d: Descent,
+        evaluated: Evaluated,
+        vectors: Vectors,
+        memory: Memory,
+        # Data out:
+        sources_out: wp.array2d(dtype=Any),
+    ):
+        # With ``scaled`` what the inverse is asked for is in units of the residual.
+        b, thread = wp.tid()
+        act = d.act[b]
+        learns = d.learns[b] == 1
+        dof_count = unknowns.dofs.shape[0]
+        length = memory.table.shape[1]
+        if d.takes[b] == 1:
+            at = wp.int32(0)
+            if learns:
+                at = memory.next[b]
+            fraction = d.fraction[b]
+            curvature = wp.float64(0.0)
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                x = evaluated.tips[b][2]
+                if row < dof_count:
+                    x = evaluated.positions[b, unknowns.dofs[row]]
+                vectors.start[b, row] = x
+                g = vectors.trial[b, row]
+                if learns:
+                    step = fraction * vectors.direction[b, row]
+                    change = g - vectors.gradient[b, row]
+                    memory.steps[b, at, row] = wp.float32(step)
+                    memory.changes[b, at, row] = wp.float32(change)
+                    curvature += step * change
+                vectors.gradient[b, row] = g
+            for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
+                vectors.gaps[b, p] = evaluated.gaps[b, p]
+            if learns:
+                own = wp.tile_sum(wp.tile(curvature))
+                s_y = own[0]
+                if thread == 0:
+                    memory.next[b] = (at + 1) % length
+                    memory.counts[b] = wp.min(memory.counts[b] + 1, length)
+                wait_for_all()
+                count = memory.counts[b]
+                products_with(memory.steps, vectors.gradient, count, b, memory.products)
+                note_products(memory, b, fraction, s_y)
+        if act != NOTHING and act != BACK:
+            for i in range(thread, evaluated.elastic.shape[1], wp.block_dim()):
+                evaluated.elastic[b, i] = wp.float64(0.0)
+                evaluated.contact[b, i] = wp.float64(0.0)
+            if thread == 0:
+                evaluated.push[b] = wp.vec3d()
+        if act == SOLVE:
+            count = memory.counts[b]
+            if not learns:
+                wait_for_all()
+                products_with(memory.steps, vectors.gradient, count, b, memory.products)
+            first_loop(memory, b)
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                vectors.direction[b, row] = -vectors.gradient[b, row]
+            add_all(memory.changes, memory.shares, count, b, vectors.direction)
+            scale = wp.float64(1.0)
+            if scaled:
+                scale = wp.float64(1.0) / d.residual[b]
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                sources_out[b, row] = sources_out.dtype(scale * vectors.direction[b, row])
+        elif scaled:
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                sources_out[b, row] = sources_out.dtype(0.0)
+
+    @wp.kernel(**made)
+    def turn(
+        # Model:
+        limits: Limits,
+        unknowns: Unknowns,
+        scaled: wp.bool,
+        units: wp.array(dtype=wp.float64),
+        # Data in:
+        found: wp.array2d(dtype=Any),
+        # Data in and out:
+        d: Descent,
+        vectors: Vectors,
+        memory: Memory,
+        # Data out:
+        evaluated: Evaluated,
+        busy_out: wp.array(dtype=wp.int32),
+    ):
+        # The inverse's answer is ``found`` times ``units``, and times the residual if ``scaled``.
+        b, thread = wp.tid()
+        act = d.act[b]
+        dof_count = unknowns.dofs.shape[0]
+        fraction = d.fraction[b]
+        if act == SOLVE or act == LOWER:  # noqa: SIM109
+            fraction = wp.float64(1.0)
+            count = memory.counts[b]
+            scale = units[b]
+            if scaled:
+                scale = scale * d.residual[b]
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                r = wp.float64(0.0)
+                if act == SOLVE:
+                    r = scale * wp.float64(found[b, row])
+                elif row == dof_count:
+                    r = -wp.sign(vectors.gradient[b, row]) * limits.tip_step
+                if row == dof_count and d.pushed[b] == 0:
+                    r = wp.float64(0.0)
+                vectors.direction[b, row] = r
+            wait_for_all()
+            if act == SOLVE:
+                products_with(memory.changes, vectors.direction, count, b, memory.products)
+                second_loop(memory, b)
+                add_all(memory.steps, memory.shares, count, b, vectors.direction)
+            part = wp.vec2d()
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                r = vectors.direction[b, row]
+                part += wp.vec2d(r * vectors.gradient[b, row], r * r)
+            all_parts = wp.tile_sum(wp.tile(part, preserve_type=True))
+            along = all_parts[0]
+            falls = along[0] < wp.float64(0.0)
+            if not falls:
+                fraction = wp.float64(0.0)
+            if thread == 0:
+                d.slope[b] = along[0]
+                d.length[b] = along[1]
+                d.fraction[b] = fraction
+                d.tries[b] = 0
+                d.mode[b] = TRY
+                if not falls:
+                    d.wanted[b] = 0
+                    finds_no_way(d, memory, b)
+        if act == BACK:
+            fraction = wp.float64(0.0)
+        if act != NOTHING and act != HOLD:
+            for row in range(thread, dof_count + 1, wp.block_dim()):
+                x = vectors.start[b, row] + fraction * vectors.direction[b, row]
+                if row < dof_count:
+                    evaluated.positions[b, unknowns.dofs[row]] = x
+                elif d.pushed[b] == 1:
+                    tip = evaluated.tips[b]
+                    evaluated.tips[b] = wp.vec3d(tip[0], tip[1], x)
+        if thread == 0:
+            if limits.keeps and d.status[b] == ASKS_FACTOR:
+                memory.counts[b] = 0
+                memory.next[b] = 0
+                d.since[b] = 0
+                d.mode[b] = GO
+                d.status[b] = RUNNING
+            if d.status[b] == RUNNING:
+                busy_out[0] = 1
+
+    return DescentKernels(judge=judge, prepare=prepare, turn=turn)

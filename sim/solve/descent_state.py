@@ -1,0 +1,212 @@
+"""What the descents to equilibrium keep of every environment, on their device."""
+
+from __future__ import annotations
+
+import warp as wp
+
+# What an environment is about: it runs, it is done, or it asks.
+RUNNING = wp.constant(0)
+DONE = wp.constant(1)
+ASKS_START = wp.constant(2)  # the start is inside out or deep in the indenter
+ASKS_FACTOR = wp.constant(3)
+ASKS_SAFER_FACTOR = wp.constant(4)
+ASKS_ROUNDING = wp.constant(5)
+TOO_NEAR = wp.constant(6)  # the barrier has to be extended less
+NOWHERE_DOWN = wp.constant(7)
+OUT_OF_STEPS = wp.constant(8)
+NOT_FINITE = wp.constant(9)
+IDLE = wp.constant(10)
+
+# What was evaluated, if anything.
+BEGIN = wp.constant(0)  # the start
+TRY = wp.constant(1)  # a step
+HELD = wp.constant(2)  # the same state, held anew
+GO = wp.constant(3)  # nothing: a factor was given
+RECHECK = wp.constant(4)  # nothing: the rounding was given
+
+# What is done next.
+NOTHING = wp.constant(0)
+SOLVE = wp.constant(1)
+LOWER = wp.constant(2)  # the indenter, which touches nothing
+SHORTEN = wp.constant(3)
+BACK = wp.constant(4)  # to where the step began
+HOLD = wp.constant(5)
+
+
+@wp.struct
+class Limits:
+    """What all environments share.
+
+    Attributes:
+        overlap: That a step may end with [m].
+        tip_step: Longest way of an indenter that touches nothing [m].
+        energy_scale: E times the volume [J].
+        lags: Points hold on with a lagged pressure.
+        holds_max: Where points took hold in a step is found anew so often; then it stays. Stiff
+            friction may draw it after the gel slowly; left, it changes forces by up to 0.3 %.
+        keeps: There is no other factor: one that asks for it forgets what it learnt, and goes on.
+        patience_steps: With a factor, after which it is renewed where the residual is still
+        patience_shares: more than this share of the contact force.
+    """
+
+    overlap: wp.float64
+    tip_step: wp.float64
+    energy_scale: wp.float64
+    lags: wp.bool
+    holds_max: wp.int32
+    keeps: wp.bool
+    patience_steps: wp.vec3i
+    patience_shares: wp.vec3d
+
+
+@wp.struct
+class Descent:
+    """Where every environment is, shape [environment_count] each.
+
+    Attributes:
+        status: It runs, is done or asks.
+        mode: What is evaluated.
+        act: What is done next.
+        wanted: 1 where there is something to evaluate.
+        holding: 1 where points are held anew, 2 where those that are held stay where they are;
+            ``holds`` counts them.
+        learns: 1 where the step that was accepted is remembered; ``takes`` where any is accepted.
+        pushed: 1 where the indenter is pushed with ``load`` [N], and its height is an unknown.
+        touches: 1 where the factored gel holds the indenter.
+        attempt: Of the factor: 0 exact, above ever safer.
+        checked: 1 where the start was looked at.
+        rough: 1 until the residual is small enough to tell whether gaps will do.
+        steps: Taken; ``steps_max`` at most, ``since`` the last factor.
+        tries: Of the step under way.
+        evaluations: Of the forces.
+        recorded: Residuals, the last of which are ``residuals`` [N], shape [..., 6].
+        relative: Residual that is enough, over the contact force; ``floor`` is always enough [N].
+        gap_least: Smallest gap that a state may end with [m].
+        rounding: What rounding leaves of a residual [N]; negative where it is not known.
+        energy: [J].
+        slope: Gradient . direction where the step began [J].
+        length: Of the direction, squared [m^2].
+        fraction: Of the direction that is tried.
+        residual: Norm of the gradient [N].
+        vertical: The gradient's sum along z [N].
+        scale: Contact force [N].
+        gripped_at: Residual where lagged pressure was taken over last [N].
+        grip_change: Of the friction limit when it was taken over last, over itself.
+        ratio_min: Smallest volume ratio.
+        gap_min: Smallest gap [m].
+    """
+
+    status: wp.array(dtype=wp.int32)
+    mode: wp.array(dtype=wp.int32)
+    act: wp.array(dtype=wp.int32)
+    wanted: wp.array(dtype=wp.int32)
+    holding: wp.array(dtype=wp.int32)
+    holds: wp.array(dtype=wp.int32)
+    takes: wp.array(dtype=wp.int32)
+    learns: wp.array(dtype=wp.int32)
+    pushed: wp.array(dtype=wp.int32)
+    touches: wp.array(dtype=wp.int32)
+    attempt: wp.array(dtype=wp.int32)
+    checked: wp.array(dtype=wp.int32)
+    rough: wp.array(dtype=wp.int32)
+    steps: wp.array(dtype=wp.int32)
+    steps_max: wp.array(dtype=wp.int32)
+    since: wp.array(dtype=wp.int32)
+    tries: wp.array(dtype=wp.int32)
+    evaluations: wp.array(dtype=wp.int32)
+    recorded: wp.array(dtype=wp.int32)
+    residuals: wp.array2d(dtype=wp.float64)
+    load: wp.array(dtype=wp.float64)
+    relative: wp.array(dtype=wp.float64)
+    floor: wp.array(dtype=wp.float64)
+    gap_least: wp.array(dtype=wp.float64)
+    rounding: wp.array(dtype=wp.float64)
+    energy: wp.array(dtype=wp.float64)
+    slope: wp.array(dtype=wp.float64)
+    length: wp.array(dtype=wp.float64)
+    fraction: wp.array(dtype=wp.float64)
+    residual: wp.array(dtype=wp.float64)
+    vertical: wp.array(dtype=wp.float64)
+    scale: wp.array(dtype=wp.float64)
+    gripped_at: wp.array(dtype=wp.float64)
+    grip_change: wp.array(dtype=wp.float64)
+    ratio_min: wp.array(dtype=wp.float64)
+    gap_min: wp.array(dtype=wp.float64)
+
+
+@wp.struct
+class Vectors:
+    """Over the unknowns, nodes first and the tip's height last: [environment_count, row_count].
+
+    Attributes:
+        start: Where the step began: coordinates [m].
+        gradient: There [N].
+        trial: Gradient where the step is tried [N].
+        direction: Of the step [m].
+        gaps: Of every contact point where the step began [m].
+    """
+
+    start: wp.array2d(dtype=wp.float64)
+    gradient: wp.array2d(dtype=wp.float64)
+    trial: wp.array2d(dtype=wp.float64)
+    direction: wp.array2d(dtype=wp.float64)
+    gaps: wp.array2d(dtype=wp.float64)
+
+
+@wp.struct
+class Unknowns:
+    """Which nodal coordinates are unknown.
+
+    Attributes:
+        dofs: Place of each in the flat nodal vector, shape [dof_count].
+    """
+
+    dofs: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Evaluated:
+    """What an evaluation reads and gives, shape [environment_count, ...] each, nodal vectors flat.
+
+    Attributes:
+        positions: Of the nodes [m].
+        tips: Of the indenter [m].
+        elastic: Gradient of the gel's energy [N].
+        contact: Contact's part of the gradient [N].
+        push: Force on the indenter [N].
+        energies: Of the elements [J].
+        ratios: Their smallest volume ratios.
+        touched: Energies of the contact points [J].
+        gaps: Of the contact points [m].
+        grip_change: Of the points' friction limits [N].
+        grip_limit: The limits [N].
+    """
+
+    positions: wp.array2d(dtype=wp.float64)
+    tips: wp.array(dtype=wp.vec3d)
+    elastic: wp.array2d(dtype=wp.float64)
+    contact: wp.array2d(dtype=wp.float64)
+    push: wp.array(dtype=wp.vec3d)
+    energies: wp.array2d(dtype=wp.float64)
+    ratios: wp.array2d(dtype=wp.float64)
+    touched: wp.array2d(dtype=wp.float64)
+    gaps: wp.array2d(dtype=wp.float64)
+    grip_change: wp.array2d(dtype=wp.float64)
+    grip_limit: wp.array2d(dtype=wp.float64)
+
+
+@wp.struct
+class Pull:
+    """Further energy k (x - x0)^2 / 2 - F . (x - X) of every nodal coordinate, flat.
+
+    Attributes:
+        stiffness: k [N/m].
+        towards: x0 [m].
+        force: F [N].
+        rest: X [m].
+    """
+
+    stiffness: wp.array(dtype=wp.float64)
+    towards: wp.array(dtype=wp.float64)
+    force: wp.array(dtype=wp.float64)
+    rest: wp.array(dtype=wp.float64)

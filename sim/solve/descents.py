@@ -1,0 +1,381 @@
+"""Descents to equilibrium of many environments at once, on their device.
+
+They share a pad and an indenter; material, friction, pose and load are each one's own. Arrays stay
+on the device; an environment runs until it is done or asks the host for something.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray
+from sim.contact.contact_surface import ContactSurface
+from sim.contact.indenter_distance import body_of, poses_at
+from sim.contact.state import Grip
+from sim.device import Device, filled
+from sim.scene.indenter import Indenter
+from sim.solve import descent_state as kernels
+from sim.solve.descent_kernels import descent_kernels
+from sim.solve.memory_kernels import Memory
+from sim.solve.model import Model
+from sim.solve.overlap import OVERLAP_SHARE
+from sim.solve.potential import Potential, pull_of
+
+# Of the pad's height: the longest step of an indenter that is pushed and touches nothing.
+_TIP_STEP_SHARE = 0.025
+# Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
+# have a larger block.
+_THREADS, _THREADS_OF_FEW, _FEW = 256, 512, 264
+# Steps that are never taken, for patience that does not end.
+_NEVER = 2**30
+
+
+class Inverse(Protocol):
+    """An approximate inverse of the stiffness.
+
+    Attributes:
+        kind: Warp type of what it takes.
+        row_count: Rows of the vectors that it takes and gives, at least the unknowns and the tip.
+        scaled: It wants what it takes in units of the residual.
+        unit: What it gives must be multiplied with this.
+    """
+
+    kind: Any
+    row_count: int
+    scaled: bool
+    unit: float
+
+    def columns(self, count: int) -> int:
+        """Return how many vectors it takes at once for so many environments."""
+        ...
+
+    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
+        """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count].
+
+        Args:
+            asked: Environments that ask, for an inverse on the host; None on a GPU.
+        """
+        ...
+
+
+class Descents:
+    """The descents of some environments.
+
+    Args:
+        memory: Steps that are remembered.
+        patience: After so many steps with a factor, it is asked for anew if the residual is still
+            more than this share of the contact force.
+        count: Environments.
+        gel: Their elements, as ``ElasticBody.of`` gives them; None is the model's, of one.
+        surface: What may be touched of them, as ``ContactSurface.of`` gives it, likewise.
+        young_share: E that the inverse is of over theirs, shape [environment_count].
+        keeps: The inverse is never made anew.
+        holds_max: How often it is found anew where points take hold in a step; None is always.
+
+    Attributes:
+        state: Where every environment is.
+        vectors: Over the unknowns.
+        positions: Of the nodes [m], shape [environment_count, node_count].
+        poses: Of the indenter.
+        grip: What tangential contact remembers; ``grip_start`` from before the step.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        indenter: Indenter,
+        inverse: Inverse,
+        *,
+        potentials: Sequence[Potential] = (),
+        memory: int = 16,
+        patience: Sequence[tuple[int, float]] = (),
+        count: int = 1,
+        gel: Any = None,
+        surface: Any = None,
+        young_share: FloatArray | None = None,
+        keeps: bool = False,
+        holds_max: int | None = None,
+    ) -> None:
+        self.model, self._inverse, self.count = model, inverse, count
+        self._device = device = Device(model.device)
+        self._gel, self._indenter = gel, indenter
+        self._aside = wp.Stream(device.name) if device.is_gpu else None
+        self.body = body_of(indenter, device=device.name)
+        self.surface = surface or model.surface.of(
+            [model.young_pa], [model.contact_options.friction]
+        )
+        self.state = zeroed(kernels.Descent, (count,), device, residuals=(count, 6))
+        names = vars(kernels.Descent)["vars"]
+        # On the CPU these views share the device's memory, and are made once.
+        self._views = (
+            {} if device.is_gpu else {name: getattr(self.state, name).numpy() for name in names}
+        )
+        rows, nodes = model.pattern.dof_count + 1, len(model.nodes)
+        self._allocate(memory, rows)
+        self.positions = device.zeros((count, nodes), wp.vec3d)
+        self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
+        self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
+        self.gel_room, self.contact_room = model.gel.room(count), model.surface.room(count)
+        self.hold_room = [device.zeros(self.contact_room[2].shape, wp.float64) for _ in range(2)]
+        self.busy = device.zeros(1, wp.int32)
+        shares = np.ones(count) if young_share is None else young_share
+        self._units = device.array(inverse.unit * shares, wp.float64)
+        self._unknowns = filled(
+            kernels.Unknowns, dofs=device.array(model.pattern.free_dofs, wp.int32)
+        )
+        patience = [*patience, *[(_NEVER, 0.0)] * 3][:3]
+        self._limits = filled(
+            kernels.Limits,
+            overlap=OVERLAP_SHARE * model.height_m,
+            tip_step=_TIP_STEP_SHARE * model.height_m,
+            energy_scale=model.energy_scale_j,
+            lags=model.contact_options.friction > 0.0,
+            holds_max=_NEVER if holds_max is None else holds_max,
+            keeps=keeps,
+            patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
+            patience_shares=wp.vec3d(*(share for _, share in patience)),
+        )
+        self.replace_potentials(potentials)
+
+    def replace_potentials(self, potentials: Sequence[Potential]) -> None:
+        """Take other energies of the nodes from now on."""
+        self._pull = pull_of(potentials, self._device)
+        self._record(pulls=bool(potentials))
+
+    def renew_gel(self) -> None:
+        """Take over what a relaxing gel remembers from now on."""
+        self._strain = self.model.gel.recorded(
+            self.state.wanted, self.positions, self.gel_room, gel=self._gel
+        )
+
+    def evaluate(self) -> None:
+        """Evaluate the environments that are wanted: gel and contact side by side on a GPU."""
+        if self._aside is None:
+            self._strain.launch()
+            self._touch.launch()
+            return
+        main = wp.get_stream(self._device.name)
+        self._aside.wait_stream(main)
+        self._strain.launch(stream=self._aside)
+        self._touch.launch()
+        main.wait_stream(self._aside)
+
+    def step(self) -> None:
+        """Have every environment that runs do its next thing."""
+        self.evaluate()
+        self._judge.launch()
+        self._prepare.launch()
+        self._invert()
+        self._turn.launch()
+        if self._hold is not None:
+            self._hold.launch()
+
+    def get(self, name: str) -> NDArray[Any]:
+        """Return one of the environments' numbers, shape [environment_count]."""
+        views = self._views
+        return views[name] if views else np.asarray(getattr(self.state, name).numpy())
+
+    def set(self, **numbers: float) -> None:
+        """Set numbers of all environments."""
+        for name, number in numbers.items():
+            if self._views:
+                self._views[name][:] = number
+            else:
+                getattr(self.state, name).fill_(number)
+
+    def begin(self, **numbers: float) -> None:
+        """Let all environments begin at where they are, with these numbers."""
+        self.set(
+            status=kernels.RUNNING,
+            mode=kernels.BEGIN,
+            wanted=1,
+            steps=0,
+            since=0,
+            recorded=0,
+            holds=0,
+            gripped_at=np.inf,
+            grip_change=np.inf if self._limits.lags else 0.0,
+            **numbers,
+        )
+
+    def forget(self) -> None:
+        """Forget what the last steps have shown, since another inverse takes over."""
+        for array in (self.memory.counts, self.memory.next):
+            array.zero_()
+
+    def place(
+        self, b: int, positions: FloatArray, *, tip: FloatArray, rotation: FloatArray
+    ) -> None:
+        """Put an environment's nodes and indenter somewhere [m]."""
+        poses = self.poses
+        for array, values in (
+            (self.positions, positions),
+            (poses.tips, tip),
+            (poses.rotations, rotation),
+        ):
+            self._put(array, b, values)
+
+    def stretch(self, b: int, extension: float) -> None:
+        """Give an environment's barrier as a parabola below a share of d_hat."""
+        self._put(self.surface.extensions, b, np.float64(extension))
+
+    def hold(self, b: int, grip: Grip, *, start: Grip) -> None:
+        """Give what an environment's tangential contact remembers, and did before the step."""
+        for arrays, given in ((self.grip, grip), (self.grip_start, start)):
+            for name in ("held", "anchors", "loads"):
+                self._put(getattr(arrays, name), b, getattr(given, name))
+
+    def _put(self, array: Any, b: int, values: Any) -> None:
+        if self._device.is_gpu:
+            array[b : b + 1].assign(np.ascontiguousarray(values)[None])
+        else:
+            array.numpy()[b] = values
+
+    @property
+    def launches(self) -> dict[str, Callable[[], None]]:
+        """The launches of a step in their order, by what they do."""
+        found = {
+            "gel": self._strain.launch,
+            "contact": self._touch.launch,
+            "judge": self._judge.launch,
+            "prepare": self._prepare.launch,
+            "inverse": self._invert,
+            "turn": self._turn.launch,
+        }
+        return found if self._hold is None else {**found, "hold": self._hold.launch}
+
+    def pretend_to_step(self, *, remembered: int) -> None:
+        """Have all environments about to take a step, for timing the launches."""
+        self.set(
+            status=kernels.RUNNING,
+            mode=kernels.TRY,
+            act=kernels.SOLVE,
+            wanted=1,
+            takes=1,
+            learns=1,
+            holding=1,
+        )
+        memory = self.memory
+        memory.counts.fill_(remembered)
+        memory.next.fill_(remembered)
+        memory.table.fill_(1.0)
+
+    def clear(self) -> None:
+        """Set the sums of the forces to zero, for an evaluation that begins anew."""
+        for array in (self.gel_room[0], *self.contact_room[:2]):
+            array.zero_()
+
+    def _invert(self) -> None:
+        asked = None
+        if not self._device.is_gpu or not self._inverse.scaled:
+            asked = np.flatnonzero(self.state.act.numpy() == kernels.SOLVE).astype(np.int32)
+        if asked is None or len(asked):
+            self._inverse.apply(asked, self._sources, self._found)
+
+    def _allocate(self, memory: int, rows: int) -> None:
+        device, count = self._device, self.count
+        points = int(np.prod(self.model.surface.areas.shape))
+        self.vectors = zeroed(kernels.Vectors, (count, rows), device, gaps=(count, points))
+        self.memory = zeroed(
+            Memory,
+            (count, memory),
+            device,
+            steps=(count, memory, rows),
+            changes=(count, memory, rows),
+            table=(count, memory, memory),
+            counts=(count,),
+            next=(count,),
+        )
+        inverse = self._inverse
+        wide = max(rows, inverse.row_count)
+        shape = (inverse.columns(count), wide)
+        self._sources = device.zeros(shape, inverse.kind)
+        self._found = device.zeros(shape, wp.float32 if inverse.scaled else wp.float64)
+
+    def _record(self, *, pulls: bool) -> None:
+        """Record the launches, which are then made again and again."""
+        model, device, surface = self.model, self._device, self.model.surface
+        evaluated = self._evaluated()
+        threads = (_THREADS_OF_FEW if self.count <= _FEW else _THREADS) if device.is_gpu else 1
+        made = descent_kernels(grips=model.contact_options.is_tangential, pulls=pulls)
+        scaled, units = self._inverse.scaled, self._units
+
+        def recorded(kernel: Any, inputs: list[Any]) -> Any:
+            return wp.launch(
+                kernel,
+                dim=(self.count, threads),
+                inputs=inputs,
+                device=device.name,
+                block_dim=threads,
+                record_cmd=True,
+            )
+
+        own = [self.state, self.vectors, self.memory]
+        self._judge = recorded(
+            made.judge, [self._limits, self._unknowns, self._pull, evaluated, *own, self.busy]
+        )
+        self._prepare = recorded(
+            made.prepare,
+            [self._unknowns, scaled, self.state, evaluated, *own[1:], self._sources],
+        )
+        found = [self._found, *own, evaluated, self.busy]
+        self._turn = recorded(made.turn, [self._limits, self._unknowns, scaled, units, *found])
+        self.renew_gel()
+        self._touch, self._hold = self._contact_launches(surface)
+
+    def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
+        made, device = surface.kernels(self._indenter), self._device
+        body = self.body
+        shape = tuple(self.contact_room[2].shape)
+        touch = device.record(
+            made.touch,
+            shape,
+            [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions],
+            list(self.contact_room),
+        )
+        if not self._limits.lags:
+            return touch, None
+        held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
+        return touch, device.record(made.hold, shape, [self.surface, body, *held], self.hold_room)
+
+    def _evaluated(self) -> Any:
+        """Name what an evaluation gives, nodal vectors as flat ones."""
+        elastic, energies, ratios = self.gel_room
+        contact, push, touched, gaps = self.contact_room
+        points = (self.count, touched.shape[1] * touched.shape[2])
+        change, limit = (each.reshape(points) for each in self.hold_room)
+        return filled(
+            kernels.Evaluated,
+            positions=_flat(self.positions),
+            tips=self.poses.tips,
+            elastic=_flat(elastic),
+            contact=_flat(contact),
+            push=push,
+            energies=energies,
+            ratios=ratios,
+            touched=touched.reshape(points),
+            gaps=gaps.reshape(points),
+            grip_change=change,
+            grip_limit=limit,
+        )
+
+
+def _flat(vectors: Any) -> Any:
+    """Return vectors [environment_count, node_count] as numbers, in the same memory."""
+    count, nodes = vectors.shape
+    return wp.array(
+        ptr=vectors.ptr, dtype=wp.float64, shape=(count, 3 * nodes), device=vectors.device
+    )
+
+
+def zeroed(structure: Any, shape: tuple[int, ...], device: Device, **others: Any) -> Any:
+    """Return a structure of zeros, its arrays of one shape but for the named ones."""
+    made = structure()
+    for name, member in structure.vars.items():
+        setattr(made, name, device.zeros(others.get(name, shape), member.type.dtype))
+    return made

@@ -1,0 +1,328 @@
+"""Warp functions of L-BFGS: what the last steps of an environment have shown of its Hessian.
+
+Steps s and changes y of the gradient lie in rings, one of each an environment. The two loops of
+Nocedal and Wright, Numerical Optimization, algorithm 7.4, need of them four passes only: products
+of all s with the gradient, all y summed, products of all y with the inverse's answer, all s summed.
+What the loops need of s . y between is kept as a small matrix. A block of threads has one
+environment; on the CPU it is one thread.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+_AT = """
+    const int rows = ring.shape[2];
+    const float* of = ring.data + (size_t)b * ring.shape[1] * rows;
+"""
+# Sums may be taken in any order, so that the processor takes several terms at once.
+_PRODUCTS = f"""
+    {_AT}
+    const double* v = vector.data + (size_t)b * rows;
+    double* out = products.data + (size_t)b * products.shape[1];
+#if defined(__CUDA_ARCH__)
+    const int lane = threadIdx.x & 31, warps = blockDim.x >> 5;
+    for (int i = threadIdx.x >> 5; i < count; i += warps) {{
+        double sum = 0.0;
+        for (int r = lane; r < rows; r += 32) sum += of[(size_t)i * rows + r] * v[r];
+        for (int o = 16; o > 0; o >>= 1) sum += __shfl_down_sync(0xffffffffu, sum, o);
+        if (lane == 0) out[i] = sum;
+    }}
+    __syncthreads();
+#else
+    for (int i = 0; i < count; ++i) {{
+        #pragma clang fp reassociate(on)
+        const float* row = of + (size_t)i * rows;
+        double sum = 0.0;
+        for (int r = 0; r < rows; ++r) sum += row[r] * v[r];
+        out[i] = sum;
+    }}
+#endif
+"""
+_SUM = f"""
+    {_AT}
+    const double* share = shares.data + (size_t)b * shares.shape[1];
+    double* v = vector.data + (size_t)b * rows;
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+    for (int r = threadIdx.x; r < rows; r += blockDim.x) {{
+        double sum = v[r];
+        for (int i = 0; i < count; ++i) sum += share[i] * of[(size_t)i * rows + r];
+        v[r] = sum;
+    }}
+    __syncthreads();
+#else
+    for (int i = 0; i < count; ++i) {{
+        const float* row = of + (size_t)i * rows;
+        const double c = share[i];
+        for (int r = 0; r < rows; ++r) v[r] += c * row[r];
+    }}
+#endif
+"""
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+""")
+def wait_for_all():
+    """Let no thread of a block go on before all have come here."""
+
+
+@wp.func_native(_PRODUCTS)
+def products_with(
+    ring: wp.array3d(dtype=wp.float32),
+    vector: wp.array2d(dtype=wp.float64),
+    count: wp.int32,
+    b: wp.int32,
+    products: wp.array2d(dtype=wp.float64),
+):
+    """Set an environment's products of the first ``count`` of a ring with its vector."""
+
+
+@wp.func_native(_SUM)
+def add_all(
+    ring: wp.array3d(dtype=wp.float32),
+    shares: wp.array2d(dtype=wp.float64),
+    count: wp.int32,
+    b: wp.int32,
+    vector: wp.array2d(dtype=wp.float64),
+):
+    """Add shares of the first ``count`` of a ring to an environment's vector."""
+
+
+@wp.struct
+class Memory:
+    """What is remembered, shape [environment_count, length, ...] each.
+
+    Attributes:
+        steps: s [m], shape [..., row_count].
+        changes: y [N], likewise.
+        table: s of the row times y of the column [J], shape [..., length].
+        on_gradient: s times the gradient that the last direction began from [J].
+        along: y times that direction [J].
+        products: Of the pass under way.
+        shares: Of the pass under way.
+        left: Shares of the first loop.
+        counts: How many are remembered, shape [environment_count].
+        next: Where the next goes, likewise.
+    """
+
+    steps: wp.array3d(dtype=wp.float32)
+    changes: wp.array3d(dtype=wp.float32)
+    table: wp.array3d(dtype=wp.float64)
+    on_gradient: wp.array2d(dtype=wp.float64)
+    along: wp.array2d(dtype=wp.float64)
+    products: wp.array2d(dtype=wp.float64)
+    shares: wp.array2d(dtype=wp.float64)
+    left: wp.array2d(dtype=wp.float64)
+    counts: wp.array(dtype=wp.int32)
+    next: wp.array(dtype=wp.int32)
+
+
+# On a GPU a lane of the first warp has one of the pairs: a loop over them is a triangular solution,
+# where every lane takes what the ones before it have found.
+_LOOP = """
+    const int length = table.shape[1], start = next.data[b] + length;
+    const double* t = table.data + (size_t)b * length * length;
+    const double* product = products.data + (size_t)b * length;
+    double* share = shares.data + (size_t)b * length;
+    double* kept = left.data + (size_t)b * length;
+"""
+_FIRST = f"""
+    {_LOOP}
+    double* before = on_gradient.data + (size_t)b * length;
+#if defined(__CUDA_ARCH__)
+    if (threadIdx.x < 32) {{
+        const int lane = threadIdx.x;
+        const bool on = lane < count;
+        const int at = (start - 1 - (on ? lane : 0)) % length;
+        const double inverse = 1.0 / t[at * length + at];
+        double sum = -product[at];
+        for (int n = 0; n < count; ++n) {{
+            const double with = t[at * length + (start - 1 - n) % length];
+            const double found = __shfl_sync(0xffffffffu, sum * inverse, n);
+            if (lane > n) sum -= found * with;
+        }}
+        if (on) {{
+            kept[at] = sum * inverse;
+            share[at] = -sum * inverse;
+            before[at] = product[at];
+        }}
+    }}
+    __syncthreads();
+#else
+    for (int k = 0; k < count; ++k) {{
+        const int at = (start - 1 - k) % length;
+        double sum = -product[at];
+        for (int n = 0; n < k; ++n) {{
+            const int other = (start - 1 - n) % length;
+            sum -= kept[other] * t[at * length + other];
+        }}
+        kept[at] = sum / t[at * length + at];
+        share[at] = -kept[at];
+        before[at] = product[at];
+    }}
+#endif
+"""
+_SECOND = f"""
+    {_LOOP}
+    double* on = along.data + (size_t)b * length;
+#if defined(__CUDA_ARCH__)
+    if (threadIdx.x < 32) {{
+        const int lane = threadIdx.x;
+        const bool has = lane < count;
+        const int at = (start - count + (has ? lane : 0)) % length;
+        const double inverse = 1.0 / t[at * length + at], first = kept[at];
+        double sum = product[at];
+        for (int n = 0; n < count; ++n) {{
+            const double with = t[((start - count + n) % length) * length + at];
+            const double found = __shfl_sync(0xffffffffu, first - sum * inverse, n);
+            if (lane > n) sum += found * with;
+        }}
+        const double own = first - sum * inverse;
+        double total = product[at];
+        for (int n = 0; n < count; ++n) {{
+            const double with = t[((start - count + n) % length) * length + at];
+            total += __shfl_sync(0xffffffffu, own, n) * with;
+        }}
+        if (has) {{
+            share[at] = own;
+            on[at] = total;
+        }}
+    }}
+    __syncthreads();
+#else
+    for (int n = 0; n < count; ++n) {{
+        const int at = (start - count + n) % length;
+        double sum = product[at];
+        for (int m = 0; m < n; ++m) {{
+            const int other = (start - count + m) % length;
+            sum += share[other] * t[other * length + at];
+        }}
+        share[at] = kept[at] - sum / t[at * length + at];
+    }}
+    for (int n = 0; n < count; ++n) {{
+        const int at = (start - count + n) % length;
+        double total = product[at];
+        for (int m = 0; m < count; ++m) {{
+            const int other = (start - count + m) % length;
+            total += share[other] * t[other * length + at];
+        }}
+        on[at] = total;
+    }}
+#endif
+"""
+_NOTE = """
+    const int length = table.shape[1], at = (next.data[b] + length - 1) % length;
+    double* t = table.data + (size_t)b * length * length;
+    const double* product = products.data + (size_t)b * length;
+    const double* before = on_gradient.data + (size_t)b * length;
+    const double* on = along.data + (size_t)b * length;
+#if defined(__CUDA_ARCH__)
+    for (int i = threadIdx.x; i < count; i += blockDim.x)
+#else
+    for (int i = 0; i < count; ++i)
+#endif
+    {
+        t[at * length + i] = i == at ? own : fraction * on[i];
+        if (i != at) t[i * length + at] = product[i] - before[i];
+    }
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+"""
+
+
+@wp.func_native(_FIRST)
+def _first_loop(
+    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
+    table: wp.array3d(dtype=wp.float64),
+    products: wp.array2d(dtype=wp.float64),
+    shares: wp.array2d(dtype=wp.float64),
+    left: wp.array2d(dtype=wp.float64),
+    on_gradient: wp.array2d(dtype=wp.float64),
+    count: wp.int32,
+    b: wp.int32,
+): ...
+
+
+@wp.func_native(_SECOND)
+def _second_loop(
+    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
+    table: wp.array3d(dtype=wp.float64),
+    products: wp.array2d(dtype=wp.float64),
+    shares: wp.array2d(dtype=wp.float64),
+    left: wp.array2d(dtype=wp.float64),
+    along: wp.array2d(dtype=wp.float64),
+    count: wp.int32,
+    b: wp.int32,
+): ...
+
+
+@wp.func_native(_NOTE)
+def _note(
+    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
+    table: wp.array3d(dtype=wp.float64),
+    products: wp.array2d(dtype=wp.float64),
+    on_gradient: wp.array2d(dtype=wp.float64),
+    along: wp.array2d(dtype=wp.float64),
+    fraction: wp.float64,
+    own: wp.float64,
+    count: wp.int32,
+    b: wp.int32,
+): ...
+
+
+@wp.func
+def note_products(memory: Memory, b: wp.int32, fraction: wp.float64, own: wp.float64):
+    """Fill in the table for the newest of an environment.
+
+    ``products`` are those of all s with the new gradient.
+
+    Args:
+        fraction: Of the direction that the step was.
+        own: s . y of the newest [J].
+    """
+    _note(
+        memory.next,
+        memory.table,
+        memory.products,
+        memory.on_gradient,
+        memory.along,
+        fraction,
+        own,
+        memory.counts[b],
+        b,
+    )
+
+
+@wp.func
+def first_loop(memory: Memory, b: wp.int32):
+    """Turn products of all s with the gradient into shares of all y in what the inverse takes."""
+    _first_loop(
+        memory.next,
+        memory.table,
+        memory.products,
+        memory.shares,
+        memory.left,
+        memory.on_gradient,
+        memory.counts[b],
+        b,
+    )
+
+
+@wp.func
+def second_loop(memory: Memory, b: wp.int32):
+    """Turn products of all y with the inverse's answer into shares of all s in the direction."""
+    _second_loop(
+        memory.next,
+        memory.table,
+        memory.products,
+        memory.shares,
+        memory.left,
+        memory.along,
+        memory.counts[b],
+        b,
+    )
