@@ -10,7 +10,7 @@ reads how every environment ended.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,7 @@ class Batch:
         self.positions = self.trail.last
         self.stress = StressProjection(model, self.positions, gel=self._gel)
         self._frames: dict[int, Frames] = {}
+        self.watchers: list[Callable[[], object]] = []
         self.reset()
 
     def reset(self, which: Sequence[int] | None = None) -> None:
@@ -212,6 +213,20 @@ class Batch:
         arrived = self._go(goal, ready) if ready.any() else ready
         for name, values in self.prepare(1).results().items():
             results[name][frame, arrived] = values[0, arrived]
+
+    def watch(self, launch: Callable[[], object]) -> None:
+        """Have something launched at the end of every step: stress, images, a caller's kernel.
+
+        It becomes part of the step's CUDA graph, so that it must not wait for the device.
+        """
+        launch()  # compiles its kernels, which a graph cannot
+        self.watchers.append(launch)
+        self._frames.clear()
+
+    @property
+    def poses(self) -> Any:
+        """The indenters' poses now: Warp arrays ``tips`` [m] and ``rotations``."""
+        return self.descents.poses
 
     def displacements(self) -> FloatArray:
         """Return the last frames' nodal displacements [m], [environment_count, node_count, 3]."""

@@ -61,6 +61,8 @@ class Frames:
         wp.capture_while(descents.busy, while_body=self._iterate)
         for launch in self._after:
             launch.launch()
+        for watch in self._batch.watchers:
+            watch()
 
     def _iterate(self) -> None:
         few = not self._device.is_gpu or self._batch.count <= _FEW
