@@ -21,10 +21,11 @@ from sim.device import Device, filled
 from sim.scene.indenter import Indenter
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
-from sim.solve.memory_kernels import Memory
+from sim.solve.memory_kernels import LONGEST, Memory
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential, pull_of
+from tacauchy_rig.errors import ConfigError
 
 # Of the pad's height: the longest step of an indenter that is pushed and touches nothing.
 _TIP_STEP_SHARE = 0.025
@@ -67,7 +68,7 @@ class Descents:
     """The descents of some environments.
 
     Args:
-        memory: Steps that are remembered.
+        memory: Steps that are remembered, 16 at most.
         patience: After so many steps with a factor, it is asked for anew if the residual is still
             more than this share of the contact force.
         count: Environments.
@@ -76,6 +77,9 @@ class Descents:
         young_share: E that the inverse is of over theirs, shape [environment_count].
         keeps: The inverse is never made anew.
         holds_max: How often it is found anew where points take hold in a step; None is always.
+
+    Raises:
+        ConfigError: More steps are to be remembered than kernels have room for.
 
     Attributes:
         state: Where every environment is.
@@ -101,6 +105,11 @@ class Descents:
         keeps: bool = False,
         holds_max: int | None = None,
     ) -> None:
+        if memory > LONGEST:
+            raise ConfigError(
+                f"{memory} steps to be remembered, more than {LONGEST}",
+                remedy=f"remember {LONGEST} at most",
+            )
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
         self._gel, self._indenter = gel, indenter
