@@ -189,6 +189,7 @@ def begin(
     b = wp.tid()
     d.status[b] = IDLE
     d.wanted[b] = 0
+    d.strained[b] = 0
     d.act[b] = 0
     d.holding[b] = 0
     d.takes[b] = 0
@@ -220,6 +221,7 @@ def begin(
         d.status[b] = RUNNING
         d.mode[b] = BEGIN
         d.wanted[b] = 1
+        d.strained[b] = 1
         d.checked[b] = 0
         d.rough[b] = 1
         d.steps[b] = 0

@@ -164,6 +164,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
             if thread == 0:
                 d.act[b] = NOTHING
                 d.wanted[b] = 0
+                d.strained[b] = 0
                 d.holding[b] = 0
                 d.takes[b] = 0
                 d.learns[b] = 0
@@ -171,6 +172,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
         elif thread == 0:
             d.act[b] = NOTHING
             d.wanted[b] = 0
+            d.strained[b] = 0
             d.holding[b] = 0
             d.takes[b] = 0
             d.learns[b] = 0
@@ -227,7 +229,8 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                 note_products(memory, b, fraction, s_y)
         if act != NOTHING and act != BACK:
             for i in range(thread, evaluated.elastic.shape[1], wp.block_dim()):
-                evaluated.elastic[b, i] = wp.float64(0.0)
+                if act != HOLD:
+                    evaluated.elastic[b, i] = wp.float64(0.0)
                 evaluated.contact[b, i] = wp.float64(0.0)
             if thread == 0:
                 evaluated.push[b] = wp.vec3d()
@@ -308,6 +311,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                 d.mode[b] = TRY
                 if not falls:
                     d.wanted[b] = 0
+                    d.strained[b] = 0
                     finds_no_way(d, memory, b)
         if act == BACK:
             fraction = wp.float64(0.0)

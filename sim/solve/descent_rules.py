@@ -289,3 +289,5 @@ def decide(
                 _looks(d, b, limits, push, grip)
     if d.status[b] == RUNNING and d.act[b] != NOTHING:
         d.wanted[b] = 1
+        if d.act[b] != HOLD:
+            d.strained[b] = 1

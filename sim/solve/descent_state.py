@@ -67,7 +67,8 @@ class Descent:
         status: It runs, is done or asks.
         mode: What is evaluated.
         act: What is done next.
-        wanted: 1 where there is something to evaluate.
+        wanted: 1 where contact is to be evaluated; ``strained`` where the gel is, which stays as it
+            is where points are held anew.
         holding: 1 where points are held anew, 2 where those that are held stay where they are;
             ``holds`` counts them.
         learns: 1 where the step that was accepted is remembered; ``takes`` where any is accepted.
@@ -100,6 +101,7 @@ class Descent:
     mode: wp.array(dtype=wp.int32)
     act: wp.array(dtype=wp.int32)
     wanted: wp.array(dtype=wp.int32)
+    strained: wp.array(dtype=wp.int32)
     holding: wp.array(dtype=wp.int32)
     holds: wp.array(dtype=wp.int32)
     takes: wp.array(dtype=wp.int32)

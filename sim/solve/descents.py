@@ -159,7 +159,7 @@ class Descents:
     def renew_gel(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
         self._strain = self.model.gel.recorded(
-            self.state.wanted, self.positions, self.gel_room, gel=self._gel
+            self.state.strained, self.positions, self.gel_room, gel=self._gel
         )
 
     def evaluate(self) -> None:
@@ -181,7 +181,7 @@ class Descents:
         self._prepare.launch()
         self._invert()
         self._turn.launch()
-        if self._hold is not None:
+        if self._hold is not None and (self._device.is_gpu or self.get("holding").any()):
             self._hold.launch()
 
     def get(self, name: str) -> NDArray[Any]:
@@ -203,6 +203,7 @@ class Descents:
             status=kernels.RUNNING,
             mode=kernels.BEGIN,
             wanted=1,
+            strained=1,
             steps=0,
             since=0,
             recorded=0,
@@ -265,6 +266,7 @@ class Descents:
             mode=kernels.TRY,
             act=kernels.SOLVE,
             wanted=1,
+            strained=1,
             takes=1,
             learns=1,
             holding=1,

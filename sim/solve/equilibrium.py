@@ -225,7 +225,7 @@ class EquilibriumSolver:
         """Evaluate a state."""
         descents = self._descents
         self._upload(state, state.grip)
-        descents.set(wanted=1)
+        descents.set(wanted=1, strained=1)
         descents.evaluate()
         elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
         contact, push, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
@@ -278,7 +278,7 @@ class EquilibriumSolver:
             if status == codes.ASKS_START:
                 self._look_at_start(state)
                 self._upload(state, grip_start)
-                descents.set(checked=1, mode=codes.BEGIN, wanted=1)
+                descents.set(checked=1, mode=codes.BEGIN, wanted=1, strained=1)
             elif status == codes.ASKS_ROUNDING:
                 rounding = self.model.rounding_n(self._contact(state))
                 descents.set(rounding=rounding, mode=codes.RECHECK)
