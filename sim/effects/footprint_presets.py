@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.effects.mesh_choice import footprint_depth
+from sim.arrays import FloatArray
+from sim.effects.mesh_choice import footprint_depth, has_brick
 from sim.mesh.bisection import bisected
+from sim.mesh.brick import brick_mesh
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
 from sim.mesh.footprint import Footprint, FootprintSizing, footprint
 from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
 from sim.mesh.tetwild import WildSettings, filled_pad
 from sim.scene.indenter import Cylinder
-from sim.scene.pad import Pad
+from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
 from sim.scene.tilted_indenter import TurnedIndenter, tilted
 from tacauchy_rig.errors import ConfigError
@@ -38,17 +41,19 @@ class FootprintResolution:
         inside_share: Largest edge length under the contact over that radius.
         fillet_share: Largest edge length at a rounded rim over its fillet.
         growth: Ratio of neighbouring edge lengths away from there.
+        coarse_m: Largest edge length [m].
     """
 
     edge_share: float
     inside_share: float
     fillet_share: float
     growth: float
+    coarse_m: float = _COARSE_M
 
 
 FOOTPRINT_RESOLUTIONS = {
     Preset.FAST: FootprintResolution(
-        edge_share=0.12, inside_share=0.40, fillet_share=1.5, growth=2.5
+        edge_share=0.06, inside_share=0.40, fillet_share=1.5, growth=3.0, coarse_m=5e-3
     ),
     Preset.BALANCED: FootprintResolution(
         edge_share=0.06, inside_share=0.30, fillet_share=1.0, growth=2.2
@@ -61,15 +66,26 @@ FOOTPRINT_RESOLUTIONS = {
     ),
 }
 
+# Preset fast of a light scene.
+FOOTPRINT_LIGHT = FootprintResolution(
+    edge_share=0.20, inside_share=0.40, fillet_share=1.5, growth=2.5, coarse_m=5e-3
+)
+
 
 def footprint_mesh(
-    scene: Scene, *, shares: tuple[float, ...] = (), refinement: float = 1.0
+    scene: Scene,
+    *,
+    shares: tuple[float, ...] = (),
+    symmetry: MirrorSymmetry | None = None,
+    refinement: float = 1.0,
 ) -> TetMesh:
-    """Return a mesh of the whole pad, fine where a scene's indenter touches.
+    """Return a mesh of the pad, fine where a scene's indenter touches.
 
-    The coarse mesh that it refines is made once and kept.
+    It refines a regular mesh of a box of one material, or else a coarse one by fTetWild, which is
+    made once and kept.
 
     Args:
+        symmetry: By which a part of a box stands for the whole; None meshes the whole.
         shares: Rising shares of the local height at which layers meet.
         refinement: Make every edge this many times shorter.
 
@@ -79,7 +95,15 @@ def footprint_mesh(
     depth = footprint_depth(scene)
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
     touched = scene_footprint(scene, depth_m=depth)
-    return refined_under(scene, _base_mesh(scene, shares), touched, refinement=refinement)
+    if isinstance(scene.pad, BoxPad) and has_brick(scene):
+        base = brick_mesh(
+            scene.pad,
+            spacing_m=_coarse_m(scene, _resolution(scene)),
+            symmetry=symmetry or MirrorSymmetry(),
+        )
+    else:
+        base = _base_mesh(scene, shares)
+    return refined_under(scene, base, touched, refinement=refinement)
 
 
 def refined_under(
@@ -93,8 +117,8 @@ def refined_under(
     Raises:
         ConfigError: An element became too flat.
     """
-    sizing = _sizing(scene, touched, FOOTPRINT_RESOLUTIONS[scene.preset], refinement)
-    fine = bisected(base, sizing.size_at)
+    sizing = _sizing(scene, touched, _resolution(scene), refinement)
+    fine = _bisected_level(base, scene.pad, sizing)
     reach = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
     fitted = with_top_fitted(fine, scene.pad, reach_m=reach)
     fitted = with_rim_fitted(
@@ -105,11 +129,25 @@ def refined_under(
     return mesh
 
 
+def _bisected_level(base: TetMesh, pad: Pad, sizing: FootprintSizing) -> TetMesh:
+    """Refine as if the top were flat: what halves an edge of a dome's top lies on the dome."""
+    if isinstance(pad, SurfacePad):
+        return bisected(base, sizing.size_at)
+
+    def share(points: FloatArray) -> FloatArray:
+        height = pad.height_at(points[:, 0], points[:, 1]) / pad.height_m
+        return np.column_stack([np.ones((len(points), 2)), height])
+
+    level = replace(base, vertices=base.vertices / share(base.vertices))
+    fine = bisected(level, lambda points: sizing.size_at(points * share(points)))
+    return replace(fine, vertices=fine.vertices * share(fine.vertices))
+
+
 def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
     """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
     settings = WildSettings(
         spacing_m=_SPACING_M,
-        coarse_m=_coarse_m(scene),
+        coarse_m=_coarse_m(scene, FOOTPRINT_RESOLUTIONS[Preset.BALANCED]),
         envelope_share=scene.tetwild.epsilon_r or _EPSILON_R,
         stop_energy=scene.tetwild.stop_energy or _STOP_ENERGY,
     )
@@ -150,12 +188,17 @@ def _sizing(
         edge_m=edge / refinement,
         inside_m=resolution.inside_share * touched.radius_m / refinement,
         growth=1.0 / (1.0 - (1.0 - 1.0 / resolution.growth) / refinement),
-        coarse_m=_coarse_m(scene) / refinement,
+        coarse_m=_coarse_m(scene, resolution) / refinement,
     )
 
 
-def _coarse_m(scene: Scene) -> float:
-    return _COARSE_M if scene.tetwild.l_r is None else scene.tetwild.l_r * diagonal(scene.pad)
+def _resolution(scene: Scene) -> FootprintResolution:
+    return FOOTPRINT_LIGHT if scene.is_light else FOOTPRINT_RESOLUTIONS[scene.preset]
+
+
+def _coarse_m(scene: Scene, resolution: FootprintResolution) -> float:
+    asked = scene.tetwild.l_r
+    return resolution.coarse_m if asked is None else asked * diagonal(scene.pad)
 
 
 def diagonal(pad: Pad) -> float:

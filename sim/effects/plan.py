@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.effects import estimates
-from sim.effects.mesh_choice import MeshKind, mesh_choice, mirrors
+from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -225,9 +225,6 @@ def _self_contact(scene: Scene) -> _Decision:
 
 
 def _symmetry(scene: Scene) -> _Decision:
-    choice = mesh_choice(scene)
-    if choice.kind is not MeshKind.REVOLVED:
-        return False, f"the whole pad is meshed: {choice.reason}", 0.0
-    if mirrors(scene).copies == 1:
-        return False, "no plane mirrors pad, indenter and motion", 0.0
-    return True, "pad, indenter and motion are mirrored: a quarter or half is solved", 0.0
+    if mirrors(scene).copies > 1:
+        return True, "pad, indenter and motion are mirrored: a quarter or half is solved", 0.0
+    return False, "no plane mirrors pad, indenter, motion and mesh", 0.0

@@ -188,10 +188,13 @@ def mesh_for(
         resolution: Take these numbers for a revolved mesh instead of the preset's.
     """
     shares = interface_shares(scene.layers)
+    symmetry = mirrors(scene) if symmetric else MirrorSymmetry()
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene, shares)
     if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
-        return footprint_mesh(scene, shares=shares, refinement=refinement * scene.refinement)
+        return footprint_mesh(
+            scene, shares=shares, symmetry=symmetry, refinement=refinement * scene.refinement
+        )
     resolution = refined(_scene_resolution(scene, resolution), refinement)
     return revolved_mesh(
         scene.pad,
@@ -200,7 +203,7 @@ def mesh_for(
         sector_count=round(resolution.sector_count * sector_factor(scene.layers)),
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
-        symmetry=mirrors(scene) if symmetric else MirrorSymmetry(),
+        symmetry=symmetry,
         circumscribed=scene.has_sharp_rim,
     )
 

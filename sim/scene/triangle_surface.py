@@ -11,12 +11,15 @@ import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
 from tacauchy_rig.errors import ConfigError
 
 # Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6
+# Difference of unit normals that are the same.
+_SAME_NORMAL = 1e-2
 # Where a surface is moved outwards, normals that differ by less than about 25 degrees count as one
 # (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther than so many
 # times as far as its faces.
@@ -166,6 +169,19 @@ def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
     ways = np.einsum("vij,vj->vi", np.linalg.pinv(around, _ALIKE, hermitian=True), total)
     ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / _FARTHEST)[:, None]
     return replace(surface, vertices=surface.vertices + by * ways)
+
+
+def is_mirrored(surface: TriangleSurface, axis: int) -> bool:
+    """Return whether the plane through the origin across an axis mirrors a surface.
+
+    Its vertices must be their own images, with their normals: weighted by angles, those are the
+    same however a flat face is cut.
+    """
+    flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+    away, image = scipy.spatial.cKDTree(surface.vertices).query(surface.vertices * flip)
+    turned = np.abs(surface.vertex_normals[image] - surface.vertex_normals * flip)
+    size = float(np.ptp(surface.vertices, axis=0).max())
+    return bool(away.max() <= _MERGE_SHARE * size and turned.max() <= _SAME_NORMAL)
 
 
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:

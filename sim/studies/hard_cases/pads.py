@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import permutations
-
 import numpy as np
 
 from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, Grip
 from sim.material.laws.tangent import law
+from sim.mesh.brick import kuhn_tets
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
@@ -111,16 +110,9 @@ def box_mesh(
         shares = shares + np.where(inner[:, None], noise / np.array(cells), 0.0)
     origin = np.zeros(3) if quarter else np.array([0.5, 0.5, 0.0])
     vertices: FloatArray = (shares - origin) * np.array(size_m)
-    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
-    corners = np.stack(np.meshgrid(*[np.arange(n) for n in cells], indexing="ij"), axis=-1)
-    first = corners.reshape(-1, 3) @ strides
-    tets = []
-    for order in permutations(range(3)):
-        steps = np.concatenate([[0], np.cumsum(strides[list(order)])])
-        tets.append(first[:, None] + steps)
     return oriented(
         vertices,
-        np.concatenate(tets),
+        kuhn_tets(cells),
         name=f"box, {cells[0]}x{cells[1]}x{cells[2]}",
         symmetry=MirrorSymmetry(mirror_x=quarter, mirror_y=quarter),
     )

@@ -8,29 +8,21 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.effects.footprint_presets import refined_under, scene_footprint
-from sim.effects.mesh_choice import footprint_depth
 from sim.effects.plan import plan_effects
-from sim.effects.presets import build_model
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
-from sim.mesh.tet_mesh import TetMesh
 from sim.optics.camera_geometry import CameraGeometry, camera_geometry
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.underside_kernel import indenter_height
 from sim.press import follow, path_for
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
-from sim.scene.pad import ParametricPad, SurfacePad
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.verification.prose import stated
@@ -51,11 +43,6 @@ LARGEST, RMS = "largest difference of a pixel [um]", "rms [um]"
 ABOVE_LIMIT, ABOVE_INDENTER = "pixels above 10 um", "pixels above the indenter"
 # Heights are kept in nanometres.
 _UNIT_M = 1e-9
-
-# The mesh that is refined under a body of triangles: a quarter of the pad has a quarter of the
-# unknowns, so that preset ``reference`` takes minutes in place of hours.
-_COARSE = Grading(start_m=0.0, end_m=1e-3, size_m=2e-3, growth=2.5, size_max_m=2.5e-3)
-_SECTORS = 16
 
 
 def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> dict[str, Cell]:
@@ -135,36 +122,13 @@ def keep_heights(name: str, folder: Path) -> None:
 def pressed(indenter: Indenter, preset: Preset, sensor: Sensor) -> SurfaceState:
     """Press 0.5 mm deep into the middle of a sensor's pad.
 
-    A body of triangles, which its planes x = 0 and y = 0 must mirror, meets a quarter of the pad,
-    with the edge lengths of the preset's footprint mesh.
-
     Raises:
         ConvergenceError: The press finds no equilibrium.
     """
     scene = sensor.scene(indenter, Target(depth_m=_DEPTH_M), preset=preset)
     plan = plan_effects(scene)
-    model = None
-    if isinstance(indenter, MeshIndenter) and not isinstance(scene.pad, SurfacePad):
-        model = build_model(scene, plan=plan, mesh=quarter_mesh(scene, scene.pad))
-    path = path_for(scene, plan, model=model)
+    path = path_for(scene, plan)
     return surface_state(path, follow(scene, path))
-
-
-def quarter_mesh(scene: Scene, pad: ParametricPad) -> TetMesh:
-    """Mesh the quarter x >= 0, y >= 0 of a scene's pad as finely as its footprint mesh would be.
-
-    Args:
-        scene: A press in the middle, of a body that the planes x = 0 and y = 0 mirror.
-        pad: The scene's.
-
-    Raises:
-        ConfigError: An element became too flat.
-    """
-    base = revolved_mesh(
-        pad, _COARSE, centre_m=(0.0, 0.0), sector_count=_SECTORS, name="a coarse quarter"
-    )
-    touched = scene_footprint(scene, depth_m=footprint_depth(scene))
-    return replace(refined_under(scene, base, touched), axis_m=None)
 
 
 if __name__ == "__main__":

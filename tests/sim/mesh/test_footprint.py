@@ -21,9 +21,9 @@ from sim.mesh.footprint import footprint
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.mesh.tet_mesh import TetMesh, mesh_statistics, tet_volumes
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
-from sim.scene.material import Material, interface_shares
+from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Motion, Preset, Scene, Target
 from sim.scene.tetwild_options import TetWildOptions
@@ -49,6 +49,15 @@ SCENE = Scene(
 def stl_punch() -> Indenter:
     """Return the punch as triangles."""
     return mesh_indenter(*cylinder_triangles(PUNCH), name="punch")
+
+
+def lopsided() -> Indenter:
+    """Return a wedge that only the plane across y mirrors."""
+    corners = 1e-3 * np.array([[2.0, -1.0], [2.0, 1.0], [-1.0, 0.0]])
+    vertices = np.concatenate([np.column_stack([corners, np.full(3, z)]) for z in (0.0, 3e-3)])
+    vertices[:, 0] -= 0.5e-3
+    faces = [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
+    return mesh_indenter(vertices, np.array(faces, dtype=np.int32), name="wedge")
 
 
 def upright(indenter: Indenter) -> TurnedIndenter:
@@ -180,7 +189,9 @@ def test_halving_keeps_the_pad_and_meets_the_field() -> None:
         ({"centre_m": (4e-3, 0.0)}, MeshKind.FOOTPRINT),
         ({"indenter": stl_punch()}, MeshKind.FOOTPRINT),
         ({"motion": Motion(tilt_rad=(0.0, 0.02))}, MeshKind.REVOLVED),
-        ({"motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.FOOTPRINT),
+        ({"motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.REVOLVED),
+        ({"motion": Motion(tilt_rad=(0.0, 0.2))}, MeshKind.FOOTPRINT),
+        ({"indenter": Plane(), "motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.FOOTPRINT),
         ({"indenter": BALL, "motion": Motion(tilt_rad=(0.0, 0.1))}, MeshKind.REVOLVED),
         ({"motion": Motion(shift_m=(4e-3, 0.0))}, MeshKind.FOOTPRINT),
     ],
@@ -191,8 +202,28 @@ def test_which_scene_gets_which_mesh(change: dict[str, object], kind: MeshKind) 
     choice = mesh_choice(scene)
     assert choice.kind is kind
     assert choice.reason
-    symmetric = plan_effects(scene).is_on(Effect.SYMMETRY)
-    assert not (symmetric and kind is not MeshKind.REVOLVED)
+    wild = replace(scene, layers=(Layer(share=1.0, material=scene.material),))
+    fills = {MeshKind.FOOTPRINT: wild, MeshKind.PAPER: scene}
+    assert kind not in fills or not plan_effects(fills[kind]).is_on(Effect.SYMMETRY)
+
+
+@pytest.mark.parametrize(
+    ("change", "copies"),
+    [
+        ({"indenter": stl_punch()}, 4),
+        ({"indenter": stl_punch(), "motion": Motion(tilt_rad=(0.02, 0.0))}, 2),
+        ({"indenter": lopsided()}, 2),
+        ({"centre_m": (4e-3, 0.0)}, 2),
+        ({"centre_m": (4e-3, 1e-3)}, 1),
+    ],
+    ids=["round", "tilted", "lopsided", "off the pad", "off both"],
+)
+def test_mirrored_parts_stand_for_the_pad(change: dict[str, object], copies: int) -> None:
+    """Of a box of one material: as many copies of the part as mirrors make fill the pad."""
+    mesh = mesh_for(replace(SCENE, **change))  # type: ignore[arg-type]
+    assert mesh.symmetry.copies == copies
+    volume = copies * float(tet_volumes(mesh.vertices, mesh.tets).sum())
+    assert volume == pytest.approx(12e-3 * 12e-3 * 4e-3, rel=1e-9)
 
 
 def test_footprint_mesh_has_nodes_on_the_rim() -> None:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.sensor import load_sensor
-from sim.studies.objects.shapes import bar
+from sim.scene.scene import Preset
 from sim.studies.verification.height_map import (
     ABOVE_INDENTER,
     ABOVE_LIMIT,
@@ -18,7 +14,6 @@ from sim.studies.verification.height_map import (
     height_map_row,
     is_kept,
     kept_heights,
-    quarter_mesh,
 )
 
 
@@ -46,22 +41,3 @@ def test_a_map_of_another_body_is_far_off() -> None:
     found = height_map_row("ball", Preset.FAST, reference=kept_heights("edge"))
     assert float(found[ABOVE_LIMIT] or 0.0) > 1000
     assert not is_kept(found)
-
-
-def test_the_quarter_mesh_lies_in_its_quarter() -> None:
-    """All vertices are on the modelled side, and faces on the planes of symmetry are plane."""
-    sensor = load_sensor("gelsight-mini")
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        indenter=bar(),
-        target=Target(depth_m=0.5e-3),
-        preset=Preset.FAST,
-        sensor=sensor.name,
-    )
-    mesh = quarter_mesh(scene, sensor.pad)
-    assert mesh.symmetry == MirrorSymmetry(mirror_x=True, mirror_y=True)
-    assert mesh.axis_m is None
-    assert mesh.vertices[:, :2].min() == pytest.approx(0.0, abs=1e-15)
-    edge = np.abs(mesh.vertices[:, 0] - 4e-3) < 1e-9
-    assert edge.sum() > 2
