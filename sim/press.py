@@ -26,7 +26,7 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.replayed import Alternative
 
-_ROUGHLY = SolverOptions(residual_relative=1e-6)
+_ROUGHLY = SolverOptions(residual_relative=1e-5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 # from points in passing and the better the closer they are.
 _PASSING = 1e-4
 # A load that is asked for is met as closely.
-_LOAD_MET = 1e-8
+_LOAD_MET = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
