@@ -145,6 +145,16 @@ def test_pressing_flat_does_not_break() -> None:
     assert np.all(np.diff(forces) > 0.0)
 
 
+def test_a_motion_across_a_mirror_plane_is_refused() -> None:
+    """A part of the pad cannot tell what the whole would do."""
+    path = LoadingPath(small_model(symmetric=True, centre_m=(0.0, 1e-3)), PUNCH)
+    path.advance(0.02e-3)
+    assert path.carry(shift_m=(0.0, 1e-5)).force_n[2] > 0.0
+    for motion in ({"shift_m": (1e-5, 0.0)}, {"twist_rad": 0.01}):
+        with pytest.raises(ConfigError, match="not mirrored"):
+            path.carry(**motion)  # type: ignore[arg-type]
+
+
 def test_indenter_beside_the_pad_is_refused() -> None:
     """The message says where the tip stands, the remedy where the pad ends."""
     with pytest.raises(ConfigError, match=r"x = 13 mm, y = 0 mm comes down beside") as caught:
