@@ -26,7 +26,9 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.replayed import Alternative
 
-_ROUGHLY = SolverOptions(residual_relative=1e-5)
+# Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
+# thousandth of it, at most.
+_ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,8 +138,16 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
-        options=_ROUGHLY if scene.has_wide_barrier else SolverOptions(),
+        options=_options(scene),
     )
+
+
+def _options(scene: Scene) -> SolverOptions:
+    """Return how closely a scene's forces are to balance."""
+    if not scene.has_wide_barrier:
+        return SolverOptions()
+    asked = _OF_TOLERANCE * (scene.tolerance or 0.0)
+    return SolverOptions(residual_relative=min(_ROUGHER, max(_ROUGHLY, asked)))
 
 
 def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:

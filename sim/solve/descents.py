@@ -68,7 +68,7 @@ class Descents:
     """The descents of some environments.
 
     Args:
-        memory: Steps that are remembered, 16 at most.
+        memory: Steps that are remembered, 32 at most.
         patience: After so many steps with a factor, it is asked for anew if the residual is still
             more than this share of the contact force.
         count: Environments.

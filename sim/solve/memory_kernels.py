@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import warp as wp
 
-LONGEST = 16
-"""Most steps that are remembered; a GPU's threads keep a sum for each."""
+LONGEST = 32
+"""Most steps that are remembered: a GPU has a lane for each."""
 
 _AT = """
     const int rows = ring.shape[2];
@@ -24,29 +24,12 @@ _PRODUCTS = f"""
     const double* v = vector.data + (size_t)b * rows;
     double* out = products.data + (size_t)b * products.shape[1];
 #if defined(__CUDA_ARCH__)
-    // Every thread has all the sums of its rows, so that its loads do not wait for one another.
-    const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, warps = blockDim.x >> 5;
-    __shared__ double parts[LONGEST][32];
-    double sums[LONGEST];
-    #pragma unroll
-    for (int i = 0; i < LONGEST; ++i) sums[i] = 0.0;
-    for (int r = threadIdx.x; r < rows; r += blockDim.x) {{
-        const double x = v[r];
-        #pragma unroll
-        for (int i = 0; i < LONGEST; ++i)
-            if (i < count) sums[i] += of[(size_t)i * rows + r] * x;
-    }}
-    #pragma unroll
-    for (int i = 0; i < LONGEST; ++i)
-        if (i < count) {{
-            for (int o = 16; o > 0; o >>= 1) sums[i] += __shfl_down_sync(0xffffffffu, sums[i], o);
-            if (lane == 0) parts[i][warp] = sums[i];
-        }}
-    __syncthreads();
-    if (threadIdx.x < count) {{
-        double total = 0.0;
-        for (int w = 0; w < warps; ++w) total += parts[threadIdx.x][w];
-        out[threadIdx.x] = total;
+    const int lane = threadIdx.x & 31, warps = blockDim.x >> 5;
+    for (int i = threadIdx.x >> 5; i < count; i += warps) {{
+        double sum = 0.0;
+        for (int r = lane; r < rows; r += 32) sum += of[(size_t)i * rows + r] * v[r];
+        for (int o = 16; o > 0; o >>= 1) sum += __shfl_down_sync(0xffffffffu, sum, o);
+        if (lane == 0) out[i] = sum;
     }}
     __syncthreads();
 #else
@@ -67,9 +50,7 @@ _SUM = f"""
     __syncthreads();
     for (int r = threadIdx.x; r < rows; r += blockDim.x) {{
         double sum = v[r];
-        #pragma unroll
-        for (int i = 0; i < LONGEST; ++i)
-            if (i < count) sum += share[i] * of[(size_t)i * rows + r];
+        for (int i = 0; i < count; ++i) sum += share[i] * of[(size_t)i * rows + r];
         v[r] = sum;
     }}
     __syncthreads();
@@ -92,7 +73,7 @@ def wait_for_all():
     """Let no thread of a block go on before all have come here."""
 
 
-@wp.func_native(_PRODUCTS.replace("LONGEST", str(LONGEST)))
+@wp.func_native(_PRODUCTS)
 def products_with(
     ring: wp.array3d(dtype=wp.float32),
     vector: wp.array2d(dtype=wp.float64),
@@ -103,7 +84,7 @@ def products_with(
     """Set an environment's products of the first ``count`` of a ring with its vector."""
 
 
-@wp.func_native(_SUM.replace("LONGEST", str(LONGEST)))
+@wp.func_native(_SUM)
 def add_all(
     ring: wp.array3d(dtype=wp.float32),
     shares: wp.array2d(dtype=wp.float64),

@@ -54,7 +54,6 @@ def test_it_finds_what_newton_finds_with_fewer_factors(changes: dict[str, object
     """The same forces to 1e-5, in balance, with less than half of the factors."""
     scene = replace(SCENE, **changes)  # type: ignore[arg-type]
     kept = path_for(scene, plan_effects(scene))
-    kept.options = SolverOptions()
     newton = LoadingPath(kept.model, scene.indenter, reuse=NEWTON)
     for depth in DEPTHS:
         one, other = (path.advance(float(depth)) for path in (kept, newton))

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from sim.effects.plan import plan_effects
+from sim.effects.plan import PRESET_TOLERANCE, plan_effects
 from sim.error.tolerance import keeping, parse_tolerance
 from sim.press import measure, path_for
 from sim.press_command import scene_from
@@ -98,7 +98,8 @@ def within(scene: Scene, tolerance: str) -> tuple[Scene, bool]:
     except ConfigError:
         share = allowed.of(scene.target.force_n or float("inf"))
         preset = next(preset for least, preset in _UNPROMISED if share >= least)
-        return replace(scene, preset=preset), False
+        # What the plan goes by without a tolerance; the forces then balance as for one.
+        return replace(scene, preset=preset, tolerance=PRESET_TOLERANCE[preset]), False
 
 
 def press_in_frames(
