@@ -194,7 +194,7 @@ class Batch:
         self._device.synchronise()
         results = frames.results()
         for frame in range(len(course)) if (results["status"] != DONE).any() else ():
-            self._go_on(frame, course[frame], results)
+            self._go_on(frame, course, results)
         wall_s = time.perf_counter() - started
         return self._result(results, wall_s, (on_host(evaluations) - before).astype(np.int32))
 
@@ -206,11 +206,14 @@ class Batch:
             self._frames[frame_count] = Frames(self, frame_count)
         return self._frames[frame_count]
 
-    def _go_on(self, frame: int, goal: FloatArray, results: dict[str, FloatArray]) -> None:
+    def _go_on(self, frame: int, course: FloatArray, results: dict[str, FloatArray]) -> None:
         """Take those further with care that did not arrive in a frame, or in one before it."""
         missed = results["status"][frame] != DONE
         ready = missed & ((results["status"][:frame] == DONE).all(axis=0))
-        arrived = self._go(goal, ready) if ready.any() else ready
+        if not ready.any():
+            return
+        self._at[ready] = course[frame - 1, ready] if frame else 0.0
+        arrived = self._go(course[frame], ready)
         for name, values in self.prepare(1).results().items():
             results[name][frame, arrived] = values[0, arrived]
 

@@ -32,6 +32,7 @@ _SCENE = Scene(
 )
 _DEPTHS = 0.4e-3 * np.arange(1, 7) / 6
 _COURSE = Course(depths_m=_DEPTHS)
+_NEAR = Course(depths_m=np.array([0.05e-3, 0.1e-3, 0.15e-3]))
 _EXACT = BatchOptions(residual_relative=1e-7)
 _BALL = replace(_SCENE, indenter=Sphere(diameter_m=6e-3), target=Target(depth_m=0.3e-3))
 
@@ -176,6 +177,15 @@ def _as_a_press(kind: str, *, device: str) -> None:
         assert found.force_n[-1, 1] == pytest.approx(
             1.1 * found.force_n[-1, 0], rel=1e-3, abs=1e-4 * size
         )
+
+
+def test_who_does_not_arrive_goes_on_in_parts(pilot: Pilot) -> None:
+    """A last frame far from the others fails at first; in parts it is reached, from where it was."""
+    far = Course(depths_m=np.array([0.05e-3, 0.1e-3, 0.4e-3]))
+    found = Batch(pilot, [Environment(), Environment()], options=_EXACT).press([far, _NEAR])
+    assert not found.failed.any()
+    wanted = _single(pilot.model, _SCENE.indenter, far.along)
+    assert found.force_n[:, 0, 2] == pytest.approx(wanted, rel=1e-6)
 
 
 @pytest.mark.gpu
