@@ -94,6 +94,10 @@ LIGHT = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
 # follow that. The same cylinder, 1 mm deep, d_hat 42 um: 5.681 N with LIGHT's 500 tetrahedra,
 # 5.644 N with the 496 of these; preset reference 5.515 N, and 5.486 N is what it tends to.
 BATCH = replace(LIGHT, under_share=0.25, size_max_m=9e-3)
+# A light scene's edges under the indenter, over the pad's height, where nu is above this. A punch
+# of 5 mm, fillet 0.3 mm, 0.5 mm deep with nu 0.499: 5.6 % too stiff without, 4.3 % with; 1.2 times
+# shorter edges throughout 3.3 %. At 0.48 there is 2.3 % without.
+_KEEPS_VOLUME_ABOVE, _UNDER_SHARE = 0.49, 0.25
 # Of the pad's height beyond an indenter's end: so far the gel flows.
 _NEAR_SHARE = 0.7
 
@@ -247,6 +251,8 @@ def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
     """Return a preset's resolution or the one that is given, refined as the scene has it."""
     if given is None and scene.is_light:
         found = light_resolution(scene.refinement)
+        if max(material.poisson for material in scene.materials) > _KEEPS_VOLUME_ABOVE:
+            found = replace(found, under_share=_UNDER_SHARE / scene.refinement)
         if scene.motion.is_straight:
             return found
         return replace(found, size_max_m=_MOVED_SIZE_MAX_M / scene.refinement)

@@ -180,7 +180,7 @@ def _as_a_press(kind: str, *, device: str) -> None:
 
 
 def test_who_does_not_arrive_goes_on_in_parts(pilot: Pilot) -> None:
-    """A last frame far from the others fails at first; in parts it is reached, from where it was."""
+    """A last frame far from the others is reached in parts, from where it was."""
     far = Course(depths_m=np.array([0.05e-3, 0.1e-3, 0.4e-3]))
     found = Batch(pilot, [Environment(), Environment()], options=_EXACT).press([far, _NEAR])
     assert not found.failed.any()
