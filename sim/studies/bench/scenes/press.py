@@ -52,7 +52,7 @@ class ScenePress:
         iterations: Newton's and the like, all frames.
         force_n: On the indenter in the last frame [N], shape [3].
         moment_nm: About its tip [N m], shape [3]; None where it is not computed.
-        stiffness_n_m: dF_z / d(depth) in the last frame [N/m].
+        stiffness_n_m: dF_z / d(depth) in the last frame that goes down [N/m].
         balance: |indenter force + base reaction| over the former.
     """
 
@@ -147,9 +147,15 @@ def press_in_frames(
         force_n=found.force_n,
         moment_nm=found.moment_nm,
         depth_m=found.depth_m,
-        stiffness_n_m=points[-1].stiffness_n_m,
+        stiffness_n_m=points[pressing_frames(scene) - 1].stiffness_n_m,
         balance=found.force_balance_relative,
     )
+
+
+def pressing_frames(scene: Scene, count: int = FRAME_COUNT) -> int:
+    """Return how many of the frames go down; a motion takes half of them."""
+    moving = any(scene.motion.shift_m) or scene.motion.twist_rad != 0.0
+    return count // 2 if moving else count
 
 
 def moves(
@@ -162,8 +168,7 @@ def moves(
         part: Of the whole way.
     """
     motion, target = scene.motion, scene.target
-    moving = any(motion.shift_m) or motion.twist_rad != 0.0
-    pressing = count // 2 if moving else count
+    pressing = pressing_frames(scene, count)
     time_s = scene.duration_s / count
 
     def down(share: float) -> Callable[[LoadingPath], PathPoint]:
@@ -174,7 +179,7 @@ def moves(
         return lambda path: path.push(force, duration_s=time_s)
 
     frames = [down(part * k / pressing) for k in range(1, pressing + 1)]
-    if moving:
+    if pressing < count:
         left = count - pressing
         x, y = (part * along / left for along in motion.shift_m)
         hold = Hold.DEPTH if target.depth_m is not None else Hold.FORCE

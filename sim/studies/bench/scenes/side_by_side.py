@@ -13,7 +13,7 @@ from sim.press import path_for
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.studies.bench.batches import PILOTS, pressed, spread
-from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
+from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
 from tacauchy_rig.errors import ConvergenceError
 
 
@@ -45,7 +45,7 @@ def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
         raise ConvergenceError(f"{found.failed.sum()} of {count} did not reach the last frame")
     x, y, z = found.force_n[-1, 0]
     depths, forces = found.depth_m[:, 0], found.force_n[:, 0, 2]
-    last = np.flatnonzero(np.diff(depths, prepend=0.0) != 0.0)[-1]
+    last = pressing_frames(scene) - 1
     return ScenePress(
         preset=scene.preset.value,
         edges=1.0 / scene.refinement,
