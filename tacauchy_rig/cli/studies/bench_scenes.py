@@ -15,12 +15,12 @@ from sim.studies.bench.scenes.own_process import Order, commit
 from sim.studies.bench.scenes.references import (
     measure_references,
     read_references,
-    references_json,
 )
 from sim.studies.bench.scenes.suite import SceneBench, press_all, side_by_side
 from sim.studies.bench.scenes.tables import scene_tables, way
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.page import criteria_page
+from tacauchy_rig.store.codec import dumps
 from tacauchy_rig.versions import machine, versions
 
 
@@ -105,7 +105,7 @@ def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> Sc
         ):
             references[name] = each
             # One by one: what took so long is not lost to what comes after.
-            write_json(file, references_json(references))
+            write_text(file, dumps(references).decode())
     groups, pairs = [], []
     for order in asked.orders:
         complain(f"scenes, {way(order)}")

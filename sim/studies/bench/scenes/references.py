@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,8 @@ from sim.scene.scene import Preset
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.own_process import Order, commit, pressed
 from sim.studies.bench.scenes.press import ScenePress
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, RecordError
+from tacauchy_rig.store.codec import from_json, loads
 
 # The next is taken where one does not come to its end in time.
 _PRESETS = (Preset.REFERENCE, Preset.ACCURATE, Preset.BALANCED)
@@ -86,25 +86,11 @@ def read_references(file: Path, scenes: Sequence[BenchScene]) -> dict[str, Refer
     if not file.exists():
         return {}
     try:
-        stored = json.loads(file.read_text(encoding="utf-8"))
-        found = {
-            name: Reference(**{**each, "press": ScenePress(**_tuples(each["press"]))})
-            for name, each in stored.items()
-        }
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        stored = loads(file.read_bytes(), source=str(file))
+        found = from_json(dict[str, Reference], stored, source=str(file))
+    except (OSError, RecordError) as error:
         raise ConfigError(
             f"{file} holds no references: {error}", remedy="make it again with --reference"
         ) from error
     stated = {scene.name: scene.stated for scene in scenes}
     return {name: each for name, each in found.items() if stated.get(name) == each.stated}
-
-
-def references_json(found: Mapping[str, Reference]) -> dict[str, Any]:
-    """Return what ``read_references`` reads."""
-    return {name: asdict(each) for name, each in found.items()}
-
-
-def _tuples(press: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: tuple(value) if isinstance(value, list) else value for name, value in press.items()
-    }

@@ -11,11 +11,11 @@ from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.figure import draw_scenes
 from sim.studies.bench.scenes.own_process import SceneRow
 from sim.studies.bench.scenes.press import ScenePress
-from sim.studies.bench.scenes.references import Reference, read_references, references_json
+from sim.studies.bench.scenes.references import Reference, read_references
 from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed
 from sim.studies.bench.scenes.tables import scene_tables
-from tacauchy_rig.cli.output import write_json
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.store.codec import dumps
 
 _PRESS = ScenePress(
     preset="fast",
@@ -115,7 +115,7 @@ def test_references_are_read_back_for_the_same_scene_only(tmp_path: Path) -> Non
     file = tmp_path / "references.json"
     scene = BenchScene(name="one", stated=_REFERENCE.stated)
     assert read_references(file, [scene]) == {}
-    write_json(file, references_json({"one": _REFERENCE}))
+    file.write_bytes(dumps({"one": _REFERENCE}))
     assert read_references(file, [scene]) == {"one": _REFERENCE}
     assert read_references(file, [replace(scene, stated={"depth": "1mm"})]) == {}
     file.write_text("{")
