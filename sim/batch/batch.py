@@ -146,7 +146,7 @@ class Batch:
             active: Which take part; None is all of them. The others stay as they are.
 
         Returns:
-            Which of those that took part arrived; the others are where they were before.
+            Which of those that took part arrived; the others are as far as they came.
 
         Raises:
             ConfigError: Depths are given where the pilot is pushed, or loads where it is not.
@@ -196,6 +196,8 @@ class Batch:
         for frame in range(len(course)) if (results["status"] != DONE).any() else ():
             self._go_on(frame, course, results)
         wall_s = time.perf_counter() - started
+        whole = (results["status"] == DONE).all(axis=0)
+        self._at[whole] = course[-1, whole]
         return self._result(results, wall_s, (on_host(evaluations) - before).astype(np.int32))
 
     def prepare(self, frame_count: int = 1) -> Frames:
@@ -216,6 +218,8 @@ class Batch:
         arrived = self._go(course[frame], ready)
         for name, values in self.prepare(1).results().items():
             results[name][frame, arrived] = values[0, arrived]
+        # Who arrived first sat idle while the others went on in parts.
+        results["status"][frame, arrived] = DONE
 
     def watch(self, launch: Callable[[], object]) -> None:
         """Have something launched at the end of every step: stress, images, a caller's kernel.
@@ -297,7 +301,9 @@ class Batch:
         begun = self._at.copy()
         for part in range(1, parts + 1):
             self.straight.fill_(1 if part == 1 else 0)
-            failing = self._attempt(begun + part / parts * (goal - begun), failing)
+            there = begun + part / parts * (goal - begun)
+            failing = self._attempt(there, failing)
+            self._at[failing] = there[failing]
         self.straight.fill_(0)
         return failing
 

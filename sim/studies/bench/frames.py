@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ FORCE_ERROR_MAX = 0.03
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TimedFrames:
+class TimedFrames(ABC):
     """A travel in frames on one mesh, in one environment or many side by side.
 
     Attributes:
@@ -37,9 +38,9 @@ class TimedFrames:
         return FRAME_COUNT * self._travelling / self.wall_s
 
     @property
+    @abstractmethod
     def _travelling(self) -> int:
         """Environments whose frames count."""
-        raise NotImplementedError
 
 
 def times_of(act: Callable[[], object], *, most: int, least: int, budget_s: float) -> list[float]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.batch.batch import Batch
@@ -18,6 +19,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
+from sim.solve.descent_state import DONE
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.objects.shapes import OBJECTS
@@ -186,6 +188,40 @@ def test_who_does_not_arrive_goes_on_in_parts(pilot: Pilot) -> None:
     assert not found.failed.any()
     wanted = _single(pilot.model, _SCENE.indenter, far.along)
     assert found.force_n[:, 0, 2] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_who_needs_fewer_parts_is_not_lost(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two fail in a frame; one arrives in two parts, the other in four: both have numbers."""
+    batch = Batch(pilot, [Environment(), Environment()], options=_EXACT)
+    batch.step(depths_m=np.full(2, _DEPTHS[0]))
+    attempt, tried = batch._attempt, list[NDArray[np.bool_]]()
+
+    def hindered(goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        tried.append(taking.copy())
+        away = goal[:, 0] - batch._at[:, 0]
+        may = away <= np.array([0.51, 0.26]) * (_DEPTHS[1] - _DEPTHS[0])
+        return attempt(goal, taking & may)
+
+    results = batch.prepare(2).results()
+    results["status"][0] = DONE
+    monkeypatch.setattr(batch, "_attempt", hindered)
+    course = np.zeros((2, 2, 4))
+    course[:, :, 0] = _DEPTHS[:2, None]
+    batch._go_on(1, course, results)
+    assert len(tried) > 4
+    assert (results["status"][1] == DONE).all()
+    single = _single(pilot.model, _SCENE.indenter, _DEPTHS[:2])
+    assert 4.0 * results["push"][1, :, 2] == pytest.approx([single[1]] * 2, rel=1e-6)
+
+
+def test_a_step_goes_on_from_a_press(pilot: Pilot) -> None:
+    """After a press, parts of a step that is too long begin where the press ended."""
+    batch = Batch(pilot, [Environment()], options=_EXACT)
+    batch.press(_NEAR)
+    assert batch.step(depths_m=np.array([0.4e-3])).all()
+    force = 4.0 * batch.prepare(1).results()["push"][0, 0, 2]
+    wanted = _single(pilot.model, _SCENE.indenter, np.append(_NEAR.along, 0.4e-3))[-1]
+    assert force == pytest.approx(wanted, rel=1e-6)
 
 
 @pytest.mark.gpu
