@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes.util
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -87,6 +87,13 @@ class Device:
         }
         return filled(structure, **arrays, **members)
 
+    def room(self, structure: Any, shapes: Mapping[str, tuple[int, ...]]) -> Any:
+        """Return a Warp structure whose arrays of these names and shapes are zero."""
+        kinds = {name: var.type.dtype for name, var in structure.vars.items()}
+        return filled(
+            structure, **{name: self.zeros(shape, kinds[name]) for name, shape in shapes.items()}
+        )
+
     def empty(self, shape: tuple[int, ...], kind: Any) -> Any:
         """Return an array that a kernel fills."""
         return wp.empty(shape, dtype=kind, device=self.name)
@@ -116,19 +123,6 @@ class Device:
         """Return a launch over a shape that can be made again and again at little cost."""
         return wp.launch(
             kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name, record_cmd=True
-        )
-
-    def launch_blocks(
-        self, kernel: Any, count: int, inputs: list[Any], outputs: list[Any], *, threads: int
-    ) -> None:
-        """Launch so many blocks of threads; on the CPU a block is one thread."""
-        wp.launch_tiled(  # type: ignore[no-untyped-call]
-            kernel,
-            dim=[count],
-            inputs=inputs,
-            outputs=outputs,
-            block_dim=threads,
-            device=self.name,
         )
 
 

@@ -21,28 +21,35 @@ _UPRIGHT = wp.constant(wp.float64(1.0e-3))
 BESIDE = wp.constant(wp.float64(1.0e9))
 
 
+@wp.struct
+class RaySurface:
+    """What rays need of a ``TriangleSurface``, and its tree, see ``unit_tree``."""
+
+    tree: wp.uint64
+    centre: wp.vec3d
+    per_size: wp.float64
+    vertices: wp.array(dtype=wp.vec3d)
+    faces: wp.array2d(dtype=wp.int32)
+    face_normals: wp.array(dtype=wp.vec3d)
+
+
 @wp.func
-def lowest_height(
-    tree: wp.uint64,
-    centre: wp.vec3d,
-    per_size: wp.float64,
-    vertices: wp.array(dtype=wp.vec3d),
-    faces: wp.array2d(dtype=wp.int32),
-    face_normals: wp.array(dtype=wp.vec3d),
-    x: wp.float64,
-    y: wp.float64,
-) -> wp.float64:
+def lowest_height(surface: Any, x: wp.float64, y: wp.float64) -> wp.float64:
     """Return the lowest height of a surface over a point of the plan, ``BESIDE`` beside it.
 
     A ray in single precision finds the face; the height on it is kept within the face.
+
+    Args:
+        surface: A ``RaySurface``, or a structure with more.
     """
-    along_x, along_y = (x - centre[0]) * per_size, (y - centre[1]) * per_size
-    start = wp.vec3f(wp.float32(along_x), wp.float32(along_y), _RAY_START)
-    hit = wp.mesh_query_ray(tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
+    start = wp.vec3f((wp.vec3d(x, y, wp.float64(0.0)) - surface.centre) * surface.per_size)
+    start[2] = _RAY_START
+    hit = wp.mesh_query_ray(surface.tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
     if not hit.result:
         return BESIDE
-    a, b = vertices[faces[hit.face, 0]], vertices[faces[hit.face, 1]]
-    c, n = vertices[faces[hit.face, 2]], face_normals[hit.face]
+    a = surface.vertices[surface.faces[hit.face, 0]]
+    b = surface.vertices[surface.faces[hit.face, 1]]
+    c, n = surface.vertices[surface.faces[hit.face, 2]], surface.face_normals[hit.face]
     low, high = wp.min(wp.min(a[2], b[2]), c[2]), wp.max(wp.max(a[2], b[2]), c[2])
     # A wall that a ray grazes has no height of its own there: its lower end counts.
     if wp.abs(n[2]) < _UPRIGHT:
@@ -52,13 +59,7 @@ def lowest_height(
 
 @wp.kernel(enable_backward=False, module="unique")
 def _lowest_heights(
-    # Model:
-    tree: wp.uint64,
-    centre: wp.vec3d,
-    per_size: wp.float64,
-    vertices: wp.array(dtype=wp.vec3d),
-    faces: wp.array2d(dtype=wp.int32),
-    face_normals: wp.array(dtype=wp.vec3d),
+    surface: RaySurface,
     # Data in:
     plan: wp.array(dtype=wp.vec2d),
     # Data out:
@@ -66,9 +67,7 @@ def _lowest_heights(
 ):
     """Find the lowest height over every point of the plan."""
     i = wp.tid()
-    height_out[i] = lowest_height(
-        tree, centre, per_size, vertices, faces, face_normals, plan[i][0], plan[i][1]
-    )
+    height_out[i] = lowest_height(surface, plan[i][0], plan[i][1])
 
 
 def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, float]:
@@ -92,9 +91,8 @@ def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
     """
     device = Device("cpu")
     tree, centre, size = unit_tree(surface, device.name)
-    inputs = [tree.id, wp.vec3d(*centre), 1.0 / size]
-    inputs += [device.vectors(surface.vertices), device.array(surface.faces, wp.int32)]
-    inputs += [device.vectors(surface.face_normals), device.array(plan, wp.vec2d)]
+    placed = {"tree": tree.id, "centre": wp.vec3d(*centre), "per_size": 1.0 / size}
+    inputs = [device.tables(RaySurface, surface, **placed), device.array(plan, wp.vec2d)]
     heights = device.empty((len(plan),), wp.float64)
     device.launch(_lowest_heights, (len(plan),), inputs, [heights])
     found: FloatArray = heights.numpy()

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Follower, is_part
+from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part
 from sim.optics.height.underside_kernel import Poses, underside
 from sim.scene.triangle_rays import BESIDE
 
@@ -120,22 +120,7 @@ def _last_pixel(a: wp.float64, b: wp.float64, c: wp.float64, count: int):
 
 
 @wp.kernel(enable_backward=False)
-def draw_facets(
-    follower: Follower,
-    view: View,
-    first_part: wp.int32,
-    lanes: wp.int32,
-    # Data in:
-    steep: wp.array2d(dtype=wp.int32),
-    states: wp.array2d(dtype=wp.int32),
-    marks: wp.array3d(dtype=wp.int32),
-    slopes: wp.array2d(dtype=wp.vec2d),
-    sums: wp.array2d(dtype=wp.vec3d),
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data in and out:
-    heights: wp.array2d(dtype=wp.float64),
-    pressed: wp.array2d(dtype=wp.uint8),
-):
+def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, canvas: Canvas):
     """Draw the facets of parts, some threads to each: the lowest sheet of a fold is seen.
 
     Where a node follows the indenter it has the indenter's slope; elsewhere, and at the indenter's
@@ -144,26 +129,26 @@ def draw_facets(
     the rim, so that it is drawn flat. Beside the contact the gel only rises.
     """
     env, number, lane = wp.tid()
-    facets = follower.facets.shape[0]
+    facets = gel.facets.shape[0]
     part, facet = first_part + number / facets, number % facets
-    if not is_part(steep, env, part):
+    if not is_part(canvas, env, part):
         return
     at, px, corner_slopes = _Corners(), _Corners(), _Corners()
     z = wp.vec3d()
     touching = 0
     for c in range(3):
-        node = follower.parts[part, follower.facets[facet, c]]
-        x = nodes[env, node]
+        node = gel.parts[part, gel.facets[facet, c]]
+        x = canvas.nodes[env, node]
         at[c] = wp.vec2d(x[0], x[1])
         px[c] = view.back * at[c] + view.centre
         z[c] = x[2]
-        state = states[env, node]
+        state = canvas.states[env, node]
         if state & TOUCHES:
             touching += 1
-        if (state & TOUCHES) > 0 and (state & SMOOTH) > 0 and marks[env, node, AT_RIM] == 0:
-            corner_slopes[c] = slopes[env, node]
+        if state & (TOUCHES | SMOOTH | AT_RIM) == TOUCHES | SMOOTH:
+            corner_slopes[c] = canvas.slopes[env, node]
         else:
-            total = sums[env, node]
+            total = canvas.sums[env, node]
             corner_slopes[c] = wp.vec2d(total[0], total[1]) / wp.max(total[2], _WEIGHT_LEAST)
     u, v = px[0] - px[2], px[1] - px[2]
     area = u[0] * v[1] - u[1] * v[0]
@@ -197,56 +182,41 @@ def draw_facets(
         place = wp.vec3d(first, second, wp.float64(1.0) - first - second)
         if wp.min(wp.min(place[0], place[1]), place[2]) >= -_EDGE_TOLERANCE:
             pixel = row * view.columns + column
-            wp.atomic_min(heights, env, pixel, wp.max(_height_on(patches, place), floor))
+            wp.atomic_min(canvas.heights, env, pixel, wp.max(_height_on(patches, place), floor))
             if touching == 3:
-                pressed[env, pixel] = wp.uint8(1)
+                canvas.pressed[env, pixel] = wp.uint8(1)
 
 
 @wp.kernel(enable_backward=False)
-def find_covered(
-    view: View,
-    # Data in:
-    heights: wp.array2d(dtype=wp.float64),
-    # Data out:
-    nearest_out: wp.array2d(dtype=wp.int16),
-    whole_out: wp.array2d(dtype=wp.uint8),
-):
+def find_covered(view: View, canvas: Canvas):
     """Find the nearest covered row of each pixel in a column, -1 where there is none."""
     env, column = wp.tid()
     bare = wp.int32(0)
     for row in range(view.rows):
-        if heights[env, row * view.columns + column] >= BARE_M:
+        if canvas.heights[env, row * view.columns + column] >= BARE_M:
             bare += 1
-    whole_out[env, column] = wp.uint8(0)
+    canvas.whole[env, column] = wp.uint8(0)
     if bare == 0:
-        whole_out[env, column] = wp.uint8(1)
+        canvas.whole[env, column] = wp.uint8(1)
         return
     last = wp.int32(-1)
     for row in range(view.rows):
-        if heights[env, row * view.columns + column] < BARE_M:
+        if canvas.heights[env, row * view.columns + column] < BARE_M:
             last = row
-        nearest_out[env, row * view.columns + column] = wp.int16(last)
+        canvas.nearest[env, row * view.columns + column] = wp.int16(last)
     last = wp.int32(-1)
     for back in range(view.rows):
         row = view.rows - 1 - back
         pixel = row * view.columns + column
-        if heights[env, pixel] < BARE_M:
+        if canvas.heights[env, pixel] < BARE_M:
             last = row
-        above = int(nearest_out[env, pixel])
+        above = int(canvas.nearest[env, pixel])
         if above < 0 or (last >= 0 and last - row < row - above):
-            nearest_out[env, pixel] = wp.int16(last)
+            canvas.nearest[env, pixel] = wp.int16(last)
 
 
 @wp.func
-def _nearest_height(
-    view: View,
-    heights: wp.array2d(dtype=wp.float64),
-    nearest: wp.array2d(dtype=wp.int16),
-    whole: wp.array2d(dtype=wp.uint8),
-    env: int,
-    row: int,
-    column: int,
-):
+def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int):
     """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
     height = wp.float64(wp.nan)
     best = view.columns * view.columns + view.rows * view.rows
@@ -257,12 +227,12 @@ def _nearest_height(
             there = column + (2 * side - 1) * aside
             if there >= 0 and there < view.columns:
                 found = row
-                if whole[env, there] == wp.uint8(0):
-                    found = int(nearest[env, row * view.columns + there])
+                if canvas.whole[env, there] == wp.uint8(0):
+                    found = int(canvas.nearest[env, row * view.columns + there])
                 apart = aside * aside + (found - row) * (found - row)
                 if found >= 0 and apart < best:
                     best = apart
-                    height = heights[env, found * view.columns + there]
+                    height = canvas.heights[env, found * view.columns + there]
     return height
 
 
@@ -272,12 +242,8 @@ def bound_heights(
     body: Any,
     poses: Poses,
     gap_m: wp.float64,
-    rest: wp.array(dtype=wp.float64),
     # Data in:
-    heights: wp.array2d(dtype=wp.float64),
-    pressed: wp.array2d(dtype=wp.uint8),
-    nearest: wp.array2d(dtype=wp.int16),
-    whole: wp.array2d(dtype=wp.uint8),
+    canvas: Canvas,
     # Data out, where there is room for it:
     dent_out: wp.array3d(dtype=wp.float32),
     loaded_out: wp.array2d(dtype=wp.float64),
@@ -286,15 +252,17 @@ def bound_heights(
     """Fill bare pixels, and bound the gel by the indenter: under it where facets are pressed."""
     env, row, column = wp.tid()
     pixel = row * view.columns + column
-    height = heights[env, pixel]
+    height = canvas.heights[env, pixel]
     if height >= BARE_M:
-        height = _nearest_height(view, heights, nearest, whole, env, row, column)
+        height = _nearest_height(view, canvas, env, row, column)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
     ceiling = underside(body, poses, env, place[0], place[1])
     if ceiling < BESIDE and not wp.isnan(height):
-        height = wp.where(pressed[env, pixel] == wp.uint8(1), ceiling, wp.min(height, ceiling))
+        height = wp.where(
+            canvas.pressed[env, pixel] == wp.uint8(1), ceiling, wp.min(height, ceiling)
+        )
     if dent_out.shape[0] > 0:
-        dent_out[env, row, column] = wp.float32(rest[pixel] - height)
+        dent_out[env, row, column] = wp.float32(canvas.rest[pixel] - height)
     if loaded_out.shape[0] > 0:
         loaded_out[env, pixel] = height
         touches = ceiling < BESIDE and ceiling - height <= gap_m

@@ -18,13 +18,17 @@ _STEEP_SLOPE = wp.constant(wp.float64(0.5))
 # Of a face's area over twice that of its parameters [m^2]: less has no slope.
 _FLAT_M2 = wp.constant(wp.float64(1.0e-18))
 _SLOPE_STEP_M = wp.constant(wp.float64(1.0e-6))
+# What of a node is so: the first three by the indenter, the others by the faces around it.
 TOUCHES, COVERED, SMOOTH = wp.constant(1), wp.constant(2), wp.constant(4)
-FREE, AT_RIM = wp.constant(0), wp.constant(1)
+FREE, AT_RIM = wp.constant(8), wp.constant(16)
 
 
 @wp.struct
-class Follower:
+class Gel:
     """How the drawn nodes follow a model's, and which of them make faces and parts.
+
+    Below the facets are ``steep_faces.CutFace`` and ``AddedNodes``, ``rings.RoundRings`` and its
+    axis, and ``slope_fit_kernel.two_rings``: each empty where a mesh calls for none.
 
     Attributes:
         sources: Node of the model that each drawn one is, or mirrors, shape [node_count].
@@ -41,14 +45,13 @@ class Follower:
     faces: wp.array2d(dtype=wp.int32)
     parts: wp.array2d(dtype=wp.int32)
     facets: wp.array2d(dtype=wp.int32)
-
-
-@wp.struct
-class Rings:
-    """``rings.RoundRings`` on a device, and the axis [m]."""
-
-    x: wp.float64
-    y: wp.float64
+    values: wp.array2d(dtype=wp.float64)
+    straight: wp.array2d(dtype=wp.float64)
+    across: wp.array2d(dtype=wp.int32)
+    face: wp.array(dtype=wp.int32)
+    beside: wp.array(dtype=wp.int32)
+    place: wp.array(dtype=wp.int32)
+    axis: wp.vec2d
     angle: wp.array(dtype=wp.float64)
     between: wp.array(dtype=wp.int32)
     on_rays: wp.array(dtype=wp.int32)
@@ -56,70 +59,73 @@ class Rings:
     weight_starts: wp.array(dtype=wp.int32)
     counts: wp.array(dtype=wp.int32)
     weights: wp.array(dtype=wp.float64)
+    neighbour_starts: wp.array(dtype=wp.int32)
+    neighbours: wp.array(dtype=wp.int32)
 
 
 @wp.struct
-class Cuts:
-    """``steep_faces.CutFace`` and ``AddedNodes`` on a device."""
+class Canvas:
+    """What is drawn; the first index is the environment.
 
-    values: wp.array2d(dtype=wp.float64)
-    straight: wp.array2d(dtype=wp.float64)
-    across: wp.array2d(dtype=wp.int32)
-    face: wp.array(dtype=wp.int32)
-    beside: wp.array(dtype=wp.int32)
-    place: wp.array(dtype=wp.int32)
+    Attributes:
+        nodes: The model's and those that cutting adds [m].
+        places: Radius, turn and height of nodes between rays.
+        slopes: Of the indenter at the nodes.
+        sums: Slope of the gel at the nodes times a weight, and the weight.
+        states: Of the nodes, see ``TOUCHES`` and what follows.
+        steep: 1 for a face that is cut.
+        heights: By pixel [m].
+        pressed: 1 for a pixel of a facet that touches with all its corners.
+        nearest: Nearest covered row of each pixel in its column, -1 where there is none.
+        whole: 1 for a column of which every pixel is covered.
+        rest: Height of the unloaded surface by pixel [m]; of no environment.
+    """
+
+    nodes: wp.array2d(dtype=wp.vec3d)
+    places: wp.array2d(dtype=wp.vec3d)
+    slopes: wp.array2d(dtype=wp.vec2d)
+    sums: wp.array2d(dtype=wp.vec3d)
+    states: wp.array2d(dtype=wp.int32)
+    steep: wp.array2d(dtype=wp.int32)
+    heights: wp.array2d(dtype=wp.float64)
+    pressed: wp.array2d(dtype=wp.uint8)
+    nearest: wp.array2d(dtype=wp.int16)
+    whole: wp.array2d(dtype=wp.uint8)
+    rest: wp.array(dtype=wp.float64)
 
 
 @wp.kernel(enable_backward=False)
-def take_nodes(
-    follower: Follower,
-    # Data in:
-    positions: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    node_out: wp.array2d(dtype=wp.vec3d),
-):
+def take_nodes(gel: Gel, positions: wp.array2d(dtype=wp.vec3d), canvas: Canvas):
     """Mirror and lift a model's nodes."""
     env, i = wp.tid()
-    x = wp.cw_mul(positions[env, follower.sources[i]], follower.signs[i])
-    node_out[env, i] = x + wp.vec3d(wp.float64(0.0), wp.float64(0.0), follower.lifts[i])
+    x = wp.cw_mul(positions[env, gel.sources[i]], gel.signs[i])
+    canvas.nodes[env, i] = x + wp.vec3d(wp.float64(0.0), wp.float64(0.0), gel.lifts[i])
 
 
 @wp.kernel(enable_backward=False)
-def place_on_rings(
-    rings: Rings,
-    # Data in:
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    place_out: wp.array2d(dtype=wp.vec3d),
-):
+def place_on_rings(gel: Gel, canvas: Canvas):
     """Find radius, turn and height of the nodes between rays."""
     env, i = wp.tid()
-    node = rings.between[i]
-    x = nodes[env, node]
-    dx, dy = x[0] - rings.x, x[1] - rings.y
-    turned = wp.atan2(dy, dx) - rings.angle[node]
+    node = gel.between[i]
+    x = canvas.nodes[env, node]
+    dx, dy = x[0] - gel.axis[0], x[1] - gel.axis[1]
+    turned = wp.atan2(dy, dx) - gel.angle[node]
     whole = wp.float64(2.0 * wp.pi)
     turned = turned - whole * wp.floor((turned + wp.float64(wp.pi)) / whole)
-    place_out[env, i] = wp.vec3d(wp.sqrt(dx * dx + dy * dy), turned, x[2])
+    canvas.places[env, i] = wp.vec3d(wp.sqrt(dx * dx + dy * dy), turned, x[2])
 
 
 @wp.kernel(enable_backward=False)
-def round_nodes(
-    rings: Rings,
-    # Data in:
-    places: wp.array2d(dtype=wp.vec3d),
-    # Data in and out:
-    nodes: wp.array2d(dtype=wp.vec3d),
-):
+def round_nodes(gel: Gel, canvas: Canvas):
     """Put the nodes on rays onto the curves through those between."""
     env, i = wp.tid()
     place = wp.vec3d()
-    for k in range(rings.counts[i]):
-        place += rings.weights[rings.weight_starts[i] + k] * places[env, rings.starts[i] + k]
-    node = rings.on_rays[i]
-    angle = rings.angle[node] + place[1]
-    x = rings.x + place[0] * wp.cos(angle)
-    nodes[env, node] = wp.vec3d(x, rings.y + place[0] * wp.sin(angle), place[2])
+    for k in range(gel.counts[i]):
+        place += gel.weights[gel.weight_starts[i] + k] * canvas.places[env, gel.starts[i] + k]
+    node = gel.on_rays[i]
+    angle = gel.angle[node] + place[1]
+    x = gel.axis[0] + place[0] * wp.cos(angle)
+    canvas.nodes[env, node] = wp.vec3d(x, gel.axis[1] + place[0] * wp.sin(angle), place[2])
 
 
 @wp.func
@@ -156,85 +162,59 @@ def _tangents(
 
 
 @wp.kernel(enable_backward=False)
-def mark_steep(
-    follower: Follower,
-    # Data in:
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    steep_out: wp.array2d(dtype=wp.int32),
-):
+def mark_steep(gel: Gel, canvas: Canvas):
     """Mark the faces that are somewhere steeper than a limit, or hang over."""
     env, f = wp.tid()
     steep = 0
     for k in range(6):
-        along, across = _tangents(nodes, follower.faces, env, f, k)
+        along, across = _tangents(canvas.nodes, gel.faces, env, f, k)
         normal = wp.cross(along, across)
         if wp.sqrt(normal[0] * normal[0] + normal[1] * normal[1]) > _STEEP_SLOPE * normal[2]:
             steep = 1
-    steep_out[env, f] = steep
+    canvas.steep[env, f] = steep
 
 
 @wp.func
-def _is_added(cuts: Cuts, steep: wp.array2d(dtype=wp.int32), env: int, i: int):
+def _is_added(gel: Gel, canvas: Canvas, env: int, i: int):
     """Return whether one of the faces of a node that cutting adds is cut."""
-    cut = steep[env, cuts.face[i]] == 1
-    if not cut and cuts.beside[i] >= 0:
-        cut = steep[env, cuts.beside[i]] == 1
+    cut = canvas.steep[env, gel.face[i]] == 1
+    if not cut and gel.beside[i] >= 0:
+        cut = canvas.steep[env, gel.beside[i]] == 1
     return cut
 
 
 @wp.kernel(enable_backward=False)
-def add_nodes(
-    follower: Follower,
-    cuts: Cuts,
-    # Data in:
-    steep: wp.array2d(dtype=wp.int32),
-    # Data in and out:
-    nodes: wp.array2d(dtype=wp.vec3d),
-):
+def add_nodes(gel: Gel, canvas: Canvas):
     """Put nodes where steep faces are cut, see ``steep_faces``."""
     env, i = wp.tid()
-    if not _is_added(cuts, steep, env, i):
+    if not _is_added(gel, canvas, env, i):
         return
-    f, place = cuts.face[i], cuts.place[i]
+    f, place = gel.face[i], gel.place[i]
     x = wp.vec3d()
     for k in range(6):
-        x += cuts.values[place, k] * nodes[env, follower.faces[f, k]]
+        x += gel.values[place, k] * canvas.nodes[env, gel.faces[f, k]]
     for edge in range(3):
-        across = cuts.across[f, edge]
+        across = gel.across[f, edge]
         both = 0
         if across >= 0:
-            both = steep[env, f] * steep[env, across]
+            both = canvas.steep[env, f] * canvas.steep[env, across]
         if both == 0:
-            ends = nodes[env, follower.faces[f, edge]]
-            ends += nodes[env, follower.faces[f, (edge + 1) % 3]]
-            bend = ends - wp.float64(2.0) * nodes[env, follower.faces[f, 3 + edge]]
-            by = wp.float64(0.125) * cuts.straight[place, edge]
+            ends = canvas.nodes[env, gel.faces[f, edge]]
+            ends += canvas.nodes[env, gel.faces[f, (edge + 1) % 3]]
+            bend = ends - wp.float64(2.0) * canvas.nodes[env, gel.faces[f, 3 + edge]]
+            by = wp.float64(0.125) * gel.straight[place, edge]
             x += by * wp.vec3d(bend[0], bend[1], wp.float64(0.0))
-    nodes[env, follower.sources.shape[0] + i] = x
+    canvas.nodes[env, gel.sources.shape[0] + i] = x
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def close_gaps(
-    follower: Follower,
-    cuts: Cuts,
-    body: Any,
-    poses: Poses,
-    gap_m: wp.float64,
-    # Data in:
-    steep: wp.array2d(dtype=wp.int32),
-    # Data in and out:
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    slope_out: wp.array2d(dtype=wp.vec2d),
-    state_out: wp.array2d(dtype=wp.int32),
-):
+def close_gaps(gel: Gel, body: Any, poses: Poses, gap_m: wp.float64, canvas: Canvas):
     """Lift nodes that touch onto the indenter; say which do, and its slope there."""
     env, i = wp.tid()
-    added = i - follower.sources.shape[0]
-    if added >= 0 and not _is_added(cuts, steep, env, added):
+    added = i - gel.sources.shape[0]
+    if added >= 0 and not _is_added(gel, canvas, env, added):
         return
-    x = nodes[env, i]
+    x = canvas.nodes[env, i]
     step = _SLOPE_STEP_M
     state = 0
     ceiling = underside(body, poses, env, x[0], x[1])
@@ -250,84 +230,69 @@ def close_gaps(
         state |= SMOOTH
     if ceiling - x[2] <= gap_m * wp.sqrt(wp.float64(1.0) + wp.dot(slope, slope)):
         state |= TOUCHES
-        nodes[env, i] = wp.vec3d(x[0], x[1], ceiling)
-    slope_out[env, i] = slope
-    state_out[env, i] = state
+        canvas.nodes[env, i] = wp.vec3d(x[0], x[1], ceiling)
+    canvas.slopes[env, i] = slope
+    canvas.states[env, i] = state
 
 
 @wp.func
-def is_part(steep: wp.array2d(dtype=wp.int32), env: int, part: int):
+def is_part(canvas: Canvas, env: int, part: int):
     """Return whether a part is drawn: a face that is not steep, or a part of one that is."""
-    faces = steep.shape[1]
+    faces = canvas.steep.shape[1]
     if part < faces:
-        return steep[env, part] == 0
-    return steep[env, (part - faces) / _SIXTEEN] == 1
+        return canvas.steep[env, part] == 0
+    return canvas.steep[env, (part - faces) / _SIXTEEN] == 1
 
 
 @wp.func
-def touching_count(follower: Follower, states: wp.array2d(dtype=wp.int32), env: int, part: int):
+def _touching_count(gel: Gel, canvas: Canvas, env: int, part: int):
     """Return how many nodes of a part touch."""
     count = wp.int32(0)
-    for k in range(follower.parts.shape[1]):
-        if states[env, follower.parts[part, k]] & TOUCHES:
+    for k in range(gel.parts.shape[1]):
+        if canvas.states[env, gel.parts[part, k]] & TOUCHES:
             count += 1
     return count
 
 
 @wp.kernel(enable_backward=False)
-def mark_edges(
-    follower: Follower,
-    # Data in:
-    steep: wp.array2d(dtype=wp.int32),
-    states: wp.array2d(dtype=wp.int32),
-    # Data out:
-    mark_out: wp.array3d(dtype=wp.int32),
-):
+def mark_edges(gel: Gel, canvas: Canvas):
     """Mark nodes of parts that do not touch with all of theirs, and of facets not all covered."""
     env, part = wp.tid()
-    if not is_part(steep, env, part):
+    if not is_part(canvas, env, part):
         return
-    width = follower.parts.shape[1]
-    if touching_count(follower, states, env, part) < width:
+    width = gel.parts.shape[1]
+    if _touching_count(gel, canvas, env, part) < width:
         for k in range(width):
-            mark_out[env, follower.parts[part, k], FREE] = 1
-    for facet in range(follower.facets.shape[0]):
+            wp.atomic_or(canvas.states, env, gel.parts[part, k], FREE)
+    for facet in range(gel.facets.shape[0]):
         covered = COVERED
         for c in range(3):
-            covered &= states[env, follower.parts[part, follower.facets[facet, c]]]
+            covered &= canvas.states[env, gel.parts[part, gel.facets[facet, c]]]
         if covered == 0:
             for c in range(3):
-                mark_out[env, follower.parts[part, follower.facets[facet, c]], AT_RIM] = 1
+                node = gel.parts[part, gel.facets[facet, c]]
+                wp.atomic_or(canvas.states, env, node, AT_RIM)
 
 
 @wp.kernel(enable_backward=False)
-def add_slopes(
-    follower: Follower,
-    # Data in:
-    steep: wp.array2d(dtype=wp.int32),
-    states: wp.array2d(dtype=wp.int32),
-    marks: wp.array3d(dtype=wp.int32),
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data in and out:
-    sums: wp.array2d(dtype=wp.vec3d),
-):
+def add_slopes(gel: Gel, canvas: Canvas):
     """Add the slopes of quadratic parts at their nodes, weighted by areas, and the weights.
 
     Parts that touch with all their nodes do not count at the edge of the contact.
     """
     env, part = wp.tid()
-    if not is_part(steep, env, part):
+    if not is_part(canvas, env, part):
         return
-    pressed = touching_count(follower, states, env, part) == 6
+    pressed = _touching_count(gel, canvas, env, part) == 6
     for k in range(6):
-        node = follower.parts[part, k]
-        if pressed and marks[env, node, FREE] == 1:
+        node = gel.parts[part, k]
+        if pressed and (canvas.states[env, node] & FREE) > 0:
             continue
-        s, t = _tangents(nodes, follower.parts, env, part, k)
+        s, t = _tangents(canvas.nodes, gel.parts, env, part, k)
         area = s[0] * t[1] - s[1] * t[0]
         weighed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.abs(area))
         if wp.abs(area) > _FLAT_M2:
             turn = wp.sign(area)
             weighed[0] = turn * (t[1] * s[2] - s[1] * t[2])
             weighed[1] = turn * (s[0] * t[2] - t[0] * s[2])
-        wp.atomic_add(sums, env, node, weighed)
+        wp.atomic_add(canvas.sums, env, node, weighed)

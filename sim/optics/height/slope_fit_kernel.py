@@ -7,7 +7,7 @@ import warp as wp
 from scipy import sparse
 
 from sim.arrays import IntArray
-from sim.optics.height.node_kernel import FREE, TOUCHES
+from sim.optics.height.node_kernel import FREE, TOUCHES, Canvas, Gel
 
 _TERMS = wp.constant(5)
 _Normal = wp.types.matrix(shape=(5, 5), dtype=wp.float64)
@@ -38,31 +38,14 @@ def _solved(matrix: _Normal, load: _Load):
 
 
 @wp.func
-def _counts(
-    states: wp.array2d(dtype=wp.int32),
-    marks: wp.array3d(dtype=wp.int32),
-    env: int,
-    node: int,
-    neighbour: int,
-):
+def _counts(state: int, neighbour: int):
     """Return whether a neighbour has a say: nodes inside the contact have none outside of it."""
-    inside = (states[env, node] & TOUCHES) > 0 and marks[env, node, FREE] == 0
-    other = (states[env, neighbour] & TOUCHES) > 0 and marks[env, neighbour, FREE] == 0
-    return inside or not other
+    inside = state & (TOUCHES | FREE) == TOUCHES
+    return inside or neighbour & (TOUCHES | FREE) != TOUCHES
 
 
 @wp.kernel(enable_backward=False)
-def fit_slopes(
-    # Model:
-    ring_starts: wp.array(dtype=wp.int32),
-    ring_nodes: wp.array(dtype=wp.int32),
-    # Data in:
-    states: wp.array2d(dtype=wp.int32),
-    marks: wp.array3d(dtype=wp.int32),
-    nodes: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    sum_out: wp.array2d(dtype=wp.vec3d),
-):
+def fit_slopes(gel: Gel, canvas: Canvas):
     """Fit z = z_i + g (x - x_i) + quadratic around each node; exact for quadratic surfaces.
 
     Nodes inside the contact are no neighbours of nodes on its edge or outside, because the slope
@@ -70,18 +53,20 @@ def fit_slopes(
     """
     env, i = wp.tid()
     one = wp.float64(1.0)
-    x = nodes[env, i]
+    x, state = canvas.nodes[env, i], canvas.states[env, i]
     total, count = wp.float64(0.0), wp.float64(0.0)
-    for n in range(ring_starts[i], ring_starts[i + 1]):
-        if _counts(states, marks, env, i, ring_nodes[n]):
-            d = nodes[env, ring_nodes[n]] - x
+    for n in range(gel.neighbour_starts[i], gel.neighbour_starts[i + 1]):
+        other = gel.neighbours[n]
+        if _counts(state, canvas.states[env, other]):
+            d = canvas.nodes[env, other] - x
             total += wp.sqrt(d[0] * d[0] + d[1] * d[1])
             count += one
     radius = wp.where(total > wp.float64(0.0), total / wp.max(count, one), one)
     normal, load = _Normal(), _Load()
-    for n in range(ring_starts[i], ring_starts[i + 1]):
-        if _counts(states, marks, env, i, ring_nodes[n]):
-            d = (nodes[env, ring_nodes[n]] - x) / radius
+    for n in range(gel.neighbour_starts[i], gel.neighbour_starts[i + 1]):
+        other = gel.neighbours[n]
+        if _counts(state, canvas.states[env, other]):
+            d = (canvas.nodes[env, other] - x) / radius
             weight = one / (d[0] * d[0] + d[1] * d[1] + _NEAREST)
             basis = _Load(d[0], d[1], d[0] * d[0], d[0] * d[1], d[1] * d[1])
             load += weight * d[2] * basis
@@ -90,7 +75,7 @@ def fit_slopes(
     for k in range(_TERMS):
         normal[k, k] = normal[k, k] + trace * wp.where(k < 2, _RIDGE_SLOPE, _RIDGE_CURVATURE)
     fitted = _solved(normal, load)
-    sum_out[env, i] = wp.vec3d(fitted[0], fitted[1], one)
+    canvas.sums[env, i] = wp.vec3d(fitted[0], fitted[1], one)
 
 
 def two_rings(triangles: IntArray, node_count: int) -> tuple[IntArray, IntArray]:

@@ -14,9 +14,8 @@ from sim.mesh.elements import QUARTERS
 from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets, find_covered
 from sim.optics.height.node_kernel import (
-    Cuts,
-    Follower,
-    Rings,
+    Canvas,
+    Gel,
     add_nodes,
     add_slopes,
     close_gaps,
@@ -85,11 +84,11 @@ class SurfaceHeights:
         self._is_quadratic = top.faces.shape[1] == 6
         lifts = np.zeros(len(top.rest)) if pad is None else _lifts(top.rest, pad)
         self._take_tables(top, lifts)
-        self._make_room()
+        self._canvas = self._blank()
         empty = self._device.empty
         self._no_dent: Any = empty((0, 0, 0), wp.float32)
         self._no_map = empty((0, 0), wp.float64), empty((0, 0), wp.uint8)
-        self.rest_m: Any = empty((self._size[0] * self._size[1],), wp.float64)
+        self.rest_m: Any = self._canvas.rest
         self._draw_rest(top)
 
     def dents(self, positions: Any, tips: Any, rotations: Any, dent_out: Any) -> None:
@@ -119,56 +118,44 @@ class SurfaceHeights:
 
     def _take_tables(self, top: TopSurface, lifts: FloatArray) -> None:
         device, node_count = self._device, len(top.rest)
-        parts, facets = top.faces, np.array([[0, 1, 2]])
-        self._cuts, self._rings, self._neighbours = Cuts(), None, None
-        self._added_count = 0
+        parts, facets, axis = top.faces, np.array([[0, 1, 2]]), top.mesh_axis_m or (0.0, 0.0)
+        sources: list[Any] = [top]
+        members: dict[str, Any] = {"axis": wp.vec2d(*axis)}
         if self._is_quadratic:
-            cut, added = cut_face(), added_nodes(top.faces, node_count)
+            sources += [cut_face(), added := added_nodes(top.faces, node_count)]
             parts, facets = np.concatenate([top.faces, added.parts]), np.array(QUARTERS)
-            self._added_count = len(added.face)
-            self._cuts = device.tables(Cuts, cut, added)
+            if top.mesh_axis_m is not None:
+                sources.append(round_rings(top.rest, top.faces, top.mesh_axis_m))
         else:
-            rings = two_rings(parts, node_count)
-            self._neighbours = [device.array(table, wp.int32) for table in rings]
-        if self._is_quadratic and top.mesh_axis_m is not None:
-            made, (x, y) = round_rings(top.rest, top.faces, top.mesh_axis_m), top.mesh_axis_m
-            self._rings = device.tables(Rings, made, x=x, y=y) if len(made.on_rays) else None
-        self._follower = device.tables(
-            Follower,
-            top,
-            lifts=device.array(lifts, wp.float64),
-            parts=device.array(parts, wp.int32),
-            facets=device.array(facets, wp.int32),
-        )
-        self._node_count, self._face_count = node_count, len(top.faces)
-        self._part_count, self._facet_count = len(parts), len(facets)
+            starts, neighbours = two_rings(parts, node_count)
+            members["neighbour_starts"] = device.array(starts, wp.int32)
+            members["neighbours"] = device.array(neighbours, wp.int32)
+        members["lifts"] = device.array(lifts, wp.float64)
+        members["parts"] = device.array(parts, wp.int32)
+        members["facets"] = device.array(facets, wp.int32)
+        self._gel = device.tables(Gel, *sources, **members)
 
-    def _make_room(self) -> None:
-        count, nodes = self._count, self._node_count + self._added_count
-        pixels, columns = self._size[0] * self._size[1], self._size[1]
-        zeros = self._device.zeros
-        self._nodes: Any = zeros((count, nodes), wp.vec3d)
-        self._slopes: Any = zeros((count, nodes), wp.vec2d)
-        self._sums: Any = zeros((count, nodes), wp.vec3d)
-        self._states: Any = zeros((count, nodes), wp.int32)
-        self._marks: Any = zeros((count, nodes, 2), wp.int32)
-        self._steep: Any = zeros((count, self._face_count), wp.int32)
-        self._heights: Any = zeros((count, pixels), wp.float64)
-        self._pressed: Any = zeros((count, pixels), wp.uint8)
-        self._nearest: Any = zeros((count, pixels), wp.int16)
-        self._whole: Any = zeros((count, columns), wp.uint8)
-        if self._rings is not None:
-            self._places: Any = zeros((count, len(self._rings.between)), wp.vec3d)
+    def _blank(self) -> Any:
+        """Return room for all that is drawn."""
+        gel, count, (rows, columns) = self._gel, self._count, self._size
+        nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
+            ("nodes", "slopes", "sums", "states"), (count, nodes)
+        )
+        shapes |= dict.fromkeys(("heights", "pressed", "nearest"), (count, pixels))
+        shapes |= {"places": (count, _length(gel.between)), "steep": (count, len(gel.faces))}
+        shapes |= {"whole": (count, columns), "rest": (pixels,)}
+        return self._device.room(Canvas, shapes)
 
     def _draw_rest(self, top: TopSurface) -> None:
         """Draw the unloaded surface as it is, neither round nor cut, far from the indenter."""
-        device = self._device
+        device, canvas = self._device, self._canvas
         nodes = np.zeros((1, top.sources.max() + 1, 3))
         nodes[0, top.sources] = top.rest * top.signs
-        taken = [self._follower, device.vectors(nodes)]
-        device.launch(take_nodes, (1, self._node_count), taken, [self._nodes])
+        taken = [self._gel, device.vectors(nodes)]
+        device.launch(take_nodes, (1, len(top.rest)), taken, [canvas])
         self._draw_nodes(1)
-        if self._heights.numpy()[0].min() >= BARE_M:
+        if canvas.heights.numpy()[0].min() >= BARE_M:
             raise ConfigError(
                 f"the gel's surface covers none of the {self._size[1]} x {self._size[0]} pixels",
                 remedy="check the camera's centre and mm per pixel, and that the mesh is in metres",
@@ -180,53 +167,43 @@ class SurfaceHeights:
 
     def _draw(self, positions: Any, poses: Any) -> None:
         """Draw all surfaces, not yet bounded by the indenter."""
-        count, follower, launch = self._count, self._follower, self._device.launch
-        nodes, steep = self._nodes, self._steep
-        launch(take_nodes, (count, self._node_count), [follower, positions], [nodes])
-        if self._rings is not None:
-            rings, places = self._rings, self._places
-            launch(place_on_rings, places.shape, [rings, nodes], [places])
-            launch(round_nodes, (count, len(rings.on_rays)), [rings, places], [nodes])
+        count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
+        launch(take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
+        if _length(gel.on_rays):
+            launch(place_on_rings, (count, len(gel.between)), [gel], [canvas])
+            launch(round_nodes, (count, len(gel.on_rays)), [gel], [canvas])
         if self._is_quadratic:
-            launch(mark_steep, steep.shape, [follower, nodes], [steep])
-            launch(add_nodes, (count, self._added_count), [follower, self._cuts, steep], [nodes])
-        touched = [follower, self._cuts, self._body, poses, self._gap_m, steep, nodes]
-        launch(close_gaps, nodes.shape, touched, [self._slopes, self._states])
-        self._marks.zero_()
-        marked = [follower, steep, self._states]
-        launch(mark_edges, (count, self._part_count), marked, [self._marks])
+            launch(mark_steep, canvas.steep.shape, [gel], [canvas])
+            launch(add_nodes, (count, len(gel.face)), [gel], [canvas])
+        launch(close_gaps, canvas.nodes.shape, [gel, self._body, poses, self._gap_m], [canvas])
+        launch(mark_edges, (count, len(gel.parts)), [gel], [canvas])
         self._draw_nodes(count)
 
     def _draw_nodes(self, count: int) -> None:
         """Find slopes at the nodes of the first surfaces, and draw their facets."""
-        follower, launch = self._follower, self._device.launch
-        contact = [self._steep, self._states, self._marks]
-        if self._neighbours is None:
-            self._sums.zero_()
-            added = [follower, *contact, self._nodes]
-            launch(add_slopes, (count, self._part_count), added, [self._sums])
+        gel, canvas, launch = self._gel, self._canvas, self._device.launch
+        if self._is_quadratic:
+            canvas.sums.zero_()
+            launch(add_slopes, (count, len(gel.parts)), [gel], [canvas])
         else:
-            fitted = [*self._neighbours, *contact[1:], self._nodes]
-            launch(fit_slopes, (count, self._node_count), fitted, [self._sums])
-        self._heights.fill_(float(BARE_M))
-        self._pressed.zero_()
-        drawn = [*contact, self._slopes, self._sums, self._nodes]
+            launch(fit_slopes, (count, len(gel.sources)), [gel], [canvas])
+        canvas.heights.fill_(float(BARE_M))
+        canvas.pressed.zero_()
+        faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
         whole = _GPU_LANES if self._device.is_gpu else 1
-        ends = (0, self._face_count, whole), (self._face_count, self._part_count, 1)
-        for first, end, lanes in ends:
-            launch(
-                draw_facets,
-                (count, (end - first) * self._facet_count, lanes),
-                [follower, self._view, first, lanes, *drawn],
-                [self._heights, self._pressed],
-            )
-        found = [self._nearest, self._whole]
-        launch(find_covered, (count, self._size[1]), [self._view, self._heights], found)
+        for first, end, lanes in (0, faces, whole), (faces, parts, 1):
+            shape = (count, (end - first) * facets, lanes)
+            launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
+        launch(find_covered, (count, self._size[1]), [self._view], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
-        rest = [self.rest_m, self._heights, self._pressed, self._nearest, self._whole]
-        inputs = [self._view, self._body, poses, self._gap_m, *rest]
+        inputs = [self._view, self._body, poses, self._gap_m, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
+
+
+def _length(table: Any) -> int:
+    """Return the length of a table, which a mesh that calls for none has not."""
+    return 0 if table is None else len(table)
 
 
 def _poses(tips: Any, rotations: Any, away_m: float) -> Any:

@@ -79,16 +79,7 @@ def _lowest(body: Solid, x: wp.float64, y: wp.float64):
 @wp.func  # type: ignore[no-redef]
 def _lowest(body: DeviceSurface, x: wp.float64, y: wp.float64):
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
-    return lowest_height(
-        body.tree,
-        body.centre,
-        body.per_size,
-        body.vertices,
-        body.faces,
-        body.face_normals,
-        x,
-        y,
-    )
+    return lowest_height(body, x, y)
 
 
 @wp.func
