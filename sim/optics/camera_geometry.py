@@ -95,12 +95,15 @@ class CameraGeometry:
             ]
         )
 
-    def refined(self, samples: int) -> CameraGeometry:
-        """Return the same view with every pixel divided into ``samples`` x ``samples``."""
+    def refined(self, samples: float) -> CameraGeometry:
+        """Return the same view with every pixel divided into ``samples`` x ``samples``.
+
+        Less than one takes pixels together; those that are left over at the end are cut off.
+        """
         return replace(
             self,
-            width=self.width * samples,
-            height=self.height * samples,
+            width=int(self.width * samples),
+            height=int(self.height * samples),
             scale_x_m=self.scale_x_m / samples,
             scale_y_m=self.scale_y_m / samples,
             centre_x_px=(self.centre_x_px + 0.5) * samples - 0.5,

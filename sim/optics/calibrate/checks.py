@@ -170,12 +170,12 @@ class SlopeCoverage:
 def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverage:
     """Count slopes and places inside the contacts; at least one circle."""
     height, width = scene.background.shape[:2]
-    rows, columns = (grid.ravel().astype(np.float64) for grid in np.mgrid[:height, :width])
+    rows, columns = (grid.ravel() for grid in np.indices((height, width)))
     inside = []
     touched = np.zeros(len(rows), dtype=np.bool_)
     for circle in circles:
         near = circle.distance(columns, rows) <= circle.radius_px
-        inside.append(scene.surface(circle, columns[near], rows[near])[0])
+        inside.append(scene.surface(circle, columns[near], rows[near]).tilt)
         touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)
     edges = np.linspace(-limit, limit, BINS + 1)

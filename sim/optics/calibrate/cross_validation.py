@@ -59,21 +59,31 @@ class CheckScores:
 
 
 def render_presses(
-    presses: Sequence[BallPress], calibration: Calibration, *, nudge: bool
-) -> list[RenderedPress]:
-    """Render presses that the model need not have seen, where labels or nudged circles say."""
-    model, scene, found = calibration.model, calibration.scene, []
+    presses: Sequence[BallPress], calibration: Calibration
+) -> tuple[list[RenderedPress], list[RenderedPress]]:
+    """Render presses that the model need not have seen, as labelled and with nudged circles."""
+    labelled, nudged = [], []
     for press in presses:
-        circle = press.circle
-        lit = without_shadows(press, circle, scene, calibration.shadows)
-        light = scene.light(lit, circle, model)
-        for _ in range(_NUDGES if nudge else 0):
-            circle = scene.nudged(lit, model, light, circle)
-            lit = without_shadows(press, circle, scene, calibration.shadows)
-            light = scene.light(lit, circle, model)
-        image = press_image(calibration, circle)
-        found.append(RenderedPress(press=press, rendered=image, light=light, circle=circle))
-    return found
+        circle, (lit, light) = press.circle, _lit(press, press.circle, calibration)
+        labelled.append(_rendered(press, circle, light, calibration))
+        for _ in range(_NUDGES):
+            circle = calibration.scene.nudged(lit, calibration.model, light, circle)
+            lit, light = _lit(press, circle, calibration)
+        nudged.append(_rendered(press, circle, light, calibration))
+    return labelled, nudged
+
+
+def _lit(press: BallPress, circle: Circle, found: Calibration) -> tuple[BallPress, FloatArray]:
+    """Return a press without its shadows, and its frame's light."""
+    lit = without_shadows(press, circle, found.scene, found.shadows)
+    return lit, found.scene.light(lit, circle, found.model)
+
+
+def _rendered(
+    press: BallPress, circle: Circle, light: FloatArray, found: Calibration
+) -> RenderedPress:
+    image = press_image(found, circle)
+    return RenderedPress(press=press, rendered=image, light=light, circle=circle)
 
 
 def check_presses(
@@ -93,8 +103,7 @@ def check_presses(
         ConfigError: A press has another size than the no-contact frame.
     """
     check_presses_fit(presses, scene.background.astype(np.uint8))
-    labelled = render_presses(presses, calibration, nudge=False)
-    nudged = render_presses(presses, calibration, nudge=True)
+    labelled, nudged = render_presses(presses, calibration)
     return _scores(labelled, nudged, scene), nudged
 
 
@@ -150,11 +159,7 @@ def _fitted(
     """Fit to some presses; return the calibration, and others as it renders them both ways."""
     seen, held_out = presses
     found = fit(seen)
-    return (
-        found,
-        render_presses(held_out, found, nudge=False),
-        render_presses(held_out, found, nudge=True),
-    )
+    return found, *render_presses(held_out, found)
 
 
 def _scores(

@@ -61,11 +61,10 @@ def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[BallPr
 
 def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
     """Return indentation [m], shape [height, width], and tilt, shape [2, height, width]."""
-    height, width = scene.geometry.height, scene.geometry.width
-    rows, columns = np.mgrid[:height, :width].astype(np.float64)
-    tilt, indentation, _ = scene.surface(circle, columns.ravel(), rows.ravel())
-    shape = (height, width)
+    shape = (scene.geometry.height, scene.geometry.width)
+    rows, columns = np.indices(shape)
+    gel = scene.surface(circle, columns.ravel(), rows.ravel())
     return (
-        indentation.reshape(shape).astype(np.float32),
-        tilt.reshape(2, *shape).astype(np.float32),
+        gel.indentation_m.reshape(shape).astype(np.float32),
+        gel.tilt.reshape(2, *shape).astype(np.float32),
     )

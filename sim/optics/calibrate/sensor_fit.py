@@ -14,7 +14,7 @@ from sim.optics.calibrate.fit.photometric_fit import lowest_place
 from sim.optics.calibrate.press_image import lit_presses
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PredictedPixels, PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
 from sim.sensor.optics import ShadowCaster
 
@@ -100,8 +100,7 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
         image = press.image[window]
         told = near[..., None] & exposed(image)
         seen = image - scene.background[window] - scene.light_image(light)[window]
-        x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
-        pixels = scene.pixels(found.model, x, y)
+        pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)
         misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.

@@ -71,7 +71,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     """Search direction and elevation one lamp after the other; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     dents = [_dent(presses[i], found, i) for i in chosen.tolist()]
-    geometry = _coarse(found.scene.geometry)
+    geometry = found.scene.geometry.refined(1.0 / _COARSE)
     best, misfit = _coloured(start, dents, geometry)
     for step in _STEPS:
         numbers = product(range(len(start.lamps)), ("azimuth_rad", "elevation_rad"), (-step, step))
@@ -99,18 +99,6 @@ def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
         return np.asarray(small, dtype=np.float32)
 
     return _Dent(coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3))
-
-
-def _coarse(geometry: CameraGeometry) -> CameraGeometry:
-    return replace(
-        geometry,
-        width=geometry.width // _COARSE,
-        height=geometry.height // _COARSE,
-        scale_x_m=geometry.scale_x_m * _COARSE,
-        scale_y_m=geometry.scale_y_m * _COARSE,
-        centre_x_px=(geometry.centre_x_px + 0.5) / _COARSE - 0.5,
-        centre_y_px=(geometry.centre_y_px + 0.5) / _COARSE - 0.5,
-    )
 
 
 def _coloured(

@@ -70,14 +70,14 @@ def presses(
     """
     rng = np.random.default_rng(seed)
     scene, colours = press_scene(), model or true_model()
-    rows, columns = (grid.ravel().astype(float) for grid in np.mgrid[:HEIGHT, :WIDTH])
+    pixels = scene.whole_image(colours)
     labelled, circles = [], []
     offsets = rng.normal(0.0, 1.0, (count, 3)) * light
     for i in range(count):
         circle = Circle(
             x_px=rng.uniform(60, 120), y_px=rng.uniform(60, 90), radius_px=rng.uniform(14, 20)
         )
-        change = scene.pixels(colours, columns, rows).predict(circle).reshape(HEIGHT, WIDTH, 3)
+        change = pixels.predict(circle).reshape(HEIGHT, WIDTH, 3)
         image = scene.background + change + offsets[i] + rng.normal(0, noise, change.shape)
         error = rng.normal(0.0, 1.0, 3) * click_px
         label = Circle(
@@ -85,7 +85,7 @@ def presses(
             y_px=circle.y_px + error[1],
             radius_px=circle.radius_px + error[2],
         )
-        pixels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-        labelled.append(BallPress(name=f"{i:04d}.png", image=pixels, circle=label))
+        shown = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        labelled.append(BallPress(name=f"{i:04d}.png", image=shown, circle=label))
         circles.append(circle)
     return labelled, circles, offsets

@@ -47,7 +47,7 @@ def fit_terms(
         pixel_m: Length of the gel that a pixel sees: a bend sharper than that is not seen [m].
         start: Lamps to begin from; None searches all around.
     """
-    few = samples.thinned(max(1, len(samples.change) // _SAMPLES))
+    few = samples.thinned(max(1, samples.change.shape[1] // _SAMPLES))
     search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
     begin = search.all_around(lamp_count) if start is None else _numbers(start)
     low = np.array([-np.inf, *_LOWEST[:2]] * lamp_count + [_LOWEST[2]])
@@ -71,9 +71,7 @@ class _Search:
     def __init__(self, samples: PhotometricSamples, *, aspect: float, crease_limit: float) -> None:
         self._samples, self._aspect, self._crease_limit = samples, aspect, crease_limit
         self._polynomial = samples.polynomial(_GENTLE)
-        weights = np.ones_like(samples.change) if samples.weights is None else samples.weights
-        self._weights: FloatArray = np.ascontiguousarray(weights.T)
-        self._hold = float(np.sqrt(_RIDGE * len(samples.change)))
+        self._hold = float(np.sqrt(_RIDGE * samples.change.shape[1]))
 
     def terms(self, numbers: FloatArray) -> ShadingTerms:
         """Return the lamps that numbers stand for, and creases."""
@@ -110,7 +108,7 @@ class _Search:
         """Return what is left of the samples' colours, and the coefficients' own size."""
         features = self._features(numbers)
         coefficients = self._solved(features)
-        off = (self._samples.change.T - coefficients @ features) * self._weights
+        off = (self._samples.change - coefficients @ features) * self._samples.weights
         return np.concatenate([off, -self._hold * coefficients], axis=1).ravel()
 
     def slopes(self, numbers: FloatArray) -> FloatArray:
@@ -121,7 +119,7 @@ class _Search:
         features, gentle = self._features(numbers), len(self._polynomial)
         coefficients = self._solved(features)
         shaded = coefficients[:, gentle:].reshape(3, -1, 3)[:, :-1]  # without creases
-        moved = np.zeros((len(numbers), *self._weights.shape))
+        moved = np.zeros((len(numbers), *self._samples.weights.shape))
         for kind in range(4):
             step = np.zeros_like(numbers)
             step[slice(kind, -1, 3) if kind < 3 else -1] = _STEP
@@ -129,7 +127,7 @@ class _Search:
             lit = np.einsum("cmp,mpn->mcn", shaded, change.reshape(-1, 3, change.shape[1]))
             moved[slice(kind, -1, 3) if kind < 3 else -1] = lit if kind < 3 else lit.sum(axis=0)
         found = []
-        for weights, own in zip(self._weights, moved.transpose(1, 0, 2), strict=True):
+        for weights, own in zip(self._samples.weights, moved.transpose(1, 0, 2), strict=True):
             known, change = features * weights, own * weights
             held = known @ known.T + self._hold**2 * np.eye(len(known))
             made_up = np.linalg.solve(held, known @ change.T)

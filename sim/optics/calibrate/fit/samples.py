@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray, RealArray
 from sim.optics.colour.polynomial import monomials
 from sim.optics.colour.shading_terms import ShadingTerms
-
-_BY_COLUMN = {"tilt", "position", "rest_tilt"}  # arrays with a column for each point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,33 +34,26 @@ class PhotometricSamples:
     """Pixels with known surface and observed colour.
 
     Attributes:
-        tilt: Along +column and +row, shape [2, sample_count].
-        position: Normalised pixel position, shape [2, sample_count].
-        indentation_m: Unloaded minus loaded height [m], shape [sample_count].
-        change: Colour minus no-contact colour, red, green, blue [grey levels],
-            shape [sample_count, 3].
-        weights: Of each colour in a fit, zero where it is not known, same shape; None is one.
-        curvature: Divergence of the tilt [1/m], shape [sample_count]; None is not known.
-        rest_tilt: Of the unloaded gel, whose colour is in the no-contact frame, shape
-            [2, sample_count]; None is level gel.
-        around: Points beside each sample whose light the camera's blur mixes in its place, all
+        gel: The surface at the n pixels.
+        position: Normalised pixel position, shape [2, n].
+        change: Red, green and blue minus the no-contact colour [grey levels], shape [3, n].
+        weights: Of each colour in a fit, zero where it is not known, shape [3, n].
+        rest: The unloaded gel, whose colour is in the no-contact frame; None is level gel.
+        around: Points beside each pixel whose light the camera's blur mixes in its place, all
             alike; none is a sharp camera.
     """
 
-    tilt: FloatArray
+    gel: SurfacePoints
     position: FloatArray
-    indentation_m: FloatArray
     change: FloatArray
-    weights: FloatArray | None = None
-    curvature: FloatArray | None = None
-    rest_tilt: FloatArray | None = None
+    weights: FloatArray
+    rest: SurfacePoints | None = None
     around: tuple[SurfacePoints, ...] = ()
 
     def thinned(self, step: int) -> PhotometricSamples:
         """Return every ``step``-th sample."""
-        return _each_array(
-            [self], lambda arrays, axis: arrays[0][:, ::step] if axis else arrays[0][::step]
-        )
+        thinned: PhotometricSamples = _each_array([self], lambda arrays: arrays[0][..., ::step])
+        return thinned
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
@@ -70,7 +62,7 @@ class PhotometricSamples:
     def shading(self, terms: ShadingTerms | None) -> FloatArray:
         """Return the values of lamps and creases as the samples show them, shape [count, n]."""
         if terms is None:
-            return np.zeros((0, len(self.indentation_m)))
+            return np.zeros((0, self.position.shape[1]))
         return self.seen(lambda at: terms.values(at.tilt, self.position, at.curvature))
 
     def seen(self, values: Callable[[SurfacePoints], RealArray]) -> FloatArray:
@@ -79,47 +71,38 @@ class PhotometricSamples:
         Args:
             values: Something that is linear in light, of points, shape [any, n].
         """
-        level = np.zeros_like(self.indentation_m)
-        own = SurfacePoints(
-            tilt=self.tilt,
-            indentation_m=self.indentation_m,
-            curvature=level if self.curvature is None else self.curvature,
-        )
-        first, *others = self.around or (own,)
+        first, *others = self.around or (self.gel,)
         found = np.asarray(values(first), dtype=np.float64)
         for points in others:
             found += values(points)
         if others:
             found /= 1 + len(others)
-        if self.rest_tilt is not None:
-            found -= values(replace(own, tilt=self.rest_tilt, indentation_m=level, curvature=level))
+        if self.rest is not None:
+            found -= values(self.rest)
         return found
 
 
-_Points = TypeVar("_Points", "SurfacePoints", "PhotometricSamples")
-
-
 def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
-    """Return the samples of several presses as one; what one of them lacks, all lack."""
-    return _each_array(parts, lambda arrays, axis: np.concatenate(arrays, axis=axis))
+    """Return the samples of several presses as one."""
+    whole: PhotometricSamples = _each_array(parts, partial(np.concatenate, axis=-1))
+    return whole
 
 
-def _each_array(
-    parts: Sequence[_Points], made_of: Callable[[list[FloatArray], int], FloatArray]
-) -> _Points:
-    """Return points whose arrays are made of the parts' arrays along the axis of the points."""
-    found: dict[str, Any] = {}
-    for field in fields(parts[0]):
-        values = [getattr(part, field.name) for part in parts]
-        if field.name == "around":
-            found["around"] = tuple(
-                _each_array(beside, made_of) for beside in zip(*values, strict=True)
-            )
-        elif any(value is None for value in values):
-            found[field.name] = None
-        else:
-            found[field.name] = made_of(values, 1 if field.name in _BY_COLUMN else 0)
-    return replace(parts[0], **found)
+def _each_array(parts: Sequence[Any], made_of: Callable[[Sequence[FloatArray]], FloatArray]) -> Any:
+    """Return what is like the parts, of arrays that are made of theirs."""
+    first = parts[0]
+    if isinstance(first, np.ndarray):
+        return made_of(parts)
+    if isinstance(first, tuple):
+        return tuple(_each_array(each, made_of) for each in zip(*parts, strict=True))
+    if first is None:
+        return None
+    names = [field.name for field in fields(first)]
+    members = ([getattr(part, name) for part in parts] for name in names)
+    return replace(
+        first,
+        **{name: _each_array(own, made_of) for name, own in zip(names, members, strict=True)},
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,10 +126,8 @@ class NormalEquations:
     @classmethod
     def of(cls, features: FloatArray, samples: PhotometricSamples) -> NormalEquations:
         """Sum up samples whose colours are to be linear in features, shape [n, sample_count]."""
-        weights = samples.weights
         normal, load, squares = [], [], 0.0
-        for colour, change in enumerate(samples.change.T):
-            weight = 1.0 if weights is None else weights[:, colour]
+        for change, weight in zip(samples.change, samples.weights, strict=True):
             known, seen = features * weight, change * weight
             normal.append(known @ known.T)
             load.append(known @ seen)
@@ -155,8 +136,8 @@ class NormalEquations:
             normal=np.stack(normal),
             load=np.stack(load),
             squares=squares,
-            sample_count=len(samples.change),
-            told_count=samples.change.size if weights is None else int(np.count_nonzero(weights)),
+            sample_count=samples.change.shape[1],
+            told_count=int(np.count_nonzero(samples.weights)),
         )
 
     @classmethod

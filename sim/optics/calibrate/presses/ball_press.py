@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
+from sim.optics.calibrate.image_table import read_image_table
 from sim.optics.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.rgb import decode_rgb
 
-_COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+_COLUMNS = ("center_x_px", "center_y_px", "radius_px")
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -80,24 +79,18 @@ def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
     Raises:
         ConfigError: The table or an image is missing or damaged; the message names the line.
     """
-    columns, lines = _read_table(circles)
-    missing = [name for name in _COLUMNS if name not in columns]
-    if missing:
-        raise ConfigError(
-            f"{circles} lacks the column {', '.join(missing)}",
-            remedy=f"its first line must be: {','.join(_COLUMNS)}",
-        )
+    lines = read_image_table(circles, what="circle table", numbers=_COLUMNS)
     if not lines:
         raise ConfigError(f"{circles} names no image", remedy="give one line per press")
-    return [_read_press(folder, row, place=f"{circles}, line {line}") for line, row in lines]
-
-
-def _read_press(folder: Path, row: dict[str, str], *, place: str) -> BallPress:
-    name = row["image"]
-    if not name:
-        raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(_COLUMNS)}")
-    circle = _parse_circle(row, place=place)
-    return BallPress(name=name, image=read_rgb(folder / name), circle=circle)
+    presses = []
+    for place, name, (x, y, radius) in lines:
+        if not radius > 0.0:
+            raise ConfigError(
+                f"{place}: radius {radius:g} px is not positive", remedy="give the contact's radius"
+            )
+        circle = Circle(x_px=x, y_px=y, radius_px=radius)
+        presses.append(BallPress(name=name, image=read_rgb(folder / name), circle=circle))
+    return presses
 
 
 def images_in(folder: Path, *, but: Collection[Path]) -> list[Path]:
@@ -147,36 +140,3 @@ def check_size(name: str, image: ImageArray, background: ImageArray) -> None:
             f"{background.shape[1]} x {background.shape[0]} px",
             remedy="take both with the same camera mode, crop and size",
         )
-
-
-def _read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Return the columns, and each line with its number."""
-    remedy = f"give a CSV in UTF-8 with the columns {', '.join(_COLUMNS)}"
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as table:
-            reader = csv.DictReader(table)
-            lines = [(reader.line_num, row) for row in reader]
-            return list(reader.fieldnames or ()), lines
-    except OSError as error:
-        raise ConfigError(
-            f"circle table {path} cannot be read: {error.strerror}", remedy=remedy
-        ) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"circle table {path} is no CSV: {error}", remedy=remedy) from error
-
-
-def _parse_circle(row: dict[str, str], *, place: str) -> Circle:
-    try:
-        x, y, radius = (float(row[name]) for name in _COLUMNS[1:])
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{place}: {error}", remedy="give three numbers in pixels") from error
-    if not all(map(math.isfinite, (x, y, radius))):
-        raise ConfigError(
-            f"{place}: a circle at column {x:g}, row {y:g} of radius {radius:g} px",
-            remedy="give three finite numbers in pixels",
-        )
-    if not radius > 0.0:
-        raise ConfigError(
-            f"{place}: radius {radius:g} px is not positive", remedy="give the contact's radius"
-        )
-    return Circle(x_px=x, y_px=y, radius_px=radius)

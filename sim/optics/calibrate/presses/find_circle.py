@@ -50,7 +50,7 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     def misfit(parameters: FloatArray) -> float:
         px, py, radius = parameters
         circle = Circle(x_px=px, y_px=py, radius_px=max(float(radius), 1.0))
-        tilt = np.hypot(*level_gel.surface(circle, x, y)[0])
+        tilt = np.hypot(*level_gel.surface(circle, x, y).tilt)
         tilt = tilt - tilt.mean()
         level = seen - seen.mean()
         gain = max(float(tilt @ level) / max(float(tilt @ tilt), 1e-12), 0.0)

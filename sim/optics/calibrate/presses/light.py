@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.optics.colour.response import Response
 
-TERM_COUNT = 3
 _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
@@ -24,7 +23,7 @@ _TELLING = 251  # of a compressed range the last levels tell less than their noi
 
 def no_light() -> FloatArray:
     """Return the coefficients of a frame with the no-contact frame's light, shape [3, 3]."""
-    return np.zeros((TERM_COUNT, 3))
+    return np.zeros((3, 3))
 
 
 def light_at(light: FloatArray, position: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from sim.optics.calibrate.fit.photometric_fit import REFERENCE
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import light_weights, seen_light
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PredictedPixels, PressScene
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import Response
 
@@ -43,19 +43,17 @@ class PressSamples:
         every: int = 1,
     ) -> None:
         rows, columns = (places[::every] for places in scene.pixels_around(press.circle))
-        self._scene, self._circle = scene, circle
-        self._columns, self._rows = columns.astype(np.float64), rows.astype(np.float64)
+        self._scene, self._circle, self._columns, self._rows = scene, circle, columns, rows
         self._levels = press.image[rows, columns]
         self._expected = scene.expected(rows, columns, light)
         self._unloaded = scene.background[rows, columns]
-        tilt, indentation, curvature = scene.surface(circle, self._columns, self._rows)
+        unknown = np.zeros_like(self._expected.T)
         self.surface = PhotometricSamples(
-            tilt=tilt,
-            position=scene.normalised(self._columns, self._rows),
-            indentation_m=indentation,
-            change=np.zeros_like(self._expected),
-            curvature=curvature,
-            rest_tilt=scene.rest_tilt(self._columns, self._rows),
+            gel=scene.surface(circle, columns, rows),
+            position=scene.normalised(columns, rows),
+            change=unknown,
+            weights=unknown,
+            rest=scene.at_rest(columns, rows),
             around=self._blurred_over(blur_px),
         )
 
@@ -76,11 +74,11 @@ class PressSamples:
             weights *= seen.exposed
         else:
             lost = np.flatnonzero(~seen.exposed.all(axis=1))
-            pixels = self._scene.pixels(model, self._columns[lost], self._rows[lost])
+            pixels = PredictedPixels(self._scene, model, self._columns[lost], self._rows[lost])
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
             change = seen.completed(predicted)
-        return replace(self.surface, change=change / gain, weights=weights)
+        return replace(self.surface, change=(change / gain).T, weights=weights.T)
 
     def _blurred_over(self, blur_px: float) -> tuple[SurfacePoints, ...]:
         """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
@@ -91,6 +89,5 @@ class PressSamples:
         for right, down in product((-blur_px, blur_px), repeat=2):
             x = np.clip(self._columns + right, 0.0, width - 1.0)
             y = np.clip(self._rows + down, 0.0, height - 1.0)
-            tilt, indentation, curvature = self._scene.surface(self._circle, x, y)
-            found.append(SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature))
+            found.append(self._scene.surface(self._circle, x, y))
         return tuple(found)

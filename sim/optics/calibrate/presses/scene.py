@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray, IntArray
+from sim.optics.calibrate.fit.samples import SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
-from sim.optics.calibrate.presses.light import (
-    fit_light,
-    light_at,
-    seen_change,
-)
+from sim.optics.calibrate.presses.light import fit_light, light_at, seen_change
 from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
@@ -70,10 +68,8 @@ class PressScene:
         scale = self.geometry.scale_y_m / self.geometry.scale_x_m
         return float((height - 1) * scale / (width - 1))
 
-    def surface(
-        self, circle: Circle, columns: FloatArray, rows: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return tilt, shape [2, n], indentation [m] and curvature [1/m], shape [n], at pixels.
+    def surface(self, circle: Circle, columns: NDArray[Any], rows: NDArray[Any]) -> SurfacePoints:
+        """Return the gel at pixels, or between them.
 
         On a slope of the gel the ball touches beside its axis, so that the contact is the one on
         level gel leaned with the slope: the profile adds to the slope at rest.
@@ -88,9 +84,8 @@ class PressScene:
         tilt = np.stack([dx * outward, dy * outward])
         if self.rest_slope is not None:
             upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
-            slope = tilt / upright + self._at_rest(self.rest_slope, columns, rows)
-            tilt = slope / np.sqrt(1.0 + np.sum(slope**2, axis=0))
-        return tilt, indentation, curvature
+            tilt = _tilt_of(tilt / upright + self._slope_at_rest(self.rest_slope, columns, rows))
+        return SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature)
 
     def reach_px(self, circle: Circle) -> float:
         """Return how far from a contact's centre the gel moves [px]."""
@@ -99,51 +94,29 @@ class PressScene:
         scale_m = min(geometry.scale_x_m, geometry.scale_y_m)
         return float(profile.radius_m[-1]) / scale_m + 1.0
 
-    def rest_tilt(self, columns: FloatArray, rows: FloatArray) -> FloatArray | None:
-        """Return the unloaded gel's tilt at pixels, shape [2, n]; None on level gel."""
+    def at_rest(self, columns: NDArray[Any], rows: NDArray[Any]) -> SurfacePoints | None:
+        """Return the unloaded gel at pixels; None where it is level."""
         if self.rest_slope is None:
             return None
-        slope = self._at_rest(self.rest_slope, columns, rows)
-        return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
+        tilt = _tilt_of(self._slope_at_rest(self.rest_slope, columns, rows))
+        level = np.zeros(len(columns))
+        return SurfacePoints(tilt=tilt, indentation_m=level, curvature=level)
 
     @staticmethod
-    def _at_rest(slope: FloatArray, columns: FloatArray, rows: FloatArray) -> FloatArray:
+    def _slope_at_rest(slope: FloatArray, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
         return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
-
-    def pixels(
-        self, model: PhotometricModel, columns: FloatArray, rows: FloatArray
-    ) -> PredictedPixels:
-        """Return pixels, shape [n], made ready to be predicted under any contact."""
-        position = self.normalised(columns, rows)
-        rest, change = self.rest_tilt(columns, rows), None
-        if rest is not None:
-            level = np.zeros(len(columns))
-            change = np.asarray(model.evaluate(rest, position, level), dtype=np.float64)
-        light = model.response.light(
-            self.background[np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
-        )
-        return PredictedPixels(
-            scene=self,
-            model=model,
-            columns=columns,
-            rows=rows,
-            position=position,
-            rest_change=change,
-            light=np.asarray(light, dtype=np.float64),
-        )
 
     def whole_image(self, model: PhotometricModel) -> PredictedPixels:
         """Return all pixels, row after row, made ready to be predicted."""
         rows, columns = self._lattice(1)
-        return self.pixels(model, columns.astype(np.float64), rows.astype(np.float64))
+        return PredictedPixels(self, model, columns, rows)
 
     def light_image(self, light: FloatArray) -> FloatArray:
         """Return a frame's light everywhere, shape [height, width, 3]."""
         rows, columns = self._lattice(1)
-        position = self.normalised(columns.astype(float), rows.astype(float))
-        return light_at(light, position).reshape(self.background.shape)
+        return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
 
-    def normalised(self, columns: FloatArray, rows: FloatArray) -> FloatArray:
+    def normalised(self, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
         """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
         height, width = self.background.shape[:2]
         return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
@@ -169,7 +142,7 @@ class PressScene:
         self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray
     ) -> FloatArray:
         """Return levels of a frame's unloaded gel at pixels of the image, shape [n, 3]."""
-        position = self.normalised(columns.astype(np.float64), rows.astype(np.float64))
+        position = self.normalised(columns, rows)
         return np.asarray(self.background[rows, columns] + light_at(light, position))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
@@ -190,12 +163,13 @@ class PressScene:
         outside &= self._bare(rows, columns)
         rows, columns = rows[outside], columns[outside]
         seen = seen_change(press.image[rows, columns], self.background[rows, columns])
-        x, y = columns.astype(np.float64), rows.astype(np.float64)
         change = seen.change
         if model is not None:
             moved = distance[outside] < self.reach_px(circle)
-            change[moved] -= self.pixels(model, x[moved], y[moved]).predict(circle)
-        return fit_light(change, seen.exposed, self.normalised(x, y), level_only=model is None)
+            pixels = PredictedPixels(self, model, columns[moved], rows[moved])
+            change[moved] -= pixels.predict(circle)
+        position = self.normalised(columns, rows)
+        return fit_light(change, seen.exposed, position, level_only=model is None)
 
     def nudged(
         self, press: BallPress, model: PhotometricModel, light: FloatArray, start: Circle
@@ -211,81 +185,92 @@ class PressScene:
             start: Where the search begins.
         """
         rows, columns = self.pixels_around(press.circle)
-        x, y = columns.astype(np.float64), rows.astype(np.float64)
         expected = self.expected(rows, columns, light)
         seen = seen_change(press.image[rows, columns], expected)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
-        pixels = self.pixels(model, x, y)
+        pixels = PredictedPixels(self, model, columns, rows)
+
+        def moved(move: FloatArray) -> Circle:
+            x, y, radius = (label + move).tolist()
+            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
 
         def residual(move: FloatArray) -> FloatArray:
-            px, py, radius = label + move
-            circle = Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
-            misfit = seen.misfit(pixels.predict(circle)).ravel()
+            misfit = seen.misfit(pixels.predict(moved(move))).ravel()
             bounded = _OUTLIER_LEVELS * np.tanh(misfit / _OUTLIER_LEVELS)
             return np.concatenate([bounded, pull * move])
 
-        move = least_squares(
+        found = least_squares(
             residual,
             np.array(start.moved_from(press.circle)),
             diff_step=1e-2,
             ftol=_SETTLED_MISFIT,
             xtol=_SETTLED_SHARE,
             max_nfev=10,
-        ).x
-        px, py, radius = (float(value) for value in label + move)
-        return Circle(x_px=px, y_px=py, radius_px=max(radius, 1.0))
+        )
+        return moved(found.x)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+def _tilt_of(slope: FloatArray) -> FloatArray:
+    return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
+
+
 class PredictedPixels:
     """Pixels of a scene through a model, whatever is pressed.
 
-    Attributes:
+    Args:
         scene: Camera, no-contact frame and gel.
         model: Colours.
-        columns, rows: Of the pixels, shape [n].
-        position: The same as the model wants it, shape [2, n].
-        rest_change: The model's change of light of the unloaded gel, shape [3, n]; None is level.
-        light: Of the no-contact frame [grey levels], shape [n, 3].
+        columns: Of the pixels, shape [n].
+        rows: Of the pixels, shape [n].
     """
 
-    scene: PressScene
-    model: PhotometricModel
-    columns: FloatArray
-    rows: FloatArray
-    position: FloatArray
-    rest_change: FloatArray | None
-    light: FloatArray
+    def __init__(
+        self,
+        scene: PressScene,
+        model: PhotometricModel,
+        columns: NDArray[np.intp],
+        rows: NDArray[np.intp],
+    ) -> None:
+        self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
+        self._position = scene.normalised(columns, rows)
+        self._light = np.asarray(
+            model.response.light(scene.background[rows, columns]), dtype=np.float64
+        )
+        rest = scene.at_rest(columns, rows)
+        self._rest_change = None if rest is None else self._modelled(rest, self._position)
 
     def light_change(self, circle: Circle) -> FloatArray:
         """Return the model's change of light over its reference, shape [n, 3]."""
-        found = np.zeros_like(self.light)
+        found = np.zeros_like(self._light)
         moved = self._moved(circle)
         found[moved] = self._change(circle, moved)
         return found
 
     def predict(self, circle: Circle) -> FloatArray:
         """Return the model's colour change [grey levels], shape [n, 3]."""
-        found = np.zeros_like(self.light)
-        moved, response = self._moved(circle), self.model.response
-        light, change = self.light[moved], self._change(circle, moved)
-        gain = self.model.gain(light)
+        found = np.zeros_like(self._light)
+        moved, response = self._moved(circle), self._model.response
+        light, change = self._light[moved], self._change(circle, moved)
+        gain = self._model.gain(light)
         loaded = light + (change if gain is None else gain * change)
         found[moved] = response.levels(loaded) - response.levels(light)
         return found
 
     def _moved(self, circle: Circle) -> NDArray[np.intp]:
         """Return which pixels see gel that the contact moves."""
-        distance = circle.distance(self.columns, self.rows)
-        return np.flatnonzero(distance < self.scene.reach_px(circle))
+        distance = circle.distance(self._columns, self._rows)
+        return np.flatnonzero(distance < self._scene.reach_px(circle))
 
     def _change(self, circle: Circle, chosen: NDArray[np.intp]) -> FloatArray:
-        surface = self.scene.surface(circle, self.columns[chosen], self.rows[chosen])
-        tilt, indentation, curvature = surface
-        change = self.model.evaluate(tilt, self.position[:, chosen], indentation, curvature)
-        if self.rest_change is not None:
-            change = change - self.rest_change[:, chosen]
+        gel = self._scene.surface(circle, self._columns[chosen], self._rows[chosen])
+        change = self._modelled(gel, self._position[:, chosen])
+        if self._rest_change is not None:
+            change = change - self._rest_change[chosen]
+        return change
+
+    def _modelled(self, gel: SurfacePoints, position: FloatArray) -> FloatArray:
+        change = self._model.evaluate(gel.tilt, position, gel.indentation_m, gel.curvature)
         return np.asarray(change.T, dtype=np.float64)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.optics.calibrate.image_table import read_image_table
 from sim.optics.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
@@ -44,38 +44,10 @@ def read_positions(path: Path) -> dict[str, tuple[float, float]]:
         Image name to x, y from the gel's centre [m].
 
     Raises:
-        ConfigError: Missing, or a line without three values; the message names the line.
+        ConfigError: Missing, or a line without name or numbers; the message names the line.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = list(csv.DictReader(file))
-    except OSError as error:
-        raise ConfigError(
-            f"positions {path} cannot be read: {error.strerror}",
-            remedy="give a CSV with the columns image, x_m, y_m",
-        ) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(
-            f"positions {path} are no CSV: {error}",
-            remedy="give a CSV in UTF-8 with the columns image, x_m, y_m",
-        ) from error
-    found = {}
-    for number, line in enumerate(lines, start=2):
-        try:
-            found[line["image"]] = _place(line)
-        except (KeyError, TypeError, ValueError) as error:
-            raise ConfigError(
-                f"{path}, line {number}: not a press's position: {error}",
-                remedy="give image, x_m and y_m, for example press-01.png,0.0012,-0.0030",
-            ) from error
-    return found
-
-
-def _place(line: dict[str, str]) -> tuple[float, float]:
-    x, y = float(line["x_m"]), float(line["y_m"])
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(f"{x:g} m, {y:g} m is no place")
-    return x, y
+    lines = read_image_table(path, what="positions", numbers=("x_m", "y_m"))
+    return {name: (x, y) for _, name, (x, y) in lines}
 
 
 def fit_scale(positions_m: FloatArray, pixels: FloatArray, *, width: int, height: int) -> ScaleFit:

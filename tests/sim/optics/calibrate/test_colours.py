@@ -13,7 +13,7 @@ import pytest
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_presses, cross_validate
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples
+from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.press_samples import PressSamples
 from sim.optics.calibrate.presses.scene import PressScene
@@ -31,12 +31,11 @@ def test_fit_recovers_the_coefficients() -> None:
     tilt = rng.uniform(-0.6, 0.6, (2, 4000))
     position = rng.uniform(-1, 1, (2, 4000))
     depth = rng.uniform(0, 1e-3, 4000)
-    change = true_model().evaluate(tilt, position, depth).T
-    change[::7, 1] = -300.0
+    change = true_model().evaluate(tilt, position, depth)
+    change[1, ::7] = -300.0
     weights = (change > -300.0).astype(np.float64)
-    samples = PhotometricSamples(
-        tilt=tilt, position=position, indentation_m=depth, change=change, weights=weights
-    )
+    gel = SurfacePoints(tilt=tilt, indentation_m=depth, curvature=np.zeros(4000))
+    samples = PhotometricSamples(gel=gel, position=position, change=change, weights=weights)
     fitted = fit_photometric([samples], exponents=EXPONENTS, ridge=1e-12)
     np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
     assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
@@ -46,10 +45,10 @@ def test_fit_recovers_the_coefficients() -> None:
 def test_too_few_pixels_are_refused() -> None:
     """A fit with fewer samples than terms says so."""
     few = PhotometricSamples(
-        tilt=np.zeros((2, 5)),
+        gel=SurfacePoints(tilt=np.zeros((2, 5)), indentation_m=np.zeros(5), curvature=np.zeros(5)),
         position=np.zeros((2, 5)),
-        indentation_m=np.zeros(5),
-        change=np.zeros((5, 3)),
+        change=np.zeros((3, 5)),
+        weights=np.ones((3, 5)),
     )
     with pytest.raises(ConfigError, match="5 pixels cannot fix the"):
         fit_photometric([few], exponents=EXPONENTS)

@@ -36,11 +36,11 @@ def test_lamps_are_found_from_their_shadows() -> None:
     rows, columns = (grid.ravel().astype(float) for grid in np.mgrid[:150, :180])
     seen = []
     for press in presses(10, noise=0.5)[0]:
-        tilt, bulge, _ = scene.surface(press.circle, columns, rows)
+        gel = scene.surface(press.circle, columns, rows)
         taken = darkening(
             true,
-            bulge.reshape(150, 180),
-            tilt.reshape(2, 150, 180).astype(np.float32),
+            gel.indentation_m.reshape(150, 180),
+            gel.tilt.reshape(2, 150, 180).astype(np.float32),
             scene.geometry,
         )
         image = np.clip(np.rint(press.image + taken.transpose(1, 2, 0)), 0, 255)

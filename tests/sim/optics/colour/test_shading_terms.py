@@ -10,7 +10,7 @@ import pytest
 
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples
+from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
@@ -61,11 +61,10 @@ def test_lamps_are_found_from_colours_alone() -> None:
     weights[[0, 3, 6], [0, 1, 2]], weights[9] = 120.0, 15.0
     change = TERMS.values(tilt, position, curvature).T @ weights
     samples = PhotometricSamples(
-        tilt=tilt,
+        gel=SurfacePoints(tilt=tilt, indentation_m=np.zeros(6000), curvature=curvature),
         position=position,
-        indentation_m=np.zeros(6000),
-        change=change + rng.normal(0.0, 1.0, change.shape),
-        curvature=curvature,
+        change=(change + rng.normal(0.0, 1.0, change.shape)).T,
+        weights=np.ones((3, 6000)),
     )
     terms = fit_terms(samples, lamp_count=3, aspect=0.75, pixel_m=1e-4)
     found = sorted(math.remainder(lamp.azimuth_rad, math.tau) for lamp in terms.lamps)

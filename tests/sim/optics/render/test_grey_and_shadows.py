@@ -12,7 +12,7 @@ import pytest
 
 from sim.arrays import Float32Array, RealArray
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples
+from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
 from sim.optics.colour.nominal import nominal_photometric
 from sim.optics.colour.pixel_colours import PixelColours, SampleColours
@@ -111,10 +111,10 @@ def test_grey_is_fitted_with_depth_alone() -> None:
     change = -90.0 * (1.0 - np.exp(-depth / 8e-4))
     tilt, position = rng.uniform(-0.5, 0.5, (2, 3000)), rng.uniform(-1, 1, (2, 3000))
     samples = PhotometricSamples(
-        tilt=tilt,
+        gel=SurfacePoints(tilt=tilt, indentation_m=depth, curvature=np.zeros(3000)),
         position=position,
-        indentation_m=depth,
-        change=np.repeat(change[:, None], 3, axis=1),
+        change=np.tile(change, (3, 1)),
+        weights=np.ones((3, 3000)),
     )
     model = fit_photometric([samples], exponents=GREY_EXPONENTS)
     assert np.abs(model.evaluate(tilt, position, depth) - change).max() < 0.5

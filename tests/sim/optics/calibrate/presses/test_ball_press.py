@@ -47,8 +47,8 @@ def test_presses_are_read_as_rgb(tmp_path: Path) -> None:
         (HEADER + "a.png,4,3\n", r"circles.csv, line 2"),
         (HEADER + "a.png,4,3,0\n", r"line 2: radius 0 px is not positive"),
         (HEADER + "b.png,4,3,1\n", r"b.png cannot be read: No such file"),
-        (HEADER + "a.png,nan,3,1\n", r"line 2: a circle at column nan, row 3 of radius 1 px"),
-        (HEADER + "a.png,4,inf,1\n", r"line 2: a circle at column 4, row inf"),
+        (HEADER + "a.png,nan,3,1\n", r"line 2: center_x_px is nan"),
+        (HEADER + "a.png,4,inf,1\n", r"line 2: center_y_px is inf"),
         ("radius_px,center_x_px,center_y_px,image\n2,4,3\n", r"line 2: names no image"),
     ],
 )

@@ -1,0 +1,66 @@
+"""Tables of images: CSV files with an image's name and some numbers a line."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+from tacauchy_rig.errors import ConfigError
+
+_IMAGE = "image"
+
+
+def read_image_table(
+    path: Path, *, what: str, numbers: tuple[str, ...]
+) -> list[tuple[str, str, list[float]]]:
+    """Read a table with the column image and those of some numbers, in any order.
+
+    Args:
+        what: What the table is of, for messages.
+        numbers: Names of the columns.
+
+    Returns:
+        Of each line: where it stands, for messages; the image's name; its numbers.
+
+    Raises:
+        ConfigError: The table is missing or damaged; the message names the line and the column.
+    """
+    columns = (_IMAGE, *numbers)
+    remedy = f"give a CSV in UTF-8 with the columns {', '.join(columns)}"
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as table:
+            reader = csv.DictReader(table)
+            lines = [(f"{path}, line {reader.line_num}", row) for row in reader]
+    except OSError as error:
+        raise ConfigError(
+            f"{what} {path} cannot be read: {error.strerror}", remedy=remedy
+        ) from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{what} {path} is no CSV: {error}", remedy=remedy) from error
+    missing = [name for name in columns if name not in (reader.fieldnames or ())]
+    if missing:
+        raise ConfigError(
+            f"{path} lacks the column {', '.join(missing)}",
+            remedy=f"its first line must be: {','.join(columns)}",
+        )
+    return [
+        (place, _name(row, place, columns), [_number(row, name, place) for name in numbers])
+        for place, row in lines
+    ]
+
+
+def _name(row: dict[str, str], place: str, columns: tuple[str, ...]) -> str:
+    if not row[_IMAGE]:
+        raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(columns)}")
+    return row[_IMAGE]
+
+
+def _number(row: dict[str, str], name: str, place: str) -> float:
+    try:
+        value = float(row[name])
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{place}: {name}: {error}", remedy="give a number") from error
+    if not math.isfinite(value):
+        raise ConfigError(f"{place}: {name} is {value:g}", remedy="give a finite number")
+    return value
