@@ -1,4 +1,4 @@
-"""A scene as the words of ``tacauchy-rig press``, read and written."""
+"""A scene from the words of ``tacauchy-rig press``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import Any
 
 from sim.effects.estimates import expected_force
 from sim.error.tolerance import keeping, parse_tolerance
-from sim.scene.indenter import describe
-from sim.scene.material import LawName, Layer, Material, interface_shares
+from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
-from sim.scene.scene import ContactMode, Drive, Motion, Output, Preset, Scene, Target
+from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
 from sim.scene.scene_terms import SceneTerms
 from sim.scene.terms import (
-    pad_text,
     parse_contact,
     parse_indenter,
     parse_layer,
@@ -54,38 +52,6 @@ def scene_from(words: str) -> Scene:
             f"{words}: {error}", remedy="write options as `tacauchy-rig press --help` lists them"
         ) from error
     return scene_of(terms)
-
-
-def press_command(scene: Scene) -> str:
-    """Return the command of a straight press in the middle of a sensor, a box or a disc.
-
-    Raises:
-        ConfigError: The scene asks for what this cannot write.
-    """
-    target, material = scene.target, scene.material
-    if not scene.motion.is_straight or scene.layers or any(scene.centre_m):
-        raise ConfigError(
-            "a command is written for a straight press in the middle of one gel alone",
-            remedy="write this one by hand",
-        )
-    friction = f":{scene.friction:g}" if scene.contact is ContactMode.FRICTION else ""
-    stated = {
-        "sensor": scene.sensor,
-        "pad": "" if scene.sensor else pad_text(scene.pad),
-        "indenter": describe(scene.indenter),
-        "depth": "" if target.depth_m is None else f"{target.depth_m * 1e3:.10g}mm",
-        "force": "" if target.force_n is None else f"{target.force_n:.10g}N",
-        "young": f"{material.young_pa * 1e-6:.10g}MPa",
-        "poisson": f"{material.poisson:g}",
-        "law": "" if material.law == LawName.STABLE_NEO_HOOKEAN else material.law,
-        "contact": ""
-        if scene.contact is ContactMode.FRICTIONLESS
-        else f"{scene.contact.value}{friction}",
-        "drive": "" if scene.drive is Drive.LOAD else scene.drive.value,
-        "preset": scene.preset.value,
-    }
-    words = (f"--{name} {value}" for name, value in stated.items() if value)
-    return " ".join(["tacauchy-rig press", *words])
 
 
 def scene_of(terms: SceneTerms) -> Scene:

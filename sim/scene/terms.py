@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isinf
 from pathlib import Path
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
@@ -35,20 +34,6 @@ def parse_pad(text: str) -> Pad:
         remedy="write box:20.75x25.25x4.5mm, disc:radius=12mm,height=4.5mm or "
         "mesh:gel.stl,unit=mm, or use --sensor",
     )
-
-
-def pad_text(pad: Pad) -> str:
-    """Return what ``parse_pad`` reads.
-
-    Raises:
-        ConfigError: The pad is domed, or neither a box nor a disc.
-    """
-    if isinstance(pad, DiscPad):
-        return f"disc:radius={pad.radius_m * 1e3:g}mm,height={pad.height_m * 1e3:g}mm"
-    if isinstance(pad, BoxPad) and isinf(min(pad.dome_radius_x_m, pad.dome_radius_y_m)):
-        sizes = (pad.size_x_m, pad.size_y_m, pad.height_m)
-        return f"box:{'x'.join(f'{size * 1e3:g}' for size in sizes)}mm"
-    raise ConfigError("the pad has no words of its own", remedy="name the sensor that it is of")
 
 
 def _surface(text: str) -> SurfacePad:

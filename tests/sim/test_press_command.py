@@ -6,40 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from sim.press_command import press_command, scene_from
+from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
-from sim.scene.material import LawName, Layer, Material
+from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
-from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
-from sim.studies.verification.disc import disc_scene
 from tacauchy_rig.errors import ConfigError
-
-SCENE = disc_scene(LawName.NEO_HOOKEAN, 0.05e-3, Preset.FAST)
-
-
-def test_command_states_the_scene() -> None:
-    """Pad, indenter, target, material, law, contact and preset, as the command line takes them."""
-    assert press_command(SCENE) == (
-        "tacauchy-rig press --pad disc:radius=12mm,height=4.5mm --indenter cylinder:diameter=5mm "
-        "--depth 0.05mm --young 0.3MPa --poisson 0.45 --law neo-hookean --contact bonded "
-        "--preset fast"
-    )
-
-
-def test_command_refuses_a_scene_that_it_cannot_write() -> None:
-    """Rather than a command that presses something else."""
-    domed = BoxPad(size_x_m=20e-3, size_y_m=25e-3, height_m=4e-3, dome_radius_x_m=0.1)
-    with pytest.raises(ConfigError, match="no words of its own"):
-        press_command(replace(SCENE, pad=domed))
-    with pytest.raises(ConfigError, match="a straight press in the middle"):
-        press_command(replace(SCENE, centre_m=(1e-3, 0.0)))
-
-
-@pytest.mark.parametrize("scene", [each.scene for each in (*HELD_OUT, *SEEN_BEFORE)])
-def test_what_is_written_is_read_back(scene: Scene) -> None:
-    """To the last digit: on a sensor, a box or a disc, with any round indenter and target."""
-    assert scene_from(press_command(scene).removeprefix("tacauchy-rig press")) == scene
 
 
 def test_digits_shifted_by_a_unit_are_exact() -> None:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from sim.press import press
-from sim.press_command import press_command
-from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.material import LawName, Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import Preset, Scene, Target
+from sim.press_command import scene_from
+from sim.scene.scene import Preset
 from sim.studies.verification.layered_solution import BondedLayers, Ply, hertz_force
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 _YOUNG_PA = 0.3e6
-_PUNCH = Cylinder(diameter_m=5e-3)
-_PUNCH_PAD = DiscPad(radius_m=22.5e-3, height_m=4.5e-3)
-_PUNCH_DEPTH_M = 0.05e-3
+_PUNCH_RADIUS_M, _PUNCH_PAD_M, _PUNCH_DEPTH_M = 2.5e-3, 4.5e-3, 0.05e-3
+_PUNCH = "--pad disc:radius=22.5mm,height=4.5mm --indenter cylinder:diameter=5mm --depth 0.05mm"
 # Poisson's ratio, and by how much the force may be off.
 PUNCH_ALLOWED = ((0.45, 0.015), (0.47, 0.015), (0.49, 0.015), (0.499, 0.03))
 
-_BALL = Sphere(diameter_m=2e-3)
-_BALL_POISSON = 0.48
+_BALL_RADIUS_M, _BALL_POISSON = 1e-3, 0.48
 _BALL_ALLOWED = 0.015
 # Below this contact radius over thickness the layer is a half space, and Hertz is to be met.
 _THICK_SHARE = 0.01
@@ -34,17 +29,17 @@ def measure_punch(
     """Press a flat punch at every Poisson's ratio."""
     rows: list[dict[str, Cell]] = []
     passed = True
-    scenes = [_scene(_PUNCH, _PUNCH_PAD, poisson, _PUNCH_DEPTH_M, preset) for poisson, _ in allowed]
-    for scene, (poisson, limit) in zip(scenes, allowed, strict=True):
-        layer = BondedLayers([Ply(_YOUNG_PA, poisson, _PUNCH_PAD.height_m)])
-        expected = layer.punch_force(radius_m=_PUNCH.radius_m, depth_m=_PUNCH_DEPTH_M)
-        force = press(scene).force_n[2]
+    presses = [_words(_PUNCH, poisson, preset) for poisson, _ in allowed]
+    for words, (poisson, limit) in zip(presses, allowed, strict=True):
+        layer = BondedLayers([Ply(_YOUNG_PA, poisson, _PUNCH_PAD_M)])
+        expected = layer.punch_force(radius_m=_PUNCH_RADIUS_M, depth_m=_PUNCH_DEPTH_M)
+        force = press(scene_from(words)).force_n[2]
         error = force / expected - 1.0
         passed &= abs(error) <= limit
         rows.append(
             {
                 "nu": poisson,
-                "kappa": layer.punch_factor(_PUNCH.radius_m),
+                "kappa": layer.punch_factor(_PUNCH_RADIUS_M),
                 "F_z [N]": force,
                 "exact [N]": expected,
                 "error [%]": 100.0 * error,
@@ -54,7 +49,7 @@ def measure_punch(
     return table_of_rows(
         rows,
         passed=passed,
-        command=press_command(scenes[0]),
+        command=f"tacauchy-rig press {presses[0]}",
         **stated("punch", preset=preset),
     )
 
@@ -65,9 +60,9 @@ def measure_ball(
     """Press a ball into pads of different thickness."""
     rows: list[dict[str, Cell]] = []
     passed = True
-    terms = {"radius_m": 0.5 * _BALL.diameter_m, "young_pa": _YOUNG_PA, "poisson": _BALL_POISSON}
+    terms = {"radius_m": _BALL_RADIUS_M, "young_pa": _YOUNG_PA, "poisson": _BALL_POISSON}
     for height, depth in presses:
-        force = press(_ball_scene(height, depth, preset)).force_n[2]
+        force = press(scene_from(_ball(height, depth, preset))).force_n[2]
         hertz = hertz_force(depth_m=depth, **terms)
         layers = BondedLayers([Ply(_YOUNG_PA, _BALL_POISSON, height)])
         layer, contact = layers.ball_force(radius_m=terms["radius_m"], depth_m=depth)
@@ -88,23 +83,18 @@ def measure_ball(
     return table_of_rows(
         rows,
         passed=passed,
-        command=press_command(_ball_scene(*presses[0], preset)),
+        command=f"tacauchy-rig press {_ball(*presses[0], preset)}",
         **stated("ball", preset=preset),
     )
 
 
-def _ball_scene(height_m: float, depth_m: float, preset: Preset) -> Scene:
-    pad = DiscPad(radius_m=15e-3, height_m=height_m)
-    return _scene(_BALL, pad, _BALL_POISSON, depth_m, preset)
+def _ball(height_m: float, depth_m: float, preset: Preset) -> str:
+    pad = f"--pad disc:radius=15mm,height={height_m * 1e3:g}mm"
+    stated = f"{pad} --indenter sphere:diameter=2mm --depth {depth_m * 1e3:g}mm"
+    return _words(stated, _BALL_POISSON, preset)
 
 
-def _scene(
-    indenter: Indenter, pad: DiscPad, poisson: float, depth_m: float, preset: Preset
-) -> Scene:
-    return Scene(
-        pad=pad,
-        material=Material(young_pa=_YOUNG_PA, poisson=poisson, law=LawName.LINEAR),
-        indenter=indenter,
-        target=Target(depth_m=depth_m),
-        preset=preset,
-    )
+def _words(stated: str, poisson: float, preset: Preset) -> str:
+    """Return a press as the command line takes it."""
+    gel = f"--young {_YOUNG_PA * 1e-6:g}MPa --poisson {poisson:g} --law linear"
+    return f"{stated} {gel} --preset {preset.value}"

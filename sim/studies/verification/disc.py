@@ -8,11 +8,9 @@ from importlib import resources
 
 from sim.effects.plan import plan_effects
 from sim.press import path_for
-from sim.press_command import press_command
-from sim.scene.indenter import Cylinder
-from sim.scene.material import LawName, Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.press_command import scene_from
+from sim.scene.material import LawName
+from sim.scene.scene import Preset
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
@@ -33,10 +31,11 @@ class DiscForce:
 def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) -> Table:
     """Press both laws through the reference's depths, each along one path."""
     rows: list[dict[str, Cell]] = []
-    worst = 0.0
+    worst, words = 0.0, ""
     for law in (LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN):
         wanted = [f for f in disc_forces() if f.law is law and f.depth_m <= depth_max_m]
-        scene = disc_scene(law, wanted[-1].depth_m, preset)
+        words = disc_press(law, wanted[-1].depth_m, preset)
+        scene = scene_from(words)
         path = path_for(scene, plan_effects(scene))
         for reference in wanted:
             force = float(path.advance(reference.depth_m).force_n[2])
@@ -56,7 +55,7 @@ def measure(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) ->
     return table_of_rows(
         rows,
         passed=worst <= _ALLOWED,
-        command=press_command(disc_scene(LawName.STABLE_NEO_HOOKEAN, depth_max_m, preset)),
+        command=f"tacauchy-rig press {words}",
         **stated("disc", preset=preset),
     )
 
@@ -76,13 +75,10 @@ def disc_forces() -> tuple[DiscForce, ...]:
     )
 
 
-def disc_scene(law: LawName, depth_m: float, preset: Preset) -> Scene:
-    """Return the reference's press."""
-    return Scene(
-        pad=DiscPad(radius_m=12e-3, height_m=4.5e-3),
-        material=Material(young_pa=0.3e6, poisson=0.45, law=law),
-        indenter=Cylinder(diameter_m=5e-3),
-        target=Target(depth_m=depth_m),
-        contact=ContactMode.BONDED,
-        preset=preset,
+def disc_press(law: LawName, depth_m: float, preset: Preset) -> str:
+    """Return the reference's press as the command line takes it."""
+    return (
+        "--pad disc:radius=12mm,height=4.5mm --indenter cylinder:diameter=5mm "
+        f"--depth {depth_m * 1e3:g}mm --young 0.3MPa --poisson 0.45 --law {law.value} "
+        f"--contact bonded --preset {preset.value}"
     )

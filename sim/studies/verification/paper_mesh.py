@@ -15,7 +15,7 @@ from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.tet_mesh import TetMesh, mesh_statistics
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
-from sim.press_command import press_command, scene_from
+from sim.press_command import scene_from
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
@@ -27,7 +27,8 @@ from tacauchy_rig.tables import Cell, Table, table_of_rows
 _REPEATS = 200
 _PAPER_S = 1e-3
 # A shallow press of a GelSight Mini.
-_SCENE = scene_from("--sensor gelsight-mini --indenter cylinder:diameter=5mm --depth 0.3mm")
+_PRESS = "--sensor gelsight-mini --indenter cylinder:diameter=5mm --depth 0.3mm"
+_SCENE = scene_from(_PRESS)
 
 
 def measure_mesh() -> Table:
@@ -97,5 +98,5 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
     return table_of_rows(
         rows,
         **stated("stress_cost", repeats=_REPEATS, machine=platform.machine()),
-        command=press_command(replace(_SCENE, preset=presets[0])),
+        command=f"tacauchy-rig press {_PRESS} --preset {presets[0].value}",
     )

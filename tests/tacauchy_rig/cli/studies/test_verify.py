@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.press import press
-from sim.press_command import press_command
+from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Preset
 from sim.studies.verification import catalogue
-from sim.studies.verification.disc import disc_scene
+from sim.studies.verification.disc import disc_press
 from tacauchy_rig.cli.app import app
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 from tacauchy_rig.tables import Table
@@ -102,10 +102,9 @@ def test_an_unknown_section_is_refused_with_the_known_ones() -> None:
 
 def test_the_pages_command_gives_the_pages_number(tmp_path: Path) -> None:
     """A scene pressed by its command and by the simulator give the same force."""
-    scene = disc_scene(LawName.NEO_HOOKEAN, 0.05e-3, Preset.FAST)
+    words = disc_press(LawName.NEO_HOOKEAN, 0.05e-3, Preset.FAST)
     numbers = tmp_path / "press.json"
-    command = shlex.split(press_command(scene))[1:]
-    done = CliRunner().invoke(app, [*command, "--json", str(numbers)])
+    done = CliRunner().invoke(app, ["press", *shlex.split(words), "--json", str(numbers)])
     assert done.exit_code == 0
     force = json.loads(numbers.read_text("utf-8"))["force_n"][2]
-    assert force == pytest.approx(press(scene).force_n[2], rel=1e-8)
+    assert force == pytest.approx(press(scene_from(words)).force_n[2], rel=1e-8)
