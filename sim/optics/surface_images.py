@@ -9,7 +9,6 @@ import warp as wp
 
 from sim.device import Device
 from sim.fields.press_fields import top_surface
-from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.height.height_map import TOUCHING_M, gap_left
@@ -19,6 +18,7 @@ from sim.optics.markers.point_kernel import see_points
 from sim.optics.markers.printed_markers import marker_places
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.scene.indenter import Indenter
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
@@ -64,7 +64,7 @@ class SurfaceImages:
     ) -> None:
         self._device = device = Device(model.device)
         self._shape = (count, len(model.nodes))
-        geometry, top = geometry or camera_geometry(sensor), top_surface(model)
+        geometry, top = geometry or sensor.camera, top_surface(model)
         fine, options = geometry.refined(samples), model.contact_options
         self._upright: Any = device.array(np.tile(np.eye(3), (count, 1, 1)), wp.mat33d)
         self._heights = SurfaceHeights(

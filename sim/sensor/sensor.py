@@ -12,6 +12,7 @@ from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import BoxPad, Pad
 from sim.scene.scene import Scene, Target
 from sim.scene.tetwild_options import TetWildOptions, tetwild_options_of
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import SensorOptics, parse_optics
 from sim.sensor.tables import (
     DIMENSIONS,
@@ -26,25 +27,6 @@ from sim.sensor.tables import (
 from tacauchy_rig.errors import ConfigError, naming
 from tacauchy_rig.quantities import Dimension
 from tacauchy_rig.registry import Kind, load, names, unknown
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraView:
-    """How the camera sees the pad after its crop.
-
-    Attributes:
-        width: Image columns [px]; they run along the pad's x.
-        height: Image rows [px]; they run along the pad's y.
-        pixel_m: Size of a pixel on the gel, x and y [m].
-        centre_m: Point of the pad in the middle of the image, x and y [m].
-        crop: Part of the raw frame's width and height that is cut off at each border.
-    """
-
-    width: int
-    height: int
-    pixel_m: tuple[float, float]
-    centre_m: tuple[float, float]
-    crop: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +55,7 @@ class Sensor:
     pad: Pad
     material: Material
     layers: tuple[Layer, ...]
-    camera: CameraView
+    camera: CameraGeometry
     markers: MarkerGrid | None
     optics: SensorOptics
     tetwild: TetWildOptions
@@ -146,10 +128,6 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
     refuse_unknown(data, origin)
     numbers = read_numbers(data, origin)
     counts = read_counts(data, origin)
-
-    def value(key: str) -> float:
-        return numbers[key].value
-
     layers = _layers(data, numbers, origin)
     return Sensor(
         name=str(data["name"]),
@@ -157,13 +135,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         pad=_pad(data["pad"], numbers, origin, folder or Path()),
         material=layers[-1].material if layers else _material(numbers, "material"),
         layers=layers,
-        camera=CameraView(
-            width=counts["camera.width"],
-            height=counts["camera.height"],
-            pixel_m=(value("camera.pixel_x"), value("camera.pixel_y")),
-            centre_m=(value("camera.centre_x"), value("camera.centre_y")),
-            crop=_crop(data["camera"], origin),
-        ),
+        camera=_camera(numbers, counts, _crop(data["camera"], origin)),
         markers=_markers(numbers, counts),
         optics=parse_optics(data, origin),
         tetwild=tetwild_options_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
@@ -202,6 +174,23 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> 
     with naming(origin):
         interface_shares(layers)
     return tuple(layers)
+
+
+def _camera(numbers: dict[str, Measured], counts: dict[str, int], crop: float) -> CameraGeometry:
+    """Return the pixels after the crop; ``centre`` is what of the pad is in the image's middle."""
+    width, height = counts["camera.width"], counts["camera.height"]
+    pixel_x, pixel_y, centre_x, centre_y = (
+        numbers[f"camera.{name}"].value for name in ("pixel_x", "pixel_y", "centre_x", "centre_y")
+    )
+    return CameraGeometry(
+        width=width,
+        height=height,
+        scale_x_m=pixel_x,
+        scale_y_m=pixel_y,
+        centre_x_px=0.5 * (width - 1) - centre_x / pixel_x,
+        centre_y_px=0.5 * (height - 1) - centre_y / pixel_y,
+        crop_fraction=crop,
+    )
 
 
 def _crop(section: dict[str, Any], origin: str) -> float:

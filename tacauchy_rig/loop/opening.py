@@ -26,9 +26,9 @@ def scored_geometry(sensor: Sensor) -> ImageGeometry:
     """Return how frames of a sensor become the images that are scored."""
     view = sensor.camera
     return ImageGeometry(
-        crop_fraction=view.crop,
+        crop_fraction=view.crop_fraction,
         width_px=view.width,
         height_px=view.height,
-        scale_x_m_px=view.pixel_m[0],
-        scale_y_m_px=view.pixel_m[1],
+        scale_x_m_px=view.scale_x_m,
+        scale_y_m_px=view.scale_y_m,
     )

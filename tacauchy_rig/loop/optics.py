@@ -15,11 +15,11 @@ from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.calibrate.shadow_fit import SHADOWS, read_shadows
-from sim.optics.camera_geometry import CameraGeometry, camera_geometry
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.height.rest_slope import rest_slopes, touching_places
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
@@ -68,7 +68,7 @@ def calibrate_folder(
     Raises:
         ConfigError: A file is missing or damaged, or there are too few presses.
     """
-    nominal = camera_geometry(sensor)
+    nominal = sensor.camera
     presses = read_ball_presses(folder, folder / CIRCLES)
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     unloaded = read_rgb(folder / NO_CONTACT)
@@ -160,7 +160,7 @@ def nominal_optics(sensor: Sensor) -> OpticalCalibration:
     """
     return OpticalCalibration(
         model=nominal_model(sensor),
-        geometry=camera_geometry(sensor),
+        geometry=sensor.camera,
         shadows=sensor.optics.shadows,
     )
 
@@ -173,7 +173,7 @@ def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
             the sensor's renderer cannot be calibrated.
     """
     exponents_for(sensor)
-    nominal = camera_geometry(sensor)
+    nominal = sensor.camera
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)
     blur_px = model.provenance.get(BLUR_PX, 0.0)

@@ -10,12 +10,12 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import ImageArray
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.markers.tracking import track_markers
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
+from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics

@@ -9,7 +9,6 @@ import pytest
 
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import height_maps
 from sim.press import path_for
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown, mesh_indenter
@@ -17,6 +16,7 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.scene.tilted_indenter import cylinder_triangles
+from sim.sensor.camera_geometry import CameraGeometry
 
 _DEPTH_M = 0.4e-3
 _SCENE = Scene(

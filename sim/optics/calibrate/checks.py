@@ -18,7 +18,7 @@ from sim.optics.calibrate.cross_validation import (
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 FEWEST = 5

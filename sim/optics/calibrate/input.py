@@ -16,8 +16,8 @@ from sim.optics.calibrate.presses.ball_press import (
 )
 from sim.optics.calibrate.presses.find_circle import find_circle
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.scene.scene import Preset
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 

@@ -21,8 +21,8 @@ from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.press_image import lit_presses, pressed_surface
 from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.render.shadows import lost_share
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 
 SHADOWS = "shadows"  # their name in a calibration's provenance

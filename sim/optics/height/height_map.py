@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.device import Device
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.surface_heights import SurfaceHeights
 from sim.scene.pad import Pad
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 # What touches, a little more than the gap that narrow barriers leave.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.optics.camera_geometry import CameraGeometry
 from sim.scene.pad import Pad
+from sim.sensor.camera_geometry import CameraGeometry
 
 _STEP_M = 5e-5
 _TOUCHING_ROUNDS = 4

@@ -11,7 +11,6 @@ from sim.arrays import FloatArray
 from sim.device import Device, filled
 from sim.fields.surface import TopSurface
 from sim.mesh.elements import QUARTERS
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets, find_covered
 from sim.optics.height.node_kernel import (
     Canvas,
@@ -31,6 +30,7 @@ from sim.optics.height.steep_faces import added_nodes, cut_face
 from sim.optics.height.underside_kernel import Poses, solid_of
 from sim.scene.indenter import Indenter, grown
 from sim.scene.pad import Pad
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 # Threads of a facet on a GPU; a face seen from near covers thousands of pixels.

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim.arrays import FloatArray
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.markers.tracking import dark_markers
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.rgb import to_grey

@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sim.arrays import FloatArray
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.rgb import to_grey
 

@@ -13,7 +13,6 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import Float32Array, RealArray
-from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
 from sim.optics.height.height_map import HeightMaps
@@ -22,6 +21,7 @@ from sim.optics.pixels.pixel_kernel import continue_samples, lay_out_samples, ti
 from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
 from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
@@ -309,7 +309,7 @@ def nominal_renderer(
     sensor: Sensor, *, level: int = GREY_LEVEL, samples: int = 1
 ) -> Callable[[HeightMaps], ImageArray]:
     """Return what renders the loaded gel uncalibrated over an evenly grey no-contact frame."""
-    model, geometry = nominal_model(sensor), camera_geometry(sensor)
+    model, geometry = nominal_model(sensor), sensor.camera
     even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
     ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
     return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)

@@ -17,9 +17,9 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import Float32Array, RealArray
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 
 _CPU = "cpu"

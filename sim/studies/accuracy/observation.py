@@ -11,10 +11,10 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import contact_measures, path_for
 from sim.scene.scene import Scene
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.accuracy.configurations import Configuration

@@ -16,7 +16,6 @@ from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import ImageArray, camera_geometry
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import BALL_EXPONENTS
@@ -26,6 +25,7 @@ from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
 from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.studies.bench.batches import batch_device
@@ -186,7 +186,7 @@ def _look(
     Heights have shape [height, width], dents [count, height, width].
     """
     sensor = load_sensor(name)
-    geometry = camera_geometry(sensor)
+    geometry = sensor.camera
     maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
     shadows, model = sensor.optics.shadows, _as_wide_as_fitted(sensor)
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)

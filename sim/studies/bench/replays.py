@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import ImageArray
 from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene
+from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import load_sensor
 
 FORCE_ERROR_MAX = 0.02

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sim.arrays import FloatArray
-from sim.optics.camera_geometry import CameraGeometry
 from sim.scene.triangle_surface import TriangleSurface
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.objects.runs import ObjectPress
 from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.optics.camera_geometry import CameraGeometry, ImageArray, camera_geometry
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer
 from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.studies.objects.shapes import OBJECTS
@@ -60,7 +60,7 @@ def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
         ConvergenceError: The press finds no equilibrium.
     """
     render = nominal_renderer(sensor, level=_GREY, samples=_SAMPLES)
-    geometry = camera_geometry(sensor)
+    geometry = sensor.camera
     started = time.process_time()
     body: MeshIndenter = OBJECTS[name]()
     scene = sensor.scene(body, Target(depth_m=DEPTH_M), preset=preset)

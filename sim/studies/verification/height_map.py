@@ -17,12 +17,12 @@ from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import CameraGeometry, camera_geometry
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.underside_kernel import indenter_height
 from sim.press import follow, path_for
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.verification.prose import stated
@@ -75,7 +75,7 @@ def is_kept(row: dict[str, Cell]) -> bool:
 def _seen(name: str, preset: Preset) -> tuple[SurfaceState, CameraGeometry, FloatArray]:
     """Press a body; return the surface, the camera, and the heights that it sees [m]."""
     sensor = load_sensor("gelsight-mini")
-    geometry = camera_geometry(sensor)
+    geometry = sensor.camera
     surface = pressed(BODIES[name][1](), preset, sensor)
     return surface, geometry, height_maps(surface, geometry, pad=sensor.pad).loaded
 

@@ -27,7 +27,6 @@ def markers(
     json_file: JsonFile = None,
 ) -> None:
     """Press, shear and twist in the simulator, and fit the FOTS exponentials to the markers."""
-    from sim.optics.camera_geometry import camera_geometry
     from sim.optics.markers.fidelity import compare_marker_fidelities
     from sim.scene.terms import parse_indenter
     from sim.sensor.sensor import load_sensor
@@ -49,7 +48,7 @@ def markers(
         "shear": Motion(shift_m=(slide, 0.0)),
         "twist": Motion(twist_rad=turn),
     }
-    found = compare_marker_fidelities(scene, motions, known.markers, camera_geometry(known))
+    found = compare_marker_fidelities(scene, motions, known.markers, known.camera)
     say("motion   largest    exponentials off       tracked off            markers")
     for name, row in found.motions.items():
         say(

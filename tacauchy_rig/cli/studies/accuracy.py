@@ -24,8 +24,8 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.versions import versions
 
 if TYPE_CHECKING:
-    from sim.optics.camera_geometry import ImageArray
     from sim.optics.height.height_map import HeightMaps
+    from sim.sensor.camera_geometry import ImageArray
     from sim.studies.accuracy.force_limit import PressStore
     from tacauchy_rig.tables import Table
 
@@ -91,7 +91,6 @@ def _told(text: str) -> None:
 
 
 def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
-    from sim.optics.camera_geometry import camera_geometry
     from sim.optics.render.renderer import nominal_renderer
     from sim.press_command import scene_of
     from sim.sensor.sensor import load_sensor
@@ -111,7 +110,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     found = study(
         scene,
         [reseeded(each, seed) for each in (FULL if full else SHORT)],
-        camera_geometry(gel),
+        gel.camera,
         render=nominal_renderer(gel),
         similarity=_similarity,
         reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),

@@ -10,8 +10,8 @@ from scipy.spatial import Delaunay
 
 from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import CameraGeometry
 from sim.scene.indenter import Indenter, Plane
+from sim.sensor.camera_geometry import CameraGeometry
 
 HeightFunction = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 APEX_M = 0.004

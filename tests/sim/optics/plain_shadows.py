@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 
 _NOTHING_M = -1.0

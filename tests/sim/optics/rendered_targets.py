@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from sim.optics.calibrate.scale.target import ArucoTarget, CharucoTarget
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 
 SUPERSAMPLING = 4
 _PRINT_PX_M = 60e3

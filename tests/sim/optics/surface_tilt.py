@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import Float32Array
-from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.camera_geometry import CameraGeometry
 
 
 def surface_tilt(height: NDArray[np.floating], geometry: CameraGeometry) -> Float32Array:

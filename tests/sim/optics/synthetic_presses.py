@@ -6,9 +6,9 @@ import numpy as np
 
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import polynomial_exponents
+from sim.sensor.camera_geometry import CameraGeometry
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 HEIGHT, WIDTH = 150, 180

@@ -16,7 +16,6 @@ from sim.device import Device
 from sim.effects.presets import build_model
 from sim.fields.press_fields import top_surface
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import camera_geometry
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
@@ -106,7 +105,7 @@ def test_batch_gives_the_single_images(
     assert model.mesh.symmetry.copies == (1 if Effect.SYMMETRY in off else 4)
     drawing, taken = _together(model, name, indenter, rotation)
     images, markers = np.from_dlpack(drawing.images(*taken)), drawing.markers(taken[0]).numpy()
-    geometry = camera_geometry(sensor)
+    geometry = sensor.camera
     assert images.shape == (3, geometry.height, geometry.width, 3)
     places = marker_places(sensor.markers) if sensor.markers else np.zeros((0, 2))
     render = nominal_renderer(sensor, samples=_SAMPLES)
@@ -132,7 +131,7 @@ def test_unmoved_gel_gives_the_frame_and_markers_at_rest() -> None:
     nodes = device.vectors(model.nodes[None])
     above = device.vectors(np.array([[0.0, 0.0, 2.0 * model.height_m]]))
     np.testing.assert_array_equal(drawing.images(nodes, above).numpy()[0], frame)
-    rest = camera_geometry(sensor).to_pixels(marker_places(sensor.markers))
+    rest = sensor.camera.to_pixels(marker_places(sensor.markers))
     np.testing.assert_allclose(drawing.markers(nodes).numpy()[0], rest, rtol=1e-6)
 
 

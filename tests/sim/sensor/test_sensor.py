@@ -29,7 +29,7 @@ def test_gelsight_mini_is_what_was_measured() -> None:
     assert sensor.pad.dome_radius_x_m == pytest.approx(0.185)
     assert sensor.material.young_pa == pytest.approx(0.435e6)
     assert sensor.material.poisson == pytest.approx(0.48)
-    assert sensor.camera.pixel_m == pytest.approx((63.4e-6, 63.4e-6))
+    assert sensor.camera.scale_x_m == sensor.camera.scale_y_m == pytest.approx(63.4e-6)
     assert sensor.markers is not None
     assert sensor.markers.columns == 9
 

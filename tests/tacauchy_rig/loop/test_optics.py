@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.photometric import PhotometricModel
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import OpticalCalibration, Say, calibrated_optics, optics_of
 
 MINI = load_sensor("gelsight-mini")
-VIEW = camera_geometry(MINI)
+VIEW = MINI.camera
 
 
 def _calibration(tmp_path: Path, **provenance: object) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
-from sim.optics.camera_geometry import ImageArray
+from sim.sensor.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.rgb import decode_rgb
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from sim.arrays import FloatArray
 from sim.optics.calibrate.presses.ball_press import Circle
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.optics.camera_geometry import ImageArray
+from sim.sensor.camera_geometry import ImageArray
 from tacauchy_rig.errors import ConfigError
 
 _SMOOTHING_PX = 2.0

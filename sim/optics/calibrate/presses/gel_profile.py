@@ -12,11 +12,11 @@ from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.fields.press_fields import surface_state
 from sim.mesh.tet_mesh import TetMesh
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import path_for
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 

@@ -19,12 +19,12 @@ from sim.optics.calibrate.fit.samples import SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
 from sim.optics.calibrate.presses.light import fit_light, light_at, seen_change
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.rest_slope import rest_slopes
 from sim.optics.markers.printed_markers import marker_mask
 from sim.scene.scene import Preset
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 
 BEYOND_RIM = 1.15

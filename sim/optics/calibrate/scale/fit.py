@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
-from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 _APART_M = 1e-4

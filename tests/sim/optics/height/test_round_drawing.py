@@ -13,7 +13,6 @@ from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.steep_faces import added_nodes, cut_face
 from sim.optics.height.underside_kernel import indenter_height
@@ -22,6 +21,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.camera_geometry import CameraGeometry
 
 _DEPTH_M = 0.4e-3
 _RADIUS_M = 2e-3

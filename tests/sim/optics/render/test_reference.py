@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.camera_geometry import CameraGeometry
 from sim.optics.colour.photometric import PhotometricModel, normalised_positions
 from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 from tests.sim.optics.analytic_surface import APEX_M, ball_press
 from tests.sim.optics.plain_shadows import plain_darkening

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.mesh.elements import ElementOrder
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
 from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import (

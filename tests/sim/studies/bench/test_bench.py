@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from sim.batch.environment import Course
 from sim.fields.surface import SurfaceState
-from sim.optics.camera_geometry import ImageArray
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.camera_geometry import ImageArray
 from sim.studies.bench import suite
 from sim.studies.bench.batches import BALANCE, exact_force, measure_batches, spread
 from sim.studies.bench.frames import FRAME_COUNT

@@ -15,7 +15,6 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.optics.calibrate.presses import scene as pressed_scene
-from sim.optics.camera_geometry import camera_geometry
 from sim.optics.colour.photometric import load_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.app import app
@@ -109,7 +108,7 @@ def test_scale_from_a_target(tmp_path: Path) -> None:
 
 def test_a_raw_image_of_a_target_is_brought_to_the_sensors_size(tmp_path: Path) -> None:
     """A tenth cut off at each border, then half as many pixels: the scored pixel's scale."""
-    sensor = camera_geometry(load_sensor("digit"))
+    sensor = load_sensor("digit").camera
     scored = replace(sensor, width=64, height=48, scale_x_m=2e-4, scale_y_m=2e-4)
     raw = replace(
         scored,

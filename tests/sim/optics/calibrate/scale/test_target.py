@@ -16,7 +16,7 @@ from sim.optics.calibrate.scale.target import (
     find_target,
     parse_target,
 )
-from sim.optics.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from tacauchy_rig.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_board, printed_dots
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.optics.camera_geometry import CameraGeometry
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
 MINI = CameraGeometry(

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 
 ImageArray = NDArray[np.uint8]
@@ -133,17 +132,3 @@ class CameraGeometry:
         rows, columns = np.mgrid[: self.height, : self.width].astype(np.float64)
         grid = self.to_pad(np.stack([columns, rows], axis=-1))
         return grid[..., 0], grid[..., 1]
-
-
-def camera_geometry(sensor: Sensor) -> CameraGeometry:
-    """Return the renderer's pixels for a sensor."""
-    view = sensor.camera
-    return CameraGeometry(
-        width=view.width,
-        height=view.height,
-        scale_x_m=view.pixel_m[0],
-        scale_y_m=view.pixel_m[1],
-        centre_x_px=0.5 * (view.width - 1) - view.centre_m[0] / view.pixel_m[0],
-        centre_y_px=0.5 * (view.height - 1) - view.centre_m[1] / view.pixel_m[1],
-        crop_fraction=view.crop,
-    )
