@@ -11,7 +11,13 @@ import warp as wp
 
 from sim.arrays import FloatArray, IntArray
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
-from sim.material.elasticity import GelArrays, elastic_kernels, element_kernel
+from sim.material.elasticity import (
+    GelArrays,
+    element_kernel,
+    hessian,
+    stress_kernel,
+    tangent_kernel,
+)
 from sim.material.laws.tangent import Law, Tangent
 from sim.material.relaxation import PronySeries, Relaxation, prony_series
 from sim.mesh.discretisation import Discretisation
@@ -79,10 +85,7 @@ class ElasticBody:
         device: Device,
     ) -> None:
         self._device = device
-        self._law, self._kernels = law, elastic_kernels(law)
-        self._reference = pad.reference
-        self._element_kernel = element_kernel(law, pad.reference.order, remembers=prony is not None)
-        self._nothing = device.zeros((1, 1), wp.mat33d), device.zeros(1, wp.float64)
+        self._law, self._reference, self._remembers = law, pad.reference, prony is not None
         self._node_count = len(pad.nodes)
         self._shape = (len(pad.elements), len(pad.reference.weights))
         self._arrays = filled(
@@ -92,6 +95,8 @@ class ElasticBody:
             inverse_jacobians=device.array(pad.inverse_jacobians, wp.mat33d),
             weights=device.array(pad.volumes[:, None] * pad.reference.weights, wp.float64),
             parameters=device.array(_parameters(law, young_pa, poisson)[None], wp.vec4d),
+            stiffening=device.array(np.ones(len(pad.elements)), wp.float64),
+            history=device.zeros(self._shape if self._remembers else (1, 1), wp.mat33d),
         )
         self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
         self.rounding_n = _rounding_force(pad, young_pa, poisson)
@@ -136,20 +141,16 @@ class ElasticBody:
     def recorded(self, wanted: Any, positions: Any, room: Sequence[Any], *, gel: Any = None) -> Any:
         """Return a launch that adds to the gradient and sets energies and volume ratios.
 
-        What the gel remembers is that of now: with relaxation, a launch serves one time step.
-
         Args:
             wanted: 1 for environments to evaluate, on the device.
             positions: Nodes [m], on the device, shape [environment_count, node_count].
             room: What ``room`` gave.
             gel: What ``of`` gave; None is this one.
         """
-        history, stiffening = self._nothing
-        if self.relaxation is not None:
-            history, stiffening = self.relaxation.history, self.relaxation.stiffening
-        inputs = [gel or self._arrays, stiffening, wanted, history, positions]
+        kernel = element_kernel(self._law, self._reference.order, remembers=self._remembers)
         shape = (positions.shape[0], self._shape[0])
-        return self._device.record(self._element_kernel, shape, inputs, list(room))
+        inputs = [gel or self._arrays, wanted, positions]
+        return self._device.record(kernel, shape, inputs, list(room))
 
     def _evaluated(self, positions: FloatArray) -> tuple[Any, Any, Any]:
         room, wanted = self.room(1), self._device.array([1], wp.int32)
@@ -159,10 +160,11 @@ class ElasticBody:
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         tangents, *vectors = self._tangent_room
-        inputs = [self._loaded, self._device.vectors(positions), projected]
-        self._device.launch(self._kernels.tangent, self._shape, inputs, [tangents, *vectors])
+        inputs = [self._arrays, self._device.vectors(positions), projected]
+        kernel = tangent_kernel(self._law)
+        self._device.launch(kernel, self._shape, inputs, [tangents, *vectors])
         self._device.launch(
-            self._kernels.hessian,
+            hessian,
             (self._shape[0], self._reference.node_count),
             [self._slots, tangents, *vectors],
             [values],
@@ -188,10 +190,8 @@ class ElasticBody:
             stress: Shape [environment_count, element_count, point_count].
             gel: What ``of`` gave; None is this one.
         """
-        inputs = [gel or self._arrays, positions]
-        self._device.launch(self._kernels.stress, stress.shape, inputs, [stress])
-        if self.relaxation is not None:
-            self.relaxation.add_stress(positions[0], stress[0])
+        kernel = stress_kernel(self._law, remembers=self._remembers)
+        self._device.launch(kernel, stress.shape, [gel or self._arrays, positions], [stress])
 
     def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
         """Return the elastic Cauchy stress of given deformation gradients [Pa].
@@ -218,7 +218,7 @@ class ElasticBody:
             parameters=self._device.array(on_host(self._arrays.parameters)[:, elements], wp.vec4d),
         )
         inputs = [made_up, self._device.array(columns, wp.vec3d)]
-        self._device.launch(self._kernels.stress, out.shape, inputs, [out])
+        self._device.launch(stress_kernel(self._law, remembers=False), out.shape, inputs, [out])
         return on_host(out)[0, :, 0]
 
     @cached_property
@@ -227,11 +227,6 @@ class ElasticBody:
         shape = (*self._shape, self._reference.node_count)
         vectors = [self._device.empty(shape, wp.vec3d) for _ in range(3)]
         return [self._device.empty(self._shape, Tangent), *vectors]
-
-    @property
-    def _loaded(self) -> Any:
-        """The element arrays, their weights stiffened by what relaxation adds in a step."""
-        return self._arrays if self.relaxation is None else self.relaxation.loaded
 
 
 def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArray:

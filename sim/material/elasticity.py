@@ -5,7 +5,6 @@ One set of kernels a law; every element order runs through them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -23,21 +22,6 @@ start_warp()
 _ZERO = 1e-14
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticKernels:
-    """The kernels of one law.
-
-    Attributes:
-        tangent: Tangent structs for ``hessian``; launches over [element_count, point_count].
-        hessian: Launches over [element_count, element_node_count]; adds 3 x 3 blocks [N/m].
-        stress: Cauchy stress [Pa]; launches over [environment_count, element_count, point_count].
-    """
-
-    tangent: Any
-    hessian: Any
-    stress: Any
-
-
 @wp.struct
 class GelArrays:
     """A gel's elements on a device.
@@ -48,6 +32,8 @@ class GelArrays:
         inverse_jacobians: At rest [1/m], shape [element_count].
         weights: Rest volume of every quadrature point [m^3], shape [element_count, point_count].
         parameters: The law's numbers, shape [environment_count, element_count].
+        stiffening: c of every element, by which relaxation stiffens a step; one where nothing does.
+        history: H of every quadrature point [Pa], what it remembers; empty where it does not.
     """
 
     nodes: wp.array2d(dtype=wp.int32)
@@ -55,6 +41,8 @@ class GelArrays:
     inverse_jacobians: wp.array(dtype=wp.mat33d)
     weights: wp.array2d(dtype=wp.float64)
     parameters: wp.array2d(dtype=wp.vec4d)
+    stiffening: wp.array(dtype=wp.float64)
+    history: wp.array2d(dtype=wp.mat33d)
 
 
 @wp.func
@@ -75,9 +63,13 @@ def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
 
 
 @cache
-def elastic_kernels(law: Law) -> ElasticKernels:
-    """Build the kernels of a law; Warp compiles them at their first launch and keeps the result."""
-    law_stress, law_tangent = law.stress, law.tangent
+def tangent_kernel(law: Law) -> Any:
+    """Build what gives a law's ``Tangent`` and the shape gradients that ``hessian`` takes.
+
+    It launches over [element_count, point_count]. Warp compiles kernels at their first launch and
+    keeps the result.
+    """
+    law_tangent = law.tangent
 
     @wp.kernel(
         enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
@@ -100,7 +92,7 @@ def elastic_kernels(law: Law) -> ElasticKernels:
         t = law_tangent(F, gel.parameters[0, e])
         if projected:
             t = semidefinite(t)
-        w = gel.weights[e, q]
+        w = gel.weights[e, q] * gel.stiffening[e]
         t.a = t.a * w
         t.b = t.b * w
         t.c = t.c * w
@@ -113,6 +105,17 @@ def elastic_kernels(law: Law) -> ElasticKernels:
             deformed_out[e, q, node] = t.deformation * g
             cofactor_out[e, q, node] = t.cofactor * g
 
+    return tangent
+
+
+@cache
+def stress_kernel(law: Law, *, remembers: bool) -> Any:
+    """Build what gives the Cauchy stress [Pa]; see ``element_kernel``.
+
+    It launches over [environment_count, element_count, point_count].
+    """
+    law_stress, objective = law.stress, law.is_objective
+
     @wp.kernel(enable_backward=False, module="unique")
     def stress(
         # Model:
@@ -124,9 +127,15 @@ def elastic_kernels(law: Law) -> ElasticKernels:
     ):
         b, e, q = wp.tid()
         F = deformation_gradient(gel, positions[b], e, q)
-        stress_out[b, e, q] = cauchy(law_stress(F, gel.parameters[b, e]), F)
+        total = cauchy(law_stress(F, gel.parameters[b, e]), F)
+        if wp.static(remembers):
+            H = gel.history[e, q]
+            if wp.static(objective):
+                H = F * H
+            total = total * gel.stiffening[e] + cauchy(H, F)
+        stress_out[b, e, q] = total
 
-    return ElasticKernels(tangent=tangent, hessian=hessian, stress=stress)
+    return stress
 
 
 @wp.func
@@ -208,10 +217,8 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     def element(
         # Model:
         gel: GelArrays,
-        stiffening: wp.array(dtype=wp.float64),
         # Data in:
         wanted: wp.array(dtype=wp.int32),
-        history: wp.array2d(dtype=wp.mat33d),
         positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         gradient_out: wp.array2d(dtype=wp.vec3d),
@@ -243,10 +250,10 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
             P = law_stress(F, p)
             density = law_energy(F, p)
             if wp.static(remembers):
-                c = stiffening[e]
+                c = gel.stiffening[e]
                 P = P * c
                 density = density * c
-                H = history[e, q]
+                H = gel.history[e, q]
                 strain = F - wp.identity(n=3, dtype=wp.float64)
                 if wp.static(objective):
                     # Green's strain from F - 1, so that small strains keep their digits.

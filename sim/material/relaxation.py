@@ -25,9 +25,8 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.device import Device, replaced
+from sim.device import Device
 from sim.material import relaxation_kernels as kernels
-from sim.material.elasticity import GelArrays
 from sim.material.laws.tangent import Law
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.errors import ConfigError
@@ -88,14 +87,9 @@ class Relaxation:
 
     Args:
         law: The model's law.
-        gel: The model's ``GelArrays``.
+        gel: The model's ``GelArrays``, of which ``stiffening`` and ``history`` are kept.
         series: The terms.
         positions: The nodes when nothing was remembered [m], shape [node_count, 3].
-
-    Attributes:
-        loaded: The gel with its quadrature weights times c.
-        stiffening: c of every element.
-        history: H of every point [Pa].
     """
 
     def __init__(
@@ -113,7 +107,7 @@ class Relaxation:
     def forget(self, positions: FloatArray) -> None:
         """Take the gel to have been held at ``positions`` [m] for ever."""
         self._set_step(np.zeros(len(self.series.times_s)), np.zeros(len(self.series.times_s)))
-        self.history = self._device.zeros(self._points, wp.mat33d)
+        self._gel.history.zero_()
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
@@ -126,7 +120,7 @@ class Relaxation:
         gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
         self._set_step(np.exp(-spent), gains)
         inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
-        self._device.launch(kernels.recall, self._points, inputs, [self.history])
+        self._device.launch(kernels.recall, self._points, inputs, [self._gel.history])
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
@@ -136,20 +130,9 @@ class Relaxation:
     def add_hessian(self, slots: Any, values: Any, *, projected: bool) -> None:
         """Add the history's stiffness [N/m] to the matrix's blocks."""
         if self._objective:
-            inputs = [slots, self._gel, self.history, projected]
+            inputs = [slots, self._gel, projected]
             self._device.launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
 
-    def add_stress(self, positions: Any, stress: Any) -> None:
-        """Turn the slow Cauchy stress [Pa] into that of the step."""
-        inputs = [self._gel, self.stiffening, self._objective, positions, self.history]
-        self._device.launch(kernels.add_stress, self._points, inputs, [stress])
-
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
-        stiffening = 1.0 + gains @ self.series.ratios
-        self._keeps, self._gains, self.stiffening = (
-            self._device.array(each, wp.float64) for each in (keeps, gains, stiffening)
-        )
-        weights = self._gel.weights.numpy() * stiffening[:, None]
-        self.loaded = replaced(
-            GelArrays, self._gel, weights=self._device.array(weights, wp.float64)
-        )
+        self._keeps, self._gains = (self._device.array(each, wp.float64) for each in (keeps, gains))
+        self._gel.stiffening.assign(1.0 + gains @ self.series.ratios)

@@ -2,8 +2,8 @@
 
 The history is one tensor H a quadrature point, constant over a time step. It adds the energy
 1/2 H : (F^T F - 1) a unit of rest volume, whose derivative is F H. A law that is not objective is
-linear in F - 1, and so is its history: energy H : (F - 1), derivative H. Kernels take ``objective``
-for which of the two. All launch over [element_count, point_count] but ``add_hessian``.
+linear in F - 1, and so is its history: energy H : (F - 1), derivative H. All kernels launch over
+[element_count, point_count] but ``add_hessian``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.material.elasticity import GelArrays, cauchy, deformation_gradient
+from sim.material.elasticity import GelArrays, deformation_gradient
 from sim.material.laws.tangent import Law
 
 
@@ -73,7 +73,6 @@ def add_hessian(
     blocks: wp.array3d(dtype=wp.int32),
     gel: GelArrays,
     # Data in:
-    history: wp.array2d(dtype=wp.mat33d),
     projected: wp.bool,
     # Data out:
     values_out: wp.array(dtype=wp.mat33d),
@@ -82,7 +81,7 @@ def add_hessian(
     e, i = wp.tid()
     inverse = wp.transpose(gel.inverse_jacobians[e])
     for q in range(gel.reference_gradients.shape[0]):
-        H = history[e, q]
+        H = gel.history[e, q]
         if projected:
             H = _semidefinite(H)
         pulled = (H * (inverse * gel.reference_gradients[q, i])) * gel.weights[e, q]
@@ -91,27 +90,6 @@ def add_hessian(
             if slot >= 0:
                 s = wp.dot(pulled, inverse * gel.reference_gradients[q, j])
                 wp.atomic_add(values_out, slot // 2, wp.identity(n=3, dtype=wp.float64) * s)
-
-
-@wp.kernel(enable_backward=False)
-def add_stress(
-    # Model:
-    gel: GelArrays,
-    stiffening: wp.array(dtype=wp.float64),
-    objective: wp.bool,
-    # Data in:
-    positions: wp.array(dtype=wp.vec3d),
-    history: wp.array2d(dtype=wp.mat33d),
-    # Data out:
-    stress_out: wp.array2d(dtype=wp.mat33d),
-):
-    """Turn the slow Cauchy stress into that of the step [Pa]."""
-    e, q = wp.tid()
-    F = deformation_gradient(gel, positions, e, q)
-    P = history[e, q]
-    if objective:
-        P = F * P
-    stress_out[e, q] = stress_out[e, q] * stiffening[e] + cauchy(P, F)
 
 
 @wp.func
