@@ -20,7 +20,9 @@ FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))
 FACE_EDGES = ((0, 1), (1, 2), (2, 0))
 # Nodes of a quadratic face at the corners of its four parts.
 QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
-_TRIANGLE_GRADIENTS = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+# Of the linear shape functions.
+_TRIANGLE_GRADIENTS = np.concatenate([[[-1.0, -1.0]], np.eye(2)])
+_TET_GRADIENTS = np.concatenate([[[-1.0, -1.0, -1.0]], np.eye(3)])
 
 
 class ElementOrder(StrEnum):
@@ -88,17 +90,15 @@ def reference_element(order: ElementOrder, *, face_splits: int = 0) -> Reference
     face_points, face_weights = _split_rule(*_triangle_rule(), splits=face_splits)
     if order is ElementOrder.P1:
         points, weights = np.full((1, 4), 0.25), np.ones(1)
-        gradients = np.stack([_linear_gradients() for _ in points])
         face_values = face_points
-        face_gradients = np.stack([_TRIANGLE_GRADIENTS for _ in face_points])
+        face_gradients = np.tile(_TRIANGLE_GRADIENTS, (len(face_points), 1, 1))
     else:
         points, weights = _four_point_rule()
-        gradients = np.stack([_quadratic_gradients(point) for point in points])
-        face_values = np.stack([quadratic_triangle_values(point) for point in face_points])
-        face_gradients = np.stack([quadratic_triangle_gradients(point) for point in face_points])
+        face_values = quadratic_triangle_values(face_points)
+        face_gradients = quadratic_triangle_gradients(face_points)
     return ReferenceElement(
         order=order,
-        gradients=gradients,
+        gradients=shape_gradients(order, points),
         points=points,
         weights=weights,
         face_values=face_values,
@@ -118,25 +118,20 @@ def shape_gradients(order: ElementOrder, barycentric: FloatArray) -> FloatArray:
         Shape [..., node_count, 3].
     """
     if order is ElementOrder.P2:
-        return _quadratic_gradients(barycentric)
-    return np.broadcast_to(_linear_gradients(), (*barycentric.shape[:-1], 4, 3))
+        return _quadratic_gradients(barycentric, _TET_GRADIENTS, EDGES)
+    return np.tile(_TET_GRADIENTS, (*barycentric.shape[:-1], 1, 1))
 
 
 def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
-    """Return the six shape functions of a quadratic triangle, shape [6], at a point [3]."""
+    """Return the six shape functions of a quadratic triangle at points [..., 3], shape [..., 6]."""
     corners = barycentric * (2.0 * barycentric - 1.0)
-    middles = [4.0 * barycentric[a] * barycentric[b] for a, b in FACE_EDGES]
-    return np.concatenate([corners, middles])
+    middles = [4.0 * barycentric[..., a] * barycentric[..., b] for a, b in FACE_EDGES]
+    return np.concatenate([corners, np.stack(middles, axis=-1)], axis=-1)
 
 
 def quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:
-    """Return the gradients of these functions along the last two coordinates, shape [6, 2]."""
-    linear = _TRIANGLE_GRADIENTS
-    corners = (4.0 * barycentric - 1.0)[:, None] * linear
-    middles = [
-        4.0 * (barycentric[a] * linear[b] + barycentric[b] * linear[a]) for a, b in FACE_EDGES
-    ]
-    return np.concatenate([corners, np.array(middles)])
+    """Return the gradients of these along the last two coordinates, shape [..., 6, 2]."""
+    return _quadratic_gradients(barycentric, _TRIANGLE_GRADIENTS, FACE_EDGES)
 
 
 def quadratic_nodes(
@@ -183,14 +178,13 @@ def _face_columns(elements: IntArray, face: tuple[int, int, int]) -> list[int]:
     return [*face, *middles]
 
 
-def _linear_gradients() -> FloatArray:
-    return np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _quadratic_gradients(barycentric: FloatArray) -> FloatArray:
-    linear, at = _linear_gradients(), barycentric[..., None]
+def _quadratic_gradients(
+    barycentric: FloatArray, linear: FloatArray, edges: Sequence[tuple[int, int]]
+) -> FloatArray:
+    """Return quadratic shape functions' gradients from those of the linear ones at the corners."""
+    at = barycentric[..., None]
     corners = (4.0 * at - 1.0) * linear
-    middles = [4.0 * (at[..., a, :] * linear[b] + at[..., b, :] * linear[a]) for a, b in EDGES]
+    middles = [4.0 * (at[..., a, :] * linear[b] + at[..., b, :] * linear[a]) for a, b in edges]
     return np.concatenate([corners, np.stack(middles, axis=-2)], axis=-2)
 
 

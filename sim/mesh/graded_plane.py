@@ -83,8 +83,8 @@ def triangulate_half_section(
     section = _Section(radius_m=radius_m, height_m=height_m, grading=grading, levels_m=levels_m)
     boundary = _boundary(section)
     interior = _offset_rings(radius_m, height_m, grading)
-    distances = [interior[:, 0], radius_m - interior[:, 0], *_from_levels(section, interior)]
-    margin = np.min(distances, axis=0)
+    across, up = interior.T
+    margin = np.min([across, radius_m - across, *(abs(up - z) for z in section.bands_m)], axis=0)
     points = np.concatenate(
         [boundary, interior[margin > _MARGIN_SHARE * section.size_at(interior)]]
     )
@@ -117,12 +117,6 @@ class _Section:
             outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
             size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
         return np.asarray(size)
-
-
-def _from_levels(section: _Section, points: FloatArray) -> list[FloatArray]:
-    base, *inner = section.bands_m[:-1]
-    heights = points[:, 1]
-    return [heights - base, section.height_m - heights, *(abs(heights - z) for z in inner)]
 
 
 def _triangulate(points: FloatArray, low_m: float, high_m: float) -> IntArray:

@@ -53,14 +53,12 @@ def revolved_mesh(
     round_m = _round_radius(pad, grading, centre)
     if symmetry is None:
         symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
-    start, end = _turn(symmetry)
-    angles, reaches = pad.sectors(centre, sector_count, start_rad=start, end_rad=end)
+    angles, reaches, mean_reach = _sectors(pad, centre, sector_count, symmetry)
     if circumscribed:
         outwards = 1.0 / np.cos(0.5 * float(np.diff(angles).max()))
         grading = replace(
             grading, start_m=outwards * grading.start_m, end_m=outwards * grading.end_m
         )
-    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
     if symmetry.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
     levels = tuple(share * pad.height_m for share in interface_shares)
@@ -69,7 +67,10 @@ def revolved_mesh(
         _plan(section.points[:, 0], angle, reach, round_m, mean_reach)
         for angle, reach in zip(angles, reaches, strict=True)
     ]
-    vertices = _raised(pad, np.stack(rings) + centre, section.points[:, 1])
+    plan = np.stack(rings) + centre
+    # Heights are of a section that is as high all over; they are scaled to the pad's top.
+    z = pad.height_at(plan[..., 0], plan[..., 1]) * section.points[:, 1] / pad.height_m
+    vertices = np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
     on_axis = section.points[:, 0] <= _ON_AXIS_M
     sectors = len(angles) if symmetry.copies == 1 else len(angles) - 1
     tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
@@ -87,9 +88,7 @@ def revolved_section(
     symmetry: MirrorSymmetry,
 ) -> Triangulation:
     """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
-    start, end = _turn(symmetry)
-    _, reaches = pad.sectors(np.array(centre_m), sector_count, start_rad=start, end_rad=end)
-    mean_reach = float(0.5 * (reaches[1:] + reaches[:-1]).mean())
+    _, _, mean_reach = _sectors(pad, np.array(centre_m), sector_count, symmetry)
     return triangulate_half_section(mean_reach, pad.height_m, grading)
 
 
@@ -109,24 +108,15 @@ def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> f
     return min(_ROUND_SHARE * grading.end_m, 0.5 * (margin + grading.end_m))
 
 
-def _raised(pad: ParametricPad, plan: FloatArray, heights: FloatArray) -> FloatArray:
-    """Return the vertices above a plan, their heights scaled to the pad's top [m].
-
-    Args:
-        plan: x and y of every ring [m], shape [ring_count, point_count, 2].
-        heights: In a pad that is ``pad.height_m`` high all over [m], shape [point_count].
-    """
-    z = pad.height_at(plan[..., 0], plan[..., 1]) * heights / pad.height_m
-    return np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
-
-
-def _turn(symmetry: MirrorSymmetry) -> tuple[float, float]:
-    """Return the first and last direction of the modelled part [rad]."""
-    if symmetry.mirror_x and symmetry.mirror_y:
-        return 0.0, 0.5 * np.pi
+def _sectors(
+    pad: ParametricPad, centre: FloatArray, count: int, symmetry: MirrorSymmetry
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return directions of the modelled part [rad], the outline's distances, and their mean [m]."""
+    start, end = 0.0, np.pi * (1.0 if symmetry.mirror_y else 2.0)
     if symmetry.mirror_x:
-        return -0.5 * np.pi, 0.5 * np.pi
-    return (0.0, np.pi) if symmetry.mirror_y else (0.0, 2.0 * np.pi)
+        start, end = (0.0 if symmetry.mirror_y else -0.5 * np.pi), 0.5 * np.pi
+    angles, reaches = pad.sectors(centre, count, start_rad=start, end_rad=end)
+    return angles, reaches, float(0.5 * (reaches[1:] + reaches[:-1]).mean())
 
 
 def _plan(

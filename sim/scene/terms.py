@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import Layer, Material
@@ -12,6 +14,15 @@ from sim.scene.triangle_file import MeshUnit
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.registry import Kind, load, names, unknown
+
+_ROUND = {"diameter": (Dimension.LENGTH, "5mm")}
+_FILLET = {"fillet": (Dimension.LENGTH, "0.3mm")}
+_DISC = {"radius": (Dimension.LENGTH, "12mm"), "height": (Dimension.LENGTH, "4.5mm")}
+_LAYER = {
+    "share": (Dimension.RATIO, "0.925"),
+    "young": (Dimension.PRESSURE, "0.1MPa"),
+    "poisson": (Dimension.RATIO, "0.48"),
+}
 
 
 def parse_pad(text: str) -> Pad:
@@ -25,7 +36,7 @@ def parse_pad(text: str) -> Pad:
     if kind == "box":
         return _box(sizes)
     if kind == "disc":
-        given = _lengths(sizes, needed=("radius", "height"), field="--pad disc")
+        given = _sizes(sizes, _DISC, field="--pad disc")
         return DiscPad(radius_m=given["radius"], height_m=given["height"])
     if kind == "mesh":
         return _surface(sizes)
@@ -63,22 +74,9 @@ def parse_layer(text: str, *, law: str) -> Layer:
     Raises:
         ConfigError: One of the three is missing, unknown or no number.
     """
-    wanted = {
-        "share": Dimension.RATIO,
-        "young": Dimension.PRESSURE,
-        "poisson": Dimension.RATIO,
-    }
-    given = dict(part.partition("=")[::2] for part in text.split(","))
-    if set(given) != set(wanted):
-        raise ConfigError(
-            f"--layer {text!r} does not give share, young and poisson, once each",
-            remedy="write --layer share=0.925,young=0.1MPa,poisson=0.48, from the base upwards",
-        )
-    share, young, poisson = (
-        parse_quantity(given[name], dimension=dimension, field=f"--layer {name}")
-        for name, dimension in wanted.items()
-    )
-    return Layer(share=share, material=Material(young_pa=young, poisson=poisson, law=law))
+    given = _sizes(text, _LAYER, field="--layer")
+    material = Material(young_pa=given["young"], poisson=given["poisson"], law=law)
+    return Layer(share=given["share"], material=material)
 
 
 def parse_indenter(text: str) -> Indenter:
@@ -102,15 +100,13 @@ def parse_indenter(text: str) -> Indenter:
 
 def parse_cylinder(sizes: str) -> Cylinder:
     """Read ``diameter=[,fillet=]``."""
-    given = _lengths(sizes, needed=("diameter",), allowed=("fillet",), field="--indenter cylinder")
+    given = _sizes(sizes, _ROUND, allowed=_FILLET, field="--indenter cylinder")
     return Cylinder(diameter_m=given["diameter"], fillet_m=given.get("fillet", 0.0))
 
 
 def parse_sphere(sizes: str) -> Sphere:
     """Read ``diameter=``."""
-    return Sphere(
-        diameter_m=_lengths(sizes, needed=("diameter",), field="--indenter sphere")["diameter"]
-    )
+    return Sphere(diameter_m=_sizes(sizes, _ROUND, field="--indenter sphere")["diameter"])
 
 
 def parse_plane(_sizes: str) -> Plane:
@@ -183,19 +179,25 @@ def parse_switch(text: str) -> tuple[Effect, bool]:
     return Effect(name), state == "on"
 
 
-def _lengths(
-    text: str, *, needed: tuple[str, ...], field: str, allowed: tuple[str, ...] = ()
+def _sizes(
+    text: str,
+    needed: Mapping[str, tuple[Dimension, str]],
+    *,
+    field: str,
+    allowed: Mapping[str, tuple[Dimension, str]] = MappingProxyType({}),
 ) -> dict[str, float]:
+    """Read ``NAME=VALUE,NAME=VALUE``; of each name its dimension, and an example for messages."""
     found: dict[str, float] = {}
+    known = {**needed, **allowed}
     for part in filter(None, text.split(",")):
         name, _, value = part.partition("=")
-        if name not in (*needed, *allowed):
+        if name not in known:
             raise ConfigError(
-                f"{field}: unknown size {name!r}",
-                remedy=f"sizes are: {', '.join((*needed, *allowed))}",
+                f"{field}: unknown size {name!r}", remedy=f"sizes are: {', '.join(known)}"
             )
-        found[name] = parse_quantity(value, dimension=Dimension.LENGTH, field=f"{field} {name}")
+        found[name] = parse_quantity(value, dimension=known[name][0], field=f"{field} {name}")
     missing = [name for name in needed if name not in found]
     if missing:
-        raise ConfigError(f"{field}: no {', '.join(missing)}", remedy=f"add {missing[0]}=5mm")
+        example = needed[missing[0]][1]
+        raise ConfigError(f"{field}: no {', '.join(missing)}", remedy=f"add {missing[0]}={example}")
     return found

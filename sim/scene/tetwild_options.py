@@ -12,11 +12,18 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 
 _REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
 _REGULAR_ENERGY = 3.0
+# Of each setting as it is written: its field, dimension and range, and what is usual.
 _SETTINGS = {
-    "l_r": ("l_r", Dimension.RATIO),
-    "epsilon_r": ("epsilon_r", Dimension.RATIO),
-    "stop_energy": ("stop_energy", Dimension.RATIO),
-    "dihedral_min": ("dihedral_min_rad", Dimension.ANGLE),
+    "l_r": ("l_r", Dimension.RATIO, 0.0, 0.5, "the preset takes 0.05 to 0.1"),
+    "epsilon_r": ("epsilon_r", Dimension.RATIO, 0.0, 0.01, "1e-3 is usual"),
+    "stop_energy": ("stop_energy", Dimension.RATIO, _REGULAR_ENERGY, 1e3, "10 is usual"),
+    "dihedral_min": (
+        "dihedral_min_rad",
+        Dimension.ANGLE,
+        0.0,
+        0.5 * _REGULAR_DIHEDRAL_RAD,
+        "2 deg is the preset's",
+    ),
 }
 
 
@@ -37,16 +44,14 @@ class TetWildOptions:
     dihedral_min_rad: float | None = None
 
     def __post_init__(self) -> None:
-        _check("l_r", self.l_r, 0.0, 0.5, "the preset takes 0.05 to 0.1")
-        _check("epsilon_r", self.epsilon_r, 0.0, 0.01, "1e-3 is usual")
-        _check("stop_energy", self.stop_energy, _REGULAR_ENERGY, 1e3, "10 is usual")
-        _check(
-            "dihedral_min [rad]",
-            self.dihedral_min_rad,
-            0.0,
-            0.5 * _REGULAR_DIHEDRAL_RAD,
-            "2 deg is the preset's",
-        )
+        for name, _, low, high, usual in _SETTINGS.values():
+            value = getattr(self, name)
+            if value is not None and not low < value <= high:
+                raise ConfigError(
+                    f"mesh setting {name} = {value:g} is not above {low:.4g} and at most "
+                    f"{high:.4g}",
+                    remedy=f"give one within; {usual}",
+                )
 
 
 def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptions:
@@ -63,7 +68,7 @@ def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptio
         )
     given = {
         name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}")
-        for key, (name, dimension) in _SETTINGS.items()
+        for key, (name, dimension, *_) in _SETTINGS.items()
         if key in table
     }
     with naming(origin):
@@ -78,11 +83,3 @@ def parse_tetwild_options(text: str) -> TetWildOptions:
     """
     given = dict(part.partition("=")[::2] for part in text.split(","))
     return tetwild_options_of(given, origin="--mesh")
-
-
-def _check(name: str, value: float | None, low: float, high: float, usual: str) -> None:
-    if value is not None and not low < value <= high:
-        raise ConfigError(
-            f"mesh setting {name} = {value:g} is not above {low:.4g} and at most {high:.4g}",
-            remedy=f"give one within; {usual}",
-        )

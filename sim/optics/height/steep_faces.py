@@ -71,7 +71,7 @@ def cut_face() -> CutFace:
     inner = [(a, b, _EIGHTHS - a - b) for a in range(1, _EIGHTHS) for b in range(1, _EIGHTHS - a)]
     places += [place for place in inner if place not in places]
     number = {place: index for index, place in enumerate(places)}
-    values = np.stack([quadratic_triangle_values(np.array(place) / _EIGHTHS) for place in places])
+    values = quadratic_triangle_values(np.array(places) / _EIGHTHS)
     parts = []
     straight = np.zeros((len(places), 3))
     for quarter in _in_four(np.array(_FACE_NODES)):
@@ -80,10 +80,10 @@ def cut_face() -> CutFace:
         for sixteenth in _in_four(quarter):
             nodes = [number[tuple(place)] for place in sixteenth.tolist()]
             parts.append(nodes)
-            shapes = [quadratic_triangle_values(to_local @ place) for place in sixteenth]
+            shapes = quadratic_triangle_values(sixteenth @ to_local.T)
             for edge, (_, _, opposite) in enumerate(((0, 1, 2), (1, 2, 0), (2, 0, 1))):
                 bent = 3 + np.flatnonzero(middles[:, opposite] == 0)
-                straight[nodes, edge] = np.array(shapes)[:, bent].sum(axis=1)
+                straight[nodes, edge] = shapes[:, bent].sum(axis=1)
     return CutFace(values=values, straight=straight, parts=np.array(parts, dtype=np.int32))
 
 

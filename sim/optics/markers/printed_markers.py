@@ -58,19 +58,17 @@ class PrintedMarkers:
             geometry: Pixels.
         """
         moved = geometry.to_pixels(self.places_m + displacement_m)
-        cover = np.ones_like(self.ink)
         size = 2 * int(np.ceil(self.reach_px)) + 3
+        height, width = self.ink.shape[:2]
+        # With room for windows that reach beyond the border.
+        cover = np.ones((height + 2 * size, width + 2 * size, 3), dtype=np.float32)
         for start, end in zip(self.centres_px, moved, strict=True):
             left, top = (int(value) - size // 2 for value in np.rint(end))
-            columns, rows = _inside(left, size, geometry.width), _inside(top, size, geometry.height)
-            if columns.stop <= columns.start or rows.stop <= rows.start:
-                continue
-            patch = _shifted(self.ink, start - end + (left, top), size)
-            part = patch[
-                rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-            ]
-            cover[rows, columns] *= part
-        return np.asarray(np.clip(np.rint(image * cover), 0.0, 255.0), dtype=np.uint8)
+            if -size < left < width and -size < top < height:
+                patch = _shifted(self.ink, start - end + (left, top), size)
+                cover[top + size : top + 2 * size, left + size : left + 2 * size] *= patch
+        seen = cover[size:-size, size:-size]
+        return np.asarray(np.clip(np.rint(image * seen), 0.0, 255.0), dtype=np.uint8)
 
 
 def printed_markers(
@@ -107,7 +105,8 @@ def printed_markers(
         )
     reach_px = _REACH * radius_px
     kept = np.concatenate([kept, _cut_off(expected, kept, reach_px, size)])
-    mask = _discs(kept, reach_px, frame.shape[:2])
+    rows, columns = np.indices(frame.shape[:2])
+    mask = cKDTree(kept).query(np.stack([columns, rows], axis=-1))[0] <= reach_px
     bare = cv2.inpaint(frame, mask.astype(np.uint8), 3.0, cv2.INPAINT_TELEA)
     share = frame.astype(np.float32) / np.maximum(bare.astype(np.float32), 1.0)
     return PrintedMarkers(
@@ -145,18 +144,6 @@ def marker_mask(
     return None if printed is None else printed.mask
 
 
-def _discs(centres: FloatArray, radius_px: float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    rows, columns = np.mgrid[: shape[0], : shape[1]]
-    near = np.zeros(shape, dtype=np.bool_)
-    for column, row in centres:
-        near |= np.hypot(columns - column, rows - row) <= radius_px
-    return near
-
-
-def _inside(start: int, size: int, limit: int) -> slice:
-    return slice(max(start, 0), min(start + size, limit))
-
-
 def _shifted(ink: NDArray[np.float32], corner: FloatArray, size: int) -> NDArray[np.float32]:
     """Cut out a window whose first pixel lies between pixels, at ``corner``."""
     middle = corner + 0.5 * (size - 1)
@@ -185,17 +172,8 @@ def draw_markers(
     Returns:
         Image of the same shape, with edges softened over one pixel.
     """
-    cover = np.zeros(image.shape[:2])
-    reach = radius_m / min(geometry.scale_x_m, geometry.scale_y_m) + 2.0 * _EDGE_PX
-    for pixel, place in zip(geometry.to_pixels(places), places, strict=True):
-        low = np.maximum(np.ceil(pixel - reach), 0).astype(int)
-        high = np.minimum(np.floor(pixel + reach), (geometry.width - 1, geometry.height - 1))
-        rows, columns = np.mgrid[low[1] : int(high[1]) + 1, low[0] : int(high[0]) + 1]
-        if rows.size == 0:
-            continue
-        offset = geometry.to_pad(np.stack([columns, rows], axis=-1)) - place
-        inside = (radius_m - np.hypot(offset[..., 0], offset[..., 1])) / geometry.mean_scale_m
-        window = cover[rows[0, 0] : rows[-1, 0] + 1, columns[0, 0] : columns[0, -1] + 1]
-        np.maximum(window, np.clip(inside / _EDGE_PX + 0.5, 0.0, 1.0), out=window)
+    away = cKDTree(places).query(np.stack(geometry.pad_grid(), axis=-1))[0]
+    inside = (radius_m - away) / geometry.mean_scale_m
+    cover = np.clip(inside / _EDGE_PX + 0.5, 0.0, 1.0)
     dimmed = image * (1.0 - (1.0 - _INK) * cover[..., None])
     return np.asarray(np.rint(dimmed), dtype=np.uint8)
