@@ -12,8 +12,9 @@ from typing import Any
 
 import warp as wp
 
+from sim.contact.indenter_distance import Poses
 from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part
-from sim.optics.height.underside_kernel import Poses, underside
+from sim.optics.height.underside_kernel import underside
 from sim.scene.triangle_rays import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))
@@ -238,10 +239,10 @@ def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int)
 
 @wp.kernel(enable_backward=False, module="unique")
 def bound_heights(
+    gel: Gel,
     view: View,
     body: Any,
     poses: Poses,
-    gap_m: wp.float64,
     # Data in:
     canvas: Canvas,
     # Data out, where there is room for it:
@@ -256,7 +257,7 @@ def bound_heights(
     if height >= BARE_M:
         height = _nearest_height(view, canvas, env, row, column)
     place = view.towards * (wp.vec2d(wp.float64(column), wp.float64(row)) - view.centre)
-    ceiling = underside(body, poses, env, place[0], place[1])
+    ceiling = underside(body, poses, gel.standoff, env, place[0], place[1])
     if ceiling < BESIDE and not wp.isnan(height):
         height = wp.where(
             canvas.pressed[env, pixel] == wp.uint8(1), ceiling, wp.min(height, ceiling)
@@ -265,5 +266,5 @@ def bound_heights(
         dent_out[env, row, column] = wp.float32(canvas.rest[pixel] - height)
     if loaded_out.shape[0] > 0:
         loaded_out[env, pixel] = height
-        touches = ceiling < BESIDE and ceiling - height <= gap_m
+        touches = ceiling < BESIDE and ceiling - height <= gel.gap
         contact_out[env, pixel] = wp.where(touches, wp.uint8(1), wp.uint8(0))

@@ -10,7 +10,8 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.height.underside_kernel import Poses, underside
+from sim.contact.indenter_distance import Poses
+from sim.optics.height.underside_kernel import underside
 from sim.scene.triangle_rays import BESIDE
 
 _SIXTEEN = wp.constant(16)
@@ -37,6 +38,8 @@ class Gel:
         faces: Nodes of each face, shape [face_count, 6 or 3].
         parts: Nodes of the faces, then of the sixteen parts of each, the same width.
         facets: Corners of a part's linear facets among its nodes, shape [4 or 1, 3].
+        standoff: By how much what bounds the gel is larger than the indenter [m].
+        gap: Largest gap between gel and what bounds it that counts as touching [m].
     """
 
     sources: wp.array(dtype=wp.int32)
@@ -45,6 +48,8 @@ class Gel:
     faces: wp.array2d(dtype=wp.int32)
     parts: wp.array2d(dtype=wp.int32)
     facets: wp.array2d(dtype=wp.int32)
+    standoff: wp.float64
+    gap: wp.float64
     values: wp.array2d(dtype=wp.float64)
     straight: wp.array2d(dtype=wp.float64)
     across: wp.array2d(dtype=wp.int32)
@@ -208,7 +213,7 @@ def add_nodes(gel: Gel, canvas: Canvas):
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def close_gaps(gel: Gel, body: Any, poses: Poses, gap_m: wp.float64, canvas: Canvas):
+def close_gaps(gel: Gel, body: Any, poses: Poses, canvas: Canvas):
     """Lift nodes that touch onto the indenter; say which do, and its slope there."""
     env, i = wp.tid()
     added = i - gel.sources.shape[0]
@@ -217,18 +222,18 @@ def close_gaps(gel: Gel, body: Any, poses: Poses, gap_m: wp.float64, canvas: Can
     x = canvas.nodes[env, i]
     step = _SLOPE_STEP_M
     state = 0
-    ceiling = underside(body, poses, env, x[0], x[1])
+    ceiling = underside(body, poses, gel.standoff, env, x[0], x[1])
     if ceiling < BESIDE:
         state = COVERED
-    right = underside(body, poses, env, x[0] + step, x[1])
-    left = underside(body, poses, env, x[0] - step, x[1])
-    ahead = underside(body, poses, env, x[0], x[1] + step)
-    behind = underside(body, poses, env, x[0], x[1] - step)
+    right = underside(body, poses, gel.standoff, env, x[0] + step, x[1])
+    left = underside(body, poses, gel.standoff, env, x[0] - step, x[1])
+    ahead = underside(body, poses, gel.standoff, env, x[0], x[1] + step)
+    behind = underside(body, poses, gel.standoff, env, x[0], x[1] - step)
     slope = wp.vec2d()
     if wp.max(wp.max(right, left), wp.max(ahead, behind)) < BESIDE:
         slope = wp.vec2d(right - left, ahead - behind) / (wp.float64(2.0) * step)
         state |= SMOOTH
-    if ceiling - x[2] <= gap_m * wp.sqrt(wp.float64(1.0) + wp.dot(slope, slope)):
+    if ceiling - x[2] <= gel.gap * wp.sqrt(wp.float64(1.0) + wp.dot(slope, slope)):
         state |= TOUCHES
         canvas.nodes[env, i] = wp.vec3d(x[0], x[1], ceiling)
     canvas.slopes[env, i] = slope

@@ -8,6 +8,8 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
+from sim.contact.indenter_distance import Poses, body_of, poses_at
+from sim.contact.triangle_distance import uploaded_surface
 from sim.device import Device, filled
 from sim.fields.surface import TopSurface
 from sim.mesh.elements import QUARTERS
@@ -27,8 +29,7 @@ from sim.optics.height.node_kernel import (
 from sim.optics.height.rings import round_rings
 from sim.optics.height.slope_fit_kernel import fit_slopes, two_rings
 from sim.optics.height.steep_faces import added_nodes, cut_face
-from sim.optics.height.underside_kernel import Poses, solid_of
-from sim.scene.indenter import Indenter, grown
+from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
@@ -77,13 +78,15 @@ class SurfaceHeights:
         device: str = "cpu",
     ) -> None:
         self._count, self._device = count, Device(device)
-        self._standoff_m, self._gap_m = standoff_m, wp.float64(contact_gap_m)
         self._size = (geometry.height, geometry.width)
         self._view = _view(geometry)
-        self._body, self._body_kept = solid_of(grown(indenter, standoff_m), device)
+        bound = grown(indenter, standoff_m)
+        self._body = body_of(bound, device=device)
+        # Kernels find a mesh by the place of its tree, which must live as long.
+        self._kept = uploaded_surface(bound, device) if isinstance(bound, MeshIndenter) else None
         self._is_quadratic = top.faces.shape[1] == 6
         lifts = np.zeros(len(top.rest)) if pad is None else _lifts(top.rest, pad)
-        self._take_tables(top, lifts)
+        self._take_tables(top, lifts, standoff=standoff_m, gap=contact_gap_m)
         self._canvas = self._blank()
         empty = self._device.empty
         self._no_dent: Any = empty((0, 0, 0), wp.float32)
@@ -100,7 +103,7 @@ class SurfaceHeights:
             rotations: Indenter frame to pad frame, mat33d, shape [count].
             dent_out: float32, shape [count, height, width].
         """
-        poses = _poses(tips, rotations, self._standoff_m)
+        poses = filled(Poses, tips=tips, rotations=rotations)
         self._draw(positions, poses)
         self._bound(self._count, poses, [dent_out, *self._no_map])
 
@@ -111,16 +114,16 @@ class SurfaceHeights:
         """
         pixels = (self._count, self._size[0] * self._size[1])
         loaded, contact = (self._device.empty(pixels, kind) for kind in (wp.float64, wp.uint8))
-        poses = _poses(tips, rotations, self._standoff_m)
+        poses = filled(Poses, tips=tips, rotations=rotations)
         self._draw(positions, poses)
         self._bound(self._count, poses, [self._no_dent, loaded, contact])
         return loaded, contact
 
-    def _take_tables(self, top: TopSurface, lifts: FloatArray) -> None:
+    def _take_tables(self, top: TopSurface, lifts: FloatArray, **lengths_m: float) -> None:
         device, node_count = self._device, len(top.rest)
         parts, facets, axis = top.faces, np.array([[0, 1, 2]]), top.mesh_axis_m or (0.0, 0.0)
         sources: list[Any] = [top]
-        members: dict[str, Any] = {"axis": wp.vec2d(*axis)}
+        members: dict[str, Any] = {"axis": wp.vec2d(*axis), **lengths_m}
         if self._is_quadratic:
             sources += [cut_face(), added := added_nodes(top.faces, node_count)]
             parts, facets = np.concatenate([top.faces, added.parts]), np.array(QUARTERS)
@@ -160,10 +163,9 @@ class SurfaceHeights:
                 f"the gel's surface covers none of the {self._size[1]} x {self._size[0]} pixels",
                 remedy="check the camera's centre and mm per pixel, and that the mesh is in metres",
             )
-        far = device.vectors(np.array([[0.0, 0.0, _FAR_M]]))
-        upright = device.array(np.eye(3)[None], wp.mat33d)
+        far = poses_at(np.array([[0.0, 0.0, _FAR_M]]), np.eye(3)[None], device)
         out = self.rest_m.reshape((1, -1)), device.empty((1, len(self.rest_m)), wp.uint8)
-        self._bound(1, _poses(far, upright, 0.0), [self._no_dent, *out])
+        self._bound(1, far, [self._no_dent, *out])
 
     def _draw(self, positions: Any, poses: Any) -> None:
         """Draw all surfaces, not yet bounded by the indenter."""
@@ -175,7 +177,7 @@ class SurfaceHeights:
         if self._is_quadratic:
             launch(mark_steep, canvas.steep.shape, [gel], [canvas])
             launch(add_nodes, (count, len(gel.face)), [gel], [canvas])
-        launch(close_gaps, canvas.nodes.shape, [gel, self._body, poses, self._gap_m], [canvas])
+        launch(close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
         launch(mark_edges, (count, len(gel.parts)), [gel], [canvas])
         self._draw_nodes(count)
 
@@ -197,17 +199,13 @@ class SurfaceHeights:
         launch(find_covered, (count, self._size[1]), [self._view], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
-        inputs = [self._view, self._body, poses, self._gap_m, self._canvas]
+        inputs = [self._gel, self._view, self._body, poses, self._canvas]
         self._device.launch(bound_heights, (count, *self._size), inputs, outputs)
 
 
 def _length(table: Any) -> int:
     """Return the length of a table, which a mesh that calls for none has not."""
     return 0 if table is None else len(table)
-
-
-def _poses(tips: Any, rotations: Any, away_m: float) -> Any:
-    return filled(Poses, tips=tips, rotations=rotations, away_m=away_m)
 
 
 def _view(geometry: CameraGeometry) -> Any:

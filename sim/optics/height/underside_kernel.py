@@ -11,64 +11,33 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.contact.triangle_distance import DeviceSurface, uploaded_surface
-from sim.device import Device, filled
+from sim.contact.indenter_distance import (
+    CYLINDER,
+    SPHERE,
+    Body,
+    MeshBody,
+    Poses,
+    body_of,
+    poses_at,
+)
+from sim.device import Device
 from sim.fields.surface import SurfaceState
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.triangle_rays import BESIDE, lowest_height
 
-_PLANE, _CYLINDER, _SPHERE = wp.constant(0), wp.constant(1), wp.constant(2)
 _TILT_ITERATIONS = wp.constant(40)
 _SETTLED_M = wp.constant(wp.float64(1.0e-12))
 
 
-@wp.struct
-class Solid:
-    """An analytic indenter in its own frame."""
-
-    shape: wp.int32
-    radius: wp.float64
-    fillet: wp.float64
-
-
-@wp.struct
-class Poses:
-    """Where each environment's indenter is.
-
-    Attributes:
-        tips: [m], shape [count].
-        rotations: Indenter frame to pad frame, shape [count].
-        away_m: What bounds the gel is larger than the indenter by so much; its tip lies lower.
-    """
-
-    tips: wp.array(dtype=wp.vec3d)
-    rotations: wp.array(dtype=wp.mat33d)
-    away_m: wp.float64
-
-
-def solid_of(indenter: Indenter, device: str) -> tuple[Any, Any]:
-    """Return an indenter in its own frame for kernels, and what must live as long."""
-    if isinstance(indenter, MeshIndenter):
-        return uploaded_surface(indenter, device)
-    if isinstance(indenter, Cylinder):
-        made = filled(Solid, shape=_CYLINDER, radius=indenter.radius_m, fillet=indenter.fillet_m)
-    elif isinstance(indenter, Sphere):
-        made = filled(Solid, shape=_SPHERE, radius=indenter.radius_m)
-    else:
-        made = filled(Solid, shape=_PLANE)
-    return made, None
-
-
 @wp.func
-def _lowest(body: Solid, x: wp.float64, y: wp.float64):
+def _lowest(body: Body, x: wp.float64, y: wp.float64):
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
     zero = wp.float64(0.0)
     height = zero
     squared = x * x + y * y
-    if body.shape == _SPHERE:
+    if body.shape == SPHERE:
         left = body.radius * body.radius - squared
         height = wp.where(left < zero, BESIDE, body.radius - wp.sqrt(wp.max(left, zero)))
-    if body.shape == _CYLINDER:
+    if body.shape == CYLINDER:
         radius = wp.sqrt(squared)
         inside = wp.clamp(radius - (body.radius - body.fillet), zero, body.fillet)
         arc = wp.sqrt(wp.max(body.fillet * body.fillet - inside * inside, zero))
@@ -77,22 +46,24 @@ def _lowest(body: Solid, x: wp.float64, y: wp.float64):
 
 
 @wp.func  # type: ignore[no-redef]
-def _lowest(body: DeviceSurface, x: wp.float64, y: wp.float64):
+def _lowest(body: MeshBody, x: wp.float64, y: wp.float64):
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
-    return lowest_height(body, x, y)
+    return lowest_height(body.surface, x, y)
 
 
 @wp.func
-def underside(body: Any, poses: Poses, env: int, x: wp.float64, y: wp.float64):
+def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float64, y: wp.float64):
     """Return the height of an environment's indenter over the pad [m], ``BESIDE`` beside it.
+
+    The body is larger than the indenter by ``away_m``, and its tip lies lower by as much.
 
     A tilted indenter is solved for by fixed-point iteration along z, which contracts while tilt
     times slope stays below one; the flanks of a tilted cylinder do not count as underside.
     """
     R = poses.rotations[env]
     tip = poses.tips[env]
-    dx = x - (tip[0] - poses.away_m * R[0, 2])
-    dy = y - (tip[1] - poses.away_m * R[1, 2])
+    dx = x - (tip[0] - away_m * R[0, 2])
+    dy = y - (tip[1] - away_m * R[1, 2])
     lateral = R[0, 2] * dx + R[1, 2] * dy
     upright = wp.abs(R[0, 2]) + wp.abs(R[1, 2]) < _SETTLED_M
     height = wp.float64(0.0)
@@ -107,7 +78,7 @@ def underside(body: Any, poses: Poses, env: int, x: wp.float64, y: wp.float64):
         height = found
         if upright or settled:
             break
-    return wp.where(beside, BESIDE, height + tip[2] - poses.away_m * R[2, 2])
+    return wp.where(beside, BESIDE, height + tip[2] - away_m * R[2, 2])
 
 
 @wp.kernel(enable_backward=False)
@@ -121,7 +92,7 @@ def _undersides(
 ):
     """Find the underside over places."""
     i = wp.tid()
-    height_out[i] = underside(body, poses, 0, places[i][0], places[i][1])
+    height_out[i] = underside(body, poses, wp.float64(0.0), 0, places[i][0], places[i][1])
 
 
 def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -136,14 +107,10 @@ def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> Floa
         Heights in the pad's frame [m], same shape; inf beside the indenter.
     """
     device = Device("cpu")
-    poses = filled(
-        Poses,
-        tips=device.vectors(surface.indenter_position[None]),
-        rotations=device.array(surface.indenter_rotation[None], wp.mat33d),
-    )
+    poses = poses_at(surface.indenter_position[None], surface.indenter_rotation[None], device)
     places = device.array(np.stack([x, y], axis=-1).reshape(-1, 2), wp.vec2d)
     height = device.empty((len(places),), wp.float64)
-    body, _kept = solid_of(surface.indenter, device.name)
+    body = body_of(surface.indenter)
     device.launch(_undersides, (len(places),), [body, poses, places], [height])
     found: FloatArray = height.numpy().reshape(np.shape(x))
     return np.where(found >= float(BESIDE), np.inf, found)
