@@ -87,9 +87,11 @@ def scene_of(terms: SceneTerms) -> Scene:
         effects=tuple(parse_switch(text) for text in terms.effect or ()),
         drive=terms.drive,
         preset=terms.preset or Preset.BALANCED,
-        tetwild=_tetwild_options(known, terms),
+        tetwild=known.tetwild if known is not None else TetWildOptions(),
         sensor=terms.sensor or "",
     )
+    if terms.mesh is not None:
+        scene = replace(scene, tetwild=parse_tetwild_options(terms.mesh))
     if terms.tolerance is None:
         return scene
     tolerance = parse_tolerance(terms.tolerance, field="--tolerance")
@@ -118,13 +120,6 @@ def _target(terms: SceneTerms, pad: Pad) -> Target:
             remedy="give less than the thickness",
         )
     return Target(depth_m=depth, force_n=force)
-
-
-def _tetwild_options(sensor: Sensor | None, terms: SceneTerms) -> TetWildOptions:
-    """Return the sensor's settings of fTetWild unless others are given."""
-    if terms.mesh is not None:
-        return parse_tetwild_options(terms.mesh)
-    return TetWildOptions() if sensor is None else sensor.tetwild
 
 
 def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:

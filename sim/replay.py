@@ -10,11 +10,11 @@ from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
-from sim.press import PressResult, measure, path_for
+from sim.press import measure, path_for
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
+from sim.solve.load_steps.force_search import find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.replayed import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.versions import installed
@@ -111,12 +111,8 @@ def _trial(
     fields = trial_fields(path, match.point)
     wall = {"solve_s": solved - started, "fields_s": time.perf_counter() - solved}
     result = measure(scene, path, match.point, plan=plan, wall_s=wall)
-    return _record(position + 1, force_n, match, result), fields
-
-
-def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) -> ReplayTrial:
-    return ReplayTrial(
-        index=index,
+    trial = ReplayTrial(
+        index=position + 1,
         force_measured_n=force_n,
         force_simulated_n=result.force_n[2],
         depth_simulated_m=result.depth_m,
@@ -130,6 +126,7 @@ def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) 
         min_jacobian=result.min_jacobian,
         force_history=match.history,
     )
+    return trial, fields
 
 
 def _replay_model(

@@ -13,7 +13,7 @@ import warp as wp
 
 from sim.device import CPU_FLAGS, start_warp
 from sim.material.laws.tangent import Law, Tangent, tangent_block
-from sim.mesh.elements import ElementOrder, ReferenceElement, reference_element
+from sim.mesh.elements import ElementOrder, reference_element
 
 start_warp()
 
@@ -185,16 +185,6 @@ def hessian(
             wp.atomic_add(values_out, slot // 2, total)
 
 
-def shape_gradients(reference: ReferenceElement) -> list[Any]:
-    """Return the shape functions' gradients as kernels compile them in.
-
-    Returns:
-        By quadrature point, node and reference coordinate.
-    """
-    gradients = reference.gradients
-    return np.where(np.abs(gradients) < _ZERO, 0.0, gradients).tolist()
-
-
 @cache
 def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     """Build the kernel of a law's energy and forces.
@@ -208,7 +198,9 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     """
     law_energy, law_stress, objective = law.energy, law.stress, law.is_objective
     reference = reference_element(order)
-    gradients, node_count = shape_gradients(reference), reference.node_count
+    # By quadrature point, node and reference coordinate, as the kernel compiles them in.
+    gradients = np.where(np.abs(reference.gradients) < _ZERO, 0.0, reference.gradients).tolist()
+    node_count = reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
     @wp.kernel(

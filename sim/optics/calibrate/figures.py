@@ -28,13 +28,14 @@ def draw_coverage(
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
     slopes, places = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     shown = np.ma.masked_equal(coverage.presses_seen, 0)
+    steepest_deg = math.degrees(math.asin(min(coverage.tilt_limit, 1.0)))
     mesh = slopes.pcolormesh(coverage.edges, coverage.edges, shown, cmap="viridis", vmin=0)
     slopes.add_patch(Outline((0, 0), coverage.tilt_limit, fill=False, color="#777777"))
     slopes.set(
         aspect="equal",
         xlabel="tilt along columns",
         ylabel="tilt along rows",
-        title=f"{coverage.share:.0%} of slopes to {_degrees(coverage.tilt_limit):.0f} deg",
+        title=f"{coverage.share:.0%} of slopes to {steepest_deg:.0f} deg",
     )
     slopes.invert_yaxis()
     figure.colorbar(mesh, ax=slopes, label="presses that show it")
@@ -71,7 +72,3 @@ def _triptych(item: RenderedPress, scene: PressScene) -> FloatArray:
     window = crop_window(item.press.circle, real.shape[0], real.shape[1])
     difference = 127.0 + _DIFFERENCE_GAIN * (rendered - real)
     return np.concatenate([real[window], rendered[window], difference[window]], axis=1)
-
-
-def _degrees(tilt: float) -> float:
-    return math.degrees(math.asin(min(tilt, 1.0)))

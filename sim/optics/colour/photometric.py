@@ -111,12 +111,6 @@ class PhotometricModel:
         kind = light.dtype.type
         return np.asarray(np.maximum(light, kind(1.0)) * kind(1.0 / self.reference))
 
-    def shown(self, change: RealArray, background: RealArray) -> RealArray:
-        """Return the grey levels of a change over a no-contact frame, both of one shape."""
-        light = self.response.light(background)
-        gain = self.gain(light)
-        return self.response.levels(light + (change if gain is None else gain * change))
-
     def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
         light = self.response.light(frame)

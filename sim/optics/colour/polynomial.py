@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
@@ -60,7 +59,10 @@ def monomials(
 ) -> RealArray:
     """Return the terms' values, shape [term_count, point_count]; arguments as in ``evaluate``."""
     depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
-    powers = _all_powers((*tilt, *position, depth), exponents)
+    powers = [
+        _powers(variable, int(degrees.max(initial=0)))
+        for variable, degrees in zip((*tilt, *position, depth), exponents.T, strict=True)
+    ]
     features = np.empty((len(exponents), tilt.shape[1]), dtype=tilt.dtype)
     for row, term in zip(features, exponents.tolist(), strict=True):
         product = _product(powers, term, row)
@@ -160,14 +162,6 @@ def _product(powers: list[list[RealArray]], term: list[int], scratch: RealArray)
     for factor in factors[2:]:
         scratch *= factor
     return scratch
-
-
-def _all_powers(variables: Iterable[RealArray], exponents: IntArray) -> list[list[RealArray]]:
-    """Return the powers of each variable up to the highest that its column asks for."""
-    return [
-        _powers(variable, int(exponents[:, column].max(initial=0)))
-        for column, variable in enumerate(variables)
-    ]
 
 
 def _powers(variable: RealArray, degree: int) -> list[RealArray]:

@@ -101,15 +101,11 @@ def _rings(
     nodes = np.concatenate([corners, edges[:, 2]])
     ends = np.concatenate([np.stack([corners, corners], axis=1), edges[:, :2]])
     names = np.sort(circle[ends], axis=1)
-    on_ray = np.abs(_wrapped(angle[ends[:, 0]] - angle[ends[:, 1]])) < _SAME_ANGLE_RAD
+    turn = angle[ends[:, 0]] - angle[ends[:, 1]]
+    on_ray = np.abs((turn + np.pi) % (2.0 * np.pi) - np.pi) < _SAME_ANGLE_RAD
     _, ring_of = np.unique(names, axis=0, return_inverse=True)
     order = np.argsort(ring_of, kind="stable")
     for members in np.split(order, np.flatnonzero(np.diff(ring_of.ravel()[order])) + 1):
         on_rays, between = nodes[members[on_ray[members]]], nodes[members[~on_ray[members]]]
         if len(on_rays) == len(between) >= _SECTORS_MIN:
             yield on_rays, between
-
-
-def _wrapped(angle: FloatArray) -> FloatArray:
-    """Return angles between -pi and pi [rad]."""
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)

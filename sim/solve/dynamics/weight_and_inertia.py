@@ -23,7 +23,6 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 from sim.solve.potential import Potential
-from tacauchy_rig.errors import ConfigError
 
 # Of a tetrahedron's mass, node by node.
 _WEIGHT_SHARES = {
@@ -65,33 +64,16 @@ def _shared(model: Model, density_kg_m3: float | FloatArray, shares: FloatArray)
     return masses
 
 
-def weight(
-    model: Model,
-    density_kg_m3: float | FloatArray,
-    *,
-    acceleration_m_s2: tuple[float, float, float] = (0.0, 0.0, -STANDARD_M_S2),
-) -> Potential:
-    """Return the weight of a pad.
+def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
+    """Return the weight of a pad of a sensor that looks up: it acts along -z.
 
     Args:
-        model: The pad.
         density_kg_m3: One number, or one for each tetrahedron.
-        acceleration_m_s2: Free fall in the pad's frame: -z for a sensor that looks up.
-
-    Raises:
-        ConfigError: The weight pulls across a plane of symmetry of a folded mesh.
     """
-    symmetry = model.mesh.symmetry
-    if (symmetry.mirror_x and acceleration_m_s2[0]) or (symmetry.mirror_y and acceleration_m_s2[1]):
-        raise ConfigError(
-            f"weight along {acceleration_m_s2} m/s2 breaks the symmetry by which the pad is "
-            "modelled in part",
-            remedy="let the weight act along z, or mesh the whole pad",
-        )
     masses = weighing_masses(model, density_kg_m3)
     return Potential(
         stiffness_n_m=np.zeros(len(masses)),
-        force_n=np.outer(masses, acceleration_m_s2),
+        force_n=np.outer(masses, (0.0, 0.0, -STANDARD_M_S2)),
         towards_m=model.nodes,
     )
 

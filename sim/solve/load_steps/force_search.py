@@ -74,7 +74,9 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
                 newton_iterations=path.counts.newton_iterations - before,
             )
         low, high = (point, high) if missing > 0.0 else (low, point)
-        depth = _tangent_guess(path, point, missing)
+        longest = _GUESS_MAX_STEPS * path.step_max_m
+        step = missing / max(point.stiffness_n_m, _NO_STIFFNESS_N_M)
+        depth = point.depth_m + min(max(step, -longest), longest)
         if low is not None and high is not None:
             depth = _bracketed(depth, low, high, force_n, halved=len(history) % _HALVED_EVERY == 0)
         point = path.advance(depth, start=point)
@@ -89,14 +91,6 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
 
 def _force(point: PathPoint) -> float:
     return float(point.force_n[2])
-
-
-def _tangent_guess(path: LoadingPath, point: PathPoint, missing_n: float) -> float:
-    step, longest = (
-        missing_n / max(point.stiffness_n_m, _NO_STIFFNESS_N_M),
-        _GUESS_MAX_STEPS * path.step_max_m,
-    )
-    return point.depth_m + min(max(step, -longest), longest)
 
 
 def _bracketed(

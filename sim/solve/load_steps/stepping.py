@@ -30,6 +30,8 @@ _CUT, _GROWTH = 4.0, 2.0
 _EVEN_SHARE = 0.1
 # Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
+# Points that a prediction goes by, at most.
+_GONE_BY = 3
 # A stiffness that is none [N/m]; it keeps a quotient finite.
 _NOTHING_N_M = 1e-30
 # Points nearer to each other than this share of the way ahead say too little.
@@ -179,7 +181,8 @@ class Stepping:
         known = [
             (each.depth_m if held else float(each.force_n[2]), each)
             for each in self._known
-            if _stand_alike(each.state, point.state)
+            if np.array_equal(each.state.tip[:2], point.state.tip[:2])
+            and np.array_equal(each.state.rotation, point.state.rotation)
         ]
         return known, at
 
@@ -224,12 +227,6 @@ class Stepping:
         )
 
 
-def _stand_alike(one: State, other: State) -> bool:
-    """Return whether the indenter stands at the same place and turned alike, at any height."""
-    beside = np.array_equal(one.tip[:2], other.tip[:2])
-    return beside and np.array_equal(one.rotation, other.rotation)
-
-
 def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> ConvergenceError:
     return ConvergenceError(
         f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
@@ -244,7 +241,6 @@ def predicted_state(
     *,
     at: float,
     step: float,
-    count: int = 3,
 ) -> State:
     """Return the state that polynomials through the nearest points give.
 
@@ -253,12 +249,11 @@ def predicted_state(
         places: Their depths [m] or loads [N]; of the last one it need not be the largest.
         at: Where the state is wanted, in the same unit.
         step: Way from the last point to there, likewise.
-        count: Points that are gone by, at most.
     """
     chosen: list[int] = []
     for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
         apart = [abs(places[k] - places[j]) for j in chosen]
-        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < count:
+        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < _GONE_BY:
             chosen.append(k)
     state = points[chosen[0]].state.copy()
     shares = _lagrange([places[k] for k in chosen], at)

@@ -11,11 +11,10 @@ from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.fields.press_fields import surface_state
-from sim.mesh.tet_mesh import TetMesh
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import path_for
 from sim.scene.indenter import Sphere
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
@@ -101,22 +100,17 @@ class PressedProfiles:
         )
         count = max(len(self._presses[i][1].radius_m) for i in (lower, upper))
         radius = np.linspace(0.0, reach, count)
-        tilt_low, depth_low = self._scaled(lower, contact_radius_m, radius)
-        tilt_high, depth_high = self._scaled(upper, contact_radius_m, radius)
-        return RadialProfile(
-            radius_m=radius,
-            tilt=(1.0 - share) * tilt_low + share * tilt_high,
-            indentation_m=(1.0 - share) * depth_low + share * depth_high,
-        )
+        low, high = (self._scaled(i, contact_radius_m, radius) for i in (lower, upper))
+        tilt, depth = (1.0 - share) * low + share * high
+        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth)
 
-    def _scaled(
-        self, i: int, contact_radius_m: float, radius: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _scaled(self, i: int, contact_radius_m: float, radius: FloatArray) -> FloatArray:
+        """Return tilt and indentation [m] of a press at radii as of another contact, [2, n]."""
         known_radius, profile = self._presses[i]
         scale = contact_radius_m / known_radius
         tilt = scale * np.interp(radius / scale, profile.radius_m, profile.tilt, right=0.0)
         depth = np.interp(radius / scale, profile.radius_m, profile.indentation_m, right=0.0)
-        return tilt, scale**2 * depth
+        return np.stack([tilt, scale**2 * depth])
 
 
 def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, RadialProfile]:
@@ -167,7 +161,11 @@ def ball_profiles(
     """
     ball, target = Sphere(diameter_m=ball_diameter_m), Target(depth_m=DEPTHS_M[-1])
     scene = sensor.scene(ball, target, preset=preset, barrier_m=_CONTACT_DISTANCE_M)
-    path = path_for(scene, plan_effects(scene), model=build_model(scene, mesh=_mesh(scene)))
+    # Finer than the preset: of the ball's small contact every edge is looked at.
+    usual = RESOLUTIONS.get(scene.preset, RESOLUTIONS[Preset.FAST])
+    fine = replace(usual, smooth_share=_EDGE_SHARE, growth=_GROWTH, sector_count=_SECTORS)
+    model = build_model(scene, mesh=mesh_for(scene, resolution=fine))
+    path = path_for(scene, plan_effects(scene), model=model)
     path.step_max_m = target.depth_m or 0.0  # depths lie so near that each is one step
     geometry = CameraGeometry.centred(_PIXELS, _PIXELS, scale_x_m=_PIXEL_M, scale_y_m=_PIXEL_M)
     found = []
@@ -179,10 +177,3 @@ def ball_profiles(
         found.append(radial_profile(maps, geometry))
         on_press(len(found))
     return PressedProfiles(found)
-
-
-def _mesh(scene: Scene) -> TetMesh:
-    """Mesh finer than the preset does: of the ball's small contact every edge is looked at."""
-    preset = RESOLUTIONS.get(scene.preset, RESOLUTIONS[Preset.FAST])
-    resolution = replace(preset, smooth_share=_EDGE_SHARE, growth=_GROWTH, sector_count=_SECTORS)
-    return mesh_for(scene, resolution=resolution)
