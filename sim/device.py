@@ -77,14 +77,10 @@ class Device:
         """Copy positions [m], shape [count, 3], to an array of vectors."""
         return self.array(positions, wp.vec3d)
 
-    def tables(self, structure: Any, *sources: Any, **members: Any) -> Any:
-        """Return a Warp structure; its arrays are copies of the attributes of objects."""
-        arrays = {
-            name: self.array(getattr(source, name), var.type.dtype)
-            for name, var in structure.vars.items()
-            for source in sources
-            if name not in members and hasattr(source, name)
-        }
+    def tables(self, structure: Any, tables: Mapping[str, Any], **members: Any) -> Any:
+        """Return a Warp structure with copies of tables as its arrays, and other members."""
+        kinds = {name: var.type for name, var in structure.vars.items()}
+        arrays = {name: self.array(values, kinds[name].dtype) for name, values in tables.items()}
         return filled(structure, **arrays, **members)
 
     def room(self, structure: Any, shapes: Mapping[str, tuple[int, ...]]) -> Any:

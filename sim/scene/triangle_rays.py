@@ -92,7 +92,8 @@ def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
     device = Device("cpu")
     tree, centre, size = unit_tree(surface, device.name)
     placed = {"tree": tree.id, "centre": wp.vec3d(*centre), "per_size": 1.0 / size}
-    inputs = [device.tables(RaySurface, surface, **placed), device.array(plan, wp.vec2d)]
+    arrays = {name: getattr(surface, name) for name in ("vertices", "faces", "face_normals")}
+    inputs = [device.tables(RaySurface, arrays, **placed), device.array(plan, wp.vec2d)]
     heights = device.empty((len(plan),), wp.float64)
     device.launch(_lowest_heights, (len(plan),), inputs, [heights])
     found: FloatArray = heights.numpy()

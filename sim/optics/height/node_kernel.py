@@ -28,8 +28,8 @@ FREE, AT_RIM = wp.constant(8), wp.constant(16)
 class Gel:
     """How the drawn nodes follow a model's, and which of them make faces and parts.
 
-    Below the facets are ``steep_faces.CutFace`` and ``AddedNodes``, ``rings.RoundRings`` and its
-    axis, and ``slope_fit_kernel.two_rings``: each empty where a mesh calls for none.
+    What a mesh does not call for is empty: steep faces that are cut (``steep_faces``), rings that
+    are drawn round (``rings``), neighbours of nodes of linear faces.
 
     Attributes:
         sources: Node of the model that each drawn one is, or mirrors, shape [node_count].
@@ -40,6 +40,23 @@ class Gel:
         facets: Corners of a part's linear facets among its nodes, shape [4 or 1, 3].
         standoff: By how much what bounds the gel is larger than the indenter [m].
         gap: Largest gap between gel and what bounds it that counts as touching [m].
+        values: Shape functions of a face at the places of a cut one, shape [place_count, 6].
+        straight: How far a place moves, seen from above, with the bend of each edge that is drawn
+            straight, shape [place_count, 3].
+        across: The face across each edge, -1 at the border, shape [face_count, 3].
+        face: A face of each node that cutting adds.
+        beside: The other one of a node on an edge, -1 where there is none.
+        place: Which place of ``face`` it is.
+        axis: Of the rings, x and y [m].
+        angle: About the axis at rest of the nodes [rad].
+        between: Nodes in the middle of chords, ring by ring.
+        on_rays: Nodes at the ends of chords, ring by ring.
+        starts: Where the ring of each of these begins in ``between``.
+        weight_starts: Where its weights begin.
+        counts: How many nodes its ring has between rays.
+        weights: Of radius, turn and height of those nodes in its own.
+        neighbour_starts: Where the neighbours of each node begin.
+        neighbours: Nodes at most two edges away.
     """
 
     sources: wp.array(dtype=wp.int32)

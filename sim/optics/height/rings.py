@@ -10,9 +10,10 @@ nodes at the ends of chords are put onto the smooth closed curve through those i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from sim.arrays import FloatArray, IntArray
@@ -22,30 +23,9 @@ _SAME_ANGLE_RAD = 1e-6
 _SECTORS_MIN = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoundRings:
-    """How nodes at the ends of chords follow from those in the middle.
-
-    Attributes:
-        angle: About the axis at rest of the mesh's nodes [rad], shape [node_count].
-        between: Nodes in the middle of chords, ring by ring.
-        on_rays: Nodes at the ends of chords, ring by ring.
-        starts: Where the ring of each of these begins in ``between``.
-        weight_starts: Where its weights begin.
-        counts: How many nodes its ring has between rays.
-        weights: Of radius, turn and height of those nodes in its own.
-    """
-
-    angle: FloatArray
-    between: IntArray
-    on_rays: IntArray
-    starts: IntArray
-    weight_starts: IntArray
-    counts: IntArray
-    weights: FloatArray
-
-
-def round_rings(rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]) -> RoundRings:
+def round_rings(
+    rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]
+) -> dict[str, NDArray[Any]]:
     """Return what draws the circles of a revolved mesh of quadratic faces about its axis smooth.
 
     A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.
@@ -54,6 +34,9 @@ def round_rings(rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]) 
         rest: Nodes at rest [m], shape [node_count, 3].
         faces: Shape [face_count, 6].
         axis_m: x and y [m].
+
+    Returns:
+        Tables of ``node_kernel.Gel`` by their names.
     """
     offset = rest[:, :2] - np.array(axis_m)
     radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
@@ -73,15 +56,15 @@ def round_rings(rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]) 
         counts.append(np.full(len(rays), len(ordered)))
         begin += len(ordered)
     count = np.concatenate(counts)
-    return RoundRings(
-        angle=angle,
-        between=np.concatenate(between),
-        on_rays=np.concatenate(on_rays),
-        starts=np.concatenate(starts),
-        weight_starts=np.cumsum(count) - count,
-        counts=count,
-        weights=np.concatenate(weights),
-    )
+    return {
+        "angle": angle,
+        "between": np.concatenate(between),
+        "on_rays": np.concatenate(on_rays),
+        "starts": np.concatenate(starts),
+        "weight_starts": np.cumsum(count) - count,
+        "counts": count,
+        "weights": np.concatenate(weights),
+    }
 
 
 def _rings(

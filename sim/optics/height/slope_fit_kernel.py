@@ -78,8 +78,8 @@ def fit_slopes(gel: Gel, canvas: Canvas):
     canvas.sums[env, i] = wp.vec3d(fitted[0], fitted[1], one)
 
 
-def two_rings(triangles: IntArray, node_count: int) -> tuple[IntArray, IntArray]:
-    """Return the nodes at most two edges from each node, and where those of each begin."""
+def two_rings(triangles: IntArray, node_count: int) -> dict[str, IntArray]:
+    """Return the nodes at most two edges from each node, as tables of ``node_kernel.Gel``."""
     start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
     end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
     one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)
@@ -87,4 +87,4 @@ def two_rings(triangles: IntArray, node_count: int) -> tuple[IntArray, IntArray]
     rings.setdiag(0.0)
     found = rings.tocsr()
     found.eliminate_zeros()
-    return found.indptr.astype(np.int32), found.indices.astype(np.int32)
+    return {"neighbour_starts": found.indptr, "neighbours": found.indices}

@@ -11,10 +11,11 @@ inside. Which faces are steep changes with every press; the tables here serve wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
@@ -24,44 +25,14 @@ _FACE_NODES = ((8, 0, 0), (0, 8, 0), (0, 0, 8), (4, 4, 0), (0, 4, 4), (4, 0, 4))
 _ON_EDGE = (1, 2, 3, 5, 6, 7)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CutFace:
-    """Places of a face that is cut in sixteen.
-
-    Attributes:
-        values: Shape functions of the face at its places, shape [45, 6].
-        straight: How far a place moves, seen from above, with the bend of each edge that is
-            drawn straight, shape [45, 3].
-        parts: Places of the parts' nodes, shape [16, 6].
-    """
-
-    values: FloatArray
-    straight: FloatArray
-    parts: IntArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AddedNodes:
-    """Nodes that cutting all faces of a mesh would add, numbered after the mesh's own.
-
-    Attributes:
-        across: The face across each edge, -1 at the border, shape [face_count, 3].
-        face: A face of each added node.
-        beside: The other one of a node on an edge, -1 where there is none.
-        place: Which place of ``face`` it is.
-        parts: Nodes of the parts of all faces, face by face, shape [16 face_count, 6].
-    """
-
-    across: IntArray
-    face: IntArray
-    beside: IntArray
-    place: IntArray
-    parts: IntArray
-
-
 @cache
-def cut_face() -> CutFace:
-    """Return the places of a face; the first 24 are its nodes and those on its edges."""
+def cut_face() -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return the places of a face; the first 24 are its nodes and those on its edges.
+
+    Returns:
+        ``values`` and ``straight`` as ``node_kernel.Gel`` has them, of 45 places; and the places
+        of the parts' nodes, shape [16, 6].
+    """
     places = list(_FACE_NODES)
     for a, b in FACE_EDGES:
         for step in _ON_EDGE:
@@ -84,7 +55,7 @@ def cut_face() -> CutFace:
             for edge, (_, _, opposite) in enumerate(((0, 1, 2), (1, 2, 0), (2, 0, 1))):
                 bent = 3 + np.flatnonzero(middles[:, opposite] == 0)
                 straight[nodes, edge] = shapes[:, bent].sum(axis=1)
-    return CutFace(values=values, straight=straight, parts=np.array(parts, dtype=np.int32))
+    return values, straight, np.array(parts, dtype=np.int32)
 
 
 def _in_four(nodes: IntArray) -> list[IntArray]:
@@ -93,11 +64,14 @@ def _in_four(nodes: IntArray) -> list[IntArray]:
     return [np.concatenate([part, (part + np.roll(part, -1, axis=0)) // 2]) for part in parts]
 
 
-def added_nodes(faces: IntArray, node_count: int) -> AddedNodes:
-    """Number the nodes that cutting quadratic faces would add.
+def cut_tables(faces: IntArray, node_count: int) -> dict[str, NDArray[Any]]:
+    """Number the nodes that cutting quadratic faces would add, after the mesh's own.
 
     Args:
         faces: Shape [face_count, 6].
+
+    Returns:
+        Tables of ``node_kernel.Gel`` by their names.
     """
     ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
     _, first, edge, uses = np.unique(
@@ -107,12 +81,12 @@ def added_nodes(faces: IntArray, node_count: int) -> AddedNodes:
     order = np.argsort(edge, kind="stable")
     last = order[np.cumsum(uses) - 1]
     other = np.where(np.arange(len(edge)) == first[edge], last[edge], first[edge])
-    across = np.where(uses[edge] == 2, other // 3, -1).astype(np.int32).reshape(-1, 3)
+    across = np.where(uses[edge] == 2, other // 3, -1).reshape(-1, 3)
     count, steps = len(_ON_EDGE), np.arange(len(_ON_EDGE))
     forward = (ends[:, 0] < ends[:, 1])[:, None]
     on_edges = count * edge[:, None] + np.where(forward, steps, steps[::-1])
-    cut = cut_face()
-    inner = len(cut.values) - 6 - 3 * count
+    values, straight, parts = cut_face()
+    inner = len(values) - 6 - 3 * count
     own = count * len(first) + np.arange(len(faces) * inner).reshape(-1, inner)
     added = np.concatenate([on_edges.reshape(-1, 3 * count), own], axis=1)
     place_of = np.broadcast_to(6 + np.arange(added.shape[1]), added.shape)
@@ -122,10 +96,12 @@ def added_nodes(faces: IntArray, node_count: int) -> AddedNodes:
     on_edge = place < 6 + 3 * count
     beside = np.where(on_edge, across[face, np.where(on_edge, (place - 6) // count, 0)], -1)
     nodes = np.concatenate([faces, node_count + added], axis=1)
-    return AddedNodes(
-        across=across,
-        face=face.astype(np.int32),
-        beside=beside.astype(np.int32),
-        place=place.astype(np.int32),
-        parts=nodes[:, cut.parts].reshape(-1, 6).astype(np.int32),
-    )
+    return {
+        "parts": np.concatenate([faces, nodes[:, parts].reshape(-1, 6)]),
+        "values": values,
+        "straight": straight,
+        "across": across,
+        "face": face,
+        "beside": beside,
+        "place": place,
+    }

@@ -28,7 +28,7 @@ from sim.optics.height.node_kernel import (
 )
 from sim.optics.height.rings import round_rings
 from sim.optics.height.slope_fit_kernel import fit_slopes, two_rings
-from sim.optics.height.steep_faces import added_nodes, cut_face
+from sim.optics.height.steep_faces import cut_tables
 from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -120,23 +120,16 @@ class SurfaceHeights:
         return loaded, contact
 
     def _take_tables(self, top: TopSurface, lifts: FloatArray, **lengths_m: float) -> None:
-        device, node_count = self._device, len(top.rest)
-        parts, facets, axis = top.faces, np.array([[0, 1, 2]]), top.mesh_axis_m or (0.0, 0.0)
-        sources: list[Any] = [top]
-        members: dict[str, Any] = {"axis": wp.vec2d(*axis), **lengths_m}
+        tables: dict[str, Any] = {"sources": top.sources, "signs": top.signs, "faces": top.faces}
+        tables |= {"lifts": lifts, "parts": top.faces, "facets": [[0, 1, 2]]}
+        axis = top.mesh_axis_m
         if self._is_quadratic:
-            sources += [cut_face(), added := added_nodes(top.faces, node_count)]
-            parts, facets = np.concatenate([top.faces, added.parts]), np.array(QUARTERS)
-            if top.mesh_axis_m is not None:
-                sources.append(round_rings(top.rest, top.faces, top.mesh_axis_m))
+            tables |= cut_tables(top.faces, len(top.rest)) | {"facets": QUARTERS}
+            tables |= {} if axis is None else round_rings(top.rest, top.faces, axis)
         else:
-            starts, neighbours = two_rings(parts, node_count)
-            members["neighbour_starts"] = device.array(starts, wp.int32)
-            members["neighbours"] = device.array(neighbours, wp.int32)
-        members["lifts"] = device.array(lifts, wp.float64)
-        members["parts"] = device.array(parts, wp.int32)
-        members["facets"] = device.array(facets, wp.int32)
-        self._gel = device.tables(Gel, *sources, **members)
+            tables |= two_rings(top.faces, len(top.rest))
+        middle = wp.vec2d(*(axis or (0.0, 0.0)))
+        self._gel = self._device.tables(Gel, tables, axis=middle, **lengths_m)
 
     def _blank(self) -> Any:
         """Return room for all that is drawn."""

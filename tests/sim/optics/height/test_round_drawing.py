@@ -14,7 +14,7 @@ from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.steep_faces import added_nodes, cut_face
+from sim.optics.height.steep_faces import cut_face, cut_tables
 from sim.optics.height.underside_kernel import indenter_height
 from sim.press import path_for
 from sim.scene.indenter import Cylinder
@@ -114,16 +114,17 @@ def test_cut_faces_keep_the_surface() -> None:
     """The parts of faces cover what the faces covered, and neighbours share the nodes on edges."""
     surface = _punched()
     faces = surface.faces
-    added, cut = added_nodes(faces, len(surface.positions)), cut_face()
+    cut = cut_tables(faces, len(surface.positions))
+    added, places = cut["parts"][len(faces) :], cut_face()[2]
     at = surface.positions[faces]
     bends = 0.125 * (at[:, :3] + np.roll(at[:, :3], -1, axis=1) - 2.0 * at[:, 3:])
-    at_border = np.where(added.across[..., None] < 0, bends, 0.0)
-    on_faces = cut.values @ at + cut.straight @ at_border
-    nodes = np.concatenate([surface.positions, on_faces[added.face, added.place]])
-    parts = added.parts.reshape(len(faces), -1)
-    np.testing.assert_allclose(nodes[parts], on_faces[:, cut.parts.reshape(-1)], atol=1e-17)
+    at_border = np.where(cut["across"][..., None] < 0, bends, 0.0)
+    on_faces = cut["values"] @ at + cut["straight"] @ at_border
+    nodes = np.concatenate([surface.positions, on_faces[cut["face"], cut["place"]]])
+    parts = added.reshape(len(faces), -1)
+    np.testing.assert_allclose(nodes[parts], on_faces[:, places.reshape(-1)], atol=1e-17)
     assert np.abs(bends).max() > 1e-6
-    assert _area(nodes, added.parts) == pytest.approx(_area(surface.positions, faces), rel=1e-9)
+    assert _area(nodes, added) == pytest.approx(_area(surface.positions, faces), rel=1e-9)
 
 
 def _area(nodes: FloatArray, faces: IntArray) -> float:
