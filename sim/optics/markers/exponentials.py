@@ -16,23 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerLoad:
-    """A press as the exponentials see it.
-
-    Attributes:
-        centre_m: Contact's centre on the pad [m].
-        depth_m: Depth of the press [m].
-        shift_m: Motion of the indenter along x and y once pressed in [m].
-        twist_rad: Turn about z once pressed in [rad].
-    """
-
-    centre_m: tuple[float, float]
-    depth_m: float
-    shift_m: tuple[float, float] = (0.0, 0.0)
-    twist_rad: float = 0.0
+from sim.scene.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,18 +39,19 @@ class FotsMarkers:
     twist_gain: float
     twist_decay: float
 
-    def displacement(self, places: FloatArray, load: MarkerLoad) -> FloatArray:
+    def displacement(self, places: FloatArray, scene: Scene) -> FloatArray:
         """Return the markers' displacement along x, y [m], shape [n, 2].
 
         Args:
             places: Markers at rest [m], shape [n, 2].
-            load: What presses, moves and turns.
+            scene: What presses to a depth, moves and turns.
         """
-        arm = places - np.asarray(load.centre_m)
+        arm = places - np.asarray(scene.centre_m)
+        depth_m, motion = scene.target.depth_m or 0.0, scene.motion
         squared = np.sum(arm**2, axis=1, keepdims=True)
-        spread = self.dilate_gain * load.depth_m * arm * np.exp(-self.dilate_decay * squared)
-        shear = self.shear_gain * np.asarray(load.shift_m) * np.exp(-self.shear_decay * squared)
-        angle = self.twist_gain * load.twist_rad
+        spread = self.dilate_gain * depth_m * arm * np.exp(-self.dilate_decay * squared)
+        shear = self.shear_gain * np.asarray(motion.shift_m) * np.exp(-self.shear_decay * squared)
+        angle = self.twist_gain * motion.twist_rad
         turn = np.array(
             [[math.cos(angle) - 1.0, -math.sin(angle)], [math.sin(angle), math.cos(angle) - 1.0]]
         )
@@ -75,14 +60,14 @@ class FotsMarkers:
 
 
 def fit_fots(
-    places: FloatArray, loads: Sequence[MarkerLoad], displacements: Sequence[FloatArray]
+    places: FloatArray, scenes: Sequence[Scene], displacements: Sequence[FloatArray]
 ) -> FotsMarkers:
     """Fit the six numbers to displacements that are known, from the simulator or from images.
 
     Args:
         places: Markers at rest [m], shape [n, 2].
-        loads: At least one of each motion that is to be fitted.
-        displacements: Along x, y of each load [m], each of shape [n, 2].
+        scenes: At least one of each motion that is to be fitted.
+        displacements: Along x, y in each scene [m], each of shape [n, 2].
     """
     start = FotsMarkers(
         dilate_gain=50.0,
@@ -102,8 +87,8 @@ def fit_fots(
         trial = model(factors)
         return np.concatenate(
             [
-                (trial.displacement(places, load) - known).ravel() * 1e6
-                for load, known in zip(loads, displacements, strict=True)
+                (trial.displacement(places, scene) - known).ravel() * 1e6
+                for scene, known in zip(scenes, displacements, strict=True)
             ]
         )
 

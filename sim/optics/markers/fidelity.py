@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.optics.markers.exponentials import FotsMarkers, MarkerLoad, fit_fots
+from sim.optics.markers.exponentials import FotsMarkers, fit_fots
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.markers.tracking import track_markers
@@ -71,24 +71,15 @@ def compare_marker_fidelities(
         ConvergenceError: A motion finds no equilibrium.
     """
     places = marker_places(grid)
-    loads, moved = [], []
-    for motion in motions.values():
-        moving = replace(scene, motion=motion)
+    scenes, moved = [replace(scene, motion=motion) for motion in motions.values()], []
+    for moving in scenes:
         path = path_for(moving, plan_effects(moving))
         surface = surface_state(path, follow(moving, path))
         moved.append(surface_displacement(surface, places)[:, :2])
-        loads.append(
-            MarkerLoad(
-                centre_m=scene.centre_m,
-                depth_m=scene.target.depth_m or 0.0,
-                shift_m=motion.shift_m,
-                twist_rad=motion.twist_rad,
-            )
-        )
-    fitted = fit_fots(places, loads, moved)
+    fitted = fit_fots(places, scenes, moved)
     found = {
-        name: _compare(places, shift, fitted.displacement(places, load), grid, geometry)
-        for name, load, shift in zip(motions, loads, moved, strict=True)
+        name: _compare(places, shift, fitted.displacement(places, moving), grid, geometry)
+        for name, moving, shift in zip(motions, scenes, moved, strict=True)
     }
     return MarkerFidelity(fitted=fitted, motions=found)
 
