@@ -20,7 +20,7 @@ from sim.optics.calibrate.fit.samples import PhotometricSamples, joined
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.press_samples import PressSamples
-from sim.optics.calibrate.presses.scene import BEYOND_RIM, PressScene
+from sim.optics.calibrate.presses.scene import BEYOND_RIM, PlacedPress, PressScene
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR
 from sim.optics.colour.shading_terms import ShadingTerms
@@ -52,6 +52,11 @@ class Calibration:
     shadows: ShadowCaster | None = None
     blur_px: float = 0.0
 
+    def placed(self, presses: Sequence[BallPress]) -> list[PlacedPress]:
+        """Return the presses that it was made of where they were found, in their light."""
+        found = zip(presses, self.circles, self.lights, strict=True)
+        return [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
+
 
 def calibrate_optics(
     presses: Sequence[BallPress],
@@ -72,25 +77,29 @@ def calibrate_optics(
     if not presses:
         raise ConfigError("no ball press to calibrate from", remedy="give at least one, better 20")
     check_presses_fit(presses, scene.background.astype(np.uint8))
-    circles = [press.circle for press in presses]
-    lights = [scene.light(p, c, None) for p, c in zip(presses, circles, strict=True)]
-    model = fit_model(presses, circles, lights, scene, None)
+    placed = [
+        PlacedPress(press=press, circle=press.circle, light=scene.light(press, press.circle, None))
+        for press in presses
+    ]
+    model = fit_model(placed, scene, None)
     averaged = scene
     for turn in range(rounds):
-        for i, press in enumerate(presses):
-            lights[i] = averaged.light(press, circles[i], model)
-            circles[i] = averaged.nudged(press, model, lights[i], circles[i])
-        frame = averaged_no_contact(presses, circles, lights, model, scene)
-        averaged = replace(scene, background=frame)
-        model = fit_model(presses, circles, lights, averaged, model)
+        for i, each in enumerate(placed):
+            lit = replace(each, light=averaged.light(each.press, each.circle, model))
+            placed[i] = replace(lit, circle=averaged.nudged(lit, model))
+        averaged = replace(scene, background=averaged_no_contact(placed, model, scene))
+        model = fit_model(placed, averaged, model)
         log.debug("calibration round %d of %d done", turn + 1, rounds)
-    return Calibration(model=model, scene=averaged, circles=tuple(circles), lights=np.array(lights))
+    return Calibration(
+        model=model,
+        scene=averaged,
+        circles=tuple(each.circle for each in placed),
+        lights=np.array([each.light for each in placed]),
+    )
 
 
 def fit_model(
-    presses: Sequence[BallPress],
-    circles: Sequence[Circle],
-    lights: Sequence[FloatArray] | FloatArray,
+    placed: Sequence[PlacedPress],
     scene: PressScene,
     known: PhotometricModel | None,
     *,
@@ -99,19 +108,16 @@ def fit_model(
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
     Args:
-        presses: The images.
-        circles: Their contacts.
-        lights: Their light, each of shape [3, 3].
+        placed: The presses.
         scene: Camera, no-contact frame and gel.
         known: An earlier model, where the search starts; without one the camera is taken to be
             linear and the ridge is the usual one.
         blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
     """
     exponents = scene.exponents
-    found = list(zip(presses, circles, lights, strict=True))
-    whole = [PressSamples(scene, *each, blur_px=blur_px) for each in found]
+    whole = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
     every = max(1, sum(len(each.surface.change) for each in whole) // _FEW)
-    few = [PressSamples(scene, *each, blur_px=blur_px, every=every) for each in found]
+    few = [PressSamples(scene, each, blur_px=blur_px, every=every) for each in placed]
     polynomial = [each.surface.polynomial(exponents) for each in whole]
     if known is not None:
         known = _seen_through(known, whole, few, polynomial)
@@ -177,11 +183,7 @@ def _terms(
 
 
 def averaged_no_contact(
-    presses: Sequence[BallPress],
-    circles: Sequence[Circle],
-    lights: Sequence[FloatArray],
-    model: PhotometricModel,
-    scene: PressScene,
+    placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene
 ) -> FloatArray:
     """Average the no-contact frame over all frames outside their contacts.
 
@@ -189,9 +191,7 @@ def averaged_no_contact(
     it would repeat; each press shows most of the gel as well, once its light and skirt are off.
 
     Args:
-        presses: The images.
-        circles: Their contacts.
-        lights: Their light, each of shape [3, 3].
+        placed: The presses.
         model: Explains the skirts.
         scene: Holds the frame that was taken without contact.
 
@@ -203,12 +203,12 @@ def averaged_no_contact(
     total = scene.background.astype(np.float64)
     count = np.ones((height, width, 3))
     pixels = scene.whole_image(model)
-    for press, circle, light in zip(presses, circles, lights, strict=True):
+    for each in placed:
+        image, circle = each.press.image, each.circle
         change = pixels.predict(circle).reshape(total.shape)
-        level = press.image - scene.light_image(light) - change
-        reach = BEYOND_RIM * circle.radius_px
-        outside = circle.distance(columns, rows)[..., None] > reach
-        told = outside & exposed(press.image)
+        level = image - scene.light_image(each.light) - change
+        outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
+        told = outside[..., None] & exposed(image)
         if scene.masked is not None:
             told &= ~scene.masked[..., None]
         total += np.where(told, level, 0.0)

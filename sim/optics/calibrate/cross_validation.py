@@ -21,7 +21,7 @@ from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import no_light
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.side_by_side import side_by_side
 
@@ -64,26 +64,25 @@ def render_presses(
     """Render presses that the model need not have seen, as labelled and with nudged circles."""
     labelled, nudged = [], []
     for press in presses:
-        circle, (lit, light) = press.circle, _lit(press, press.circle, calibration)
-        labelled.append(_rendered(press, circle, light, calibration))
+        placed = _lit(press, press.circle, calibration)
+        labelled.append(_rendered(press, placed, calibration))
         for _ in range(_NUDGES):
-            circle = calibration.scene.nudged(lit, calibration.model, light, circle)
-            lit, light = _lit(press, circle, calibration)
-        nudged.append(_rendered(press, circle, light, calibration))
+            circle = calibration.scene.nudged(placed, calibration.model)
+            placed = _lit(press, circle, calibration)
+        nudged.append(_rendered(press, placed, calibration))
     return labelled, nudged
 
 
-def _lit(press: BallPress, circle: Circle, found: Calibration) -> tuple[BallPress, FloatArray]:
-    """Return a press without its shadows, and its frame's light."""
+def _lit(press: BallPress, circle: Circle, found: Calibration) -> PlacedPress:
+    """Return a press without its shadows, in its frame's light."""
     lit = without_shadows(press, circle, found.scene, found.shadows)
-    return lit, found.scene.light(lit, circle, found.model)
+    return PlacedPress(press=lit, circle=circle, light=found.scene.light(lit, circle, found.model))
 
 
-def _rendered(
-    press: BallPress, circle: Circle, light: FloatArray, found: Calibration
-) -> RenderedPress:
-    image = press_image(found, circle)
-    return RenderedPress(press=press, rendered=image, light=light, circle=circle)
+def _rendered(press: BallPress, placed: PlacedPress, found: Calibration) -> RenderedPress:
+    """Return a press as it is, where it was placed."""
+    circle, image = placed.circle, press_image(found, placed.circle)
+    return RenderedPress(press=press, rendered=image, light=placed.light, circle=circle)
 
 
 def check_presses(
@@ -176,20 +175,14 @@ def _scores(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RenderedPress:
-    """A real press beside its renderings.
+class RenderedPress(PlacedPress):
+    """A real press beside its rendering: no-contact frame plus model, not rounded.
 
     Attributes:
-        press: The real one, with its labelled circle.
-        rendered: No-contact frame plus model [grey levels], not rounded, [height, width, 3].
-        light: The frame's light as ``light_at`` has it [grey levels], shape [3, 3].
-        circle: The circle that was rendered, labelled or nudged.
+        rendered: [grey levels], shape [height, width, 3].
     """
 
-    press: BallPress
     rendered: FloatArray
-    light: FloatArray
-    circle: Circle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

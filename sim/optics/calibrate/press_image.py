@@ -11,7 +11,7 @@ import numpy as np
 from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import darkening
 from sim.sensor.optics import ShadowCaster
 
@@ -51,11 +51,11 @@ def without_shadows(
     return replace(press, image=image.astype(np.uint8))
 
 
-def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[BallPress]:
+def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[PlacedPress]:
     """Return presses that a calibration was made of with the light that their dents took away."""
     return [
-        without_shadows(press, circle, found.scene, found.shadows)
-        for press, circle in zip(presses, found.circles, strict=True)
+        replace(each, press=without_shadows(each.press, each.circle, found.scene, found.shadows))
+        for each in found.placed(presses)
     ]
 
 

@@ -14,7 +14,7 @@ from sim.optics.calibrate.fit.photometric_fit import lowest_place
 from sim.optics.calibrate.press_image import lit_presses
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
-from sim.optics.calibrate.presses.scene import PredictedPixels, PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
 from sim.sensor.optics import ShadowCaster
 
@@ -53,32 +53,25 @@ def calibrate_presses(
     return _sharpened(lit_presses(presses, found), found)
 
 
-def _sharpened(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+def _sharpened(placed: Sequence[PlacedPress], found: Calibration) -> Calibration:
     """Fit the blur, and the colours once more to the gel as the blur shows it.
 
     Without that the colours take a part of the blur for the gel's own.
     """
-    found = replace(found, blur_px=fit_blur(presses, found))
+    found = replace(found, blur_px=fit_blur(placed, found))
     for _ in range(_BLUR_TURNS):
         blur_px = found.blur_px
         if blur_px == 0.0:
             break
-        model = fit_model(
-            presses,
-            found.circles,
-            found.lights,
-            found.scene,
-            found.model,
-            blur_px=blur_px,
-        )
+        model = fit_model(placed, found.scene, found.model, blur_px=blur_px)
         found = replace(found, model=model)
-        found = replace(found, blur_px=fit_blur(presses, found))
+        found = replace(found, blur_px=fit_blur(placed, found))
         if abs(found.blur_px - blur_px) < _SETTLED_PX:
             break
     return found
 
 
-def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
+def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     """Return the standard deviation of the blur that explains the presses best [px].
 
     Lens, sensor and JPEG spread each point of the gel over its neighbours; a ball shows it where
@@ -86,12 +79,13 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
     part of the model's error: this is what makes renderings agree best, no measurement of a lens.
 
     Args:
-        presses: Images that the calibration was fitted to.
+        placed: Presses that the calibration was fitted to.
         found: The calibration.
     """
     misfit = np.zeros(len(_TRIED_PX))
     scene = found.scene
-    for press, circle, light in zip(presses, found.circles, found.lights, strict=True):
+    for each in placed:
+        press, circle = each.press, each.circle
         window = _around(circle, *press.image.shape[:2])
         rows, columns = np.mgrid[window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
@@ -99,7 +93,7 @@ def fit_blur(presses: Sequence[BallPress], found: Calibration) -> float:
             near &= ~scene.masked[window]
         image = press.image[window]
         told = near[..., None] & exposed(image)
-        seen = image - scene.background[window] - scene.light_image(light)[window]
+        seen = image - scene.background[window] - scene.light_image(each.light)[window]
         pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)
         misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]

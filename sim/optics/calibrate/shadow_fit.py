@@ -20,7 +20,7 @@ from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.press_image import lit_presses, pressed_surface
 from sim.optics.calibrate.presses.ball_press import BallPress
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import lost_share
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
@@ -63,14 +63,16 @@ def calibrate_with_shadows(
     found, shadows = calibrate_optics(presses, scene), nominal
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
-        found = calibrate_optics(lit_presses(presses, replace(found, shadows=shadows)), scene)
+        lit = lit_presses(presses, replace(found, shadows=shadows))
+        found = calibrate_optics([each.press for each in lit], scene)
     return replace(found, shadows=shadows)
 
 
 def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
     """Search direction and elevation one lamp after the other; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
-    dents = [_dent(presses[i], found, i) for i in chosen.tolist()]
+    placed = found.placed(presses)
+    dents = [_dent(placed[i], found) for i in chosen.tolist()]
     geometry = found.scene.geometry.refined(1.0 / _COARSE)
     best, misfit = _coloured(start, dents, geometry)
     for step in _STEPS:
@@ -83,14 +85,14 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     return best
 
 
-def _dent(press: BallPress, found: Calibration, index: int) -> _Dent:
-    scene, circle = found.scene, found.circles[index]
+def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
+    scene, circle, image = found.scene, placed.circle, placed.press.image
     bulge, tilt = pressed_surface(scene, circle)
     left = (
-        press.image
+        image
         - scene.background
-        - scene.light_image(found.lights[index])
-        - scene.whole_image(found.model).predict(circle).reshape(press.image.shape)
+        - scene.light_image(placed.light)
+        - scene.whole_image(found.model).predict(circle).reshape(image.shape)
     )
     size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
 

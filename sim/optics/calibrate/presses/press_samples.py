@@ -7,12 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.fit.photometric_fit import REFERENCE
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import light_weights, seen_light
-from sim.optics.calibrate.presses.scene import PredictedPixels, PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import Response
 
@@ -22,9 +20,7 @@ class PressSamples:
 
     Args:
         scene: Camera, no-contact frame and gel.
-        press: The image.
-        circle: Its contact.
-        light: Its light, shape [3, 3].
+        placed: The press.
         blur_px: Standard deviation of the camera's blur [px].
         every: Only so many-th pixel is taken.
 
@@ -35,17 +31,16 @@ class PressSamples:
     def __init__(
         self,
         scene: PressScene,
-        press: BallPress,
-        circle: Circle,
-        light: FloatArray,
+        placed: PlacedPress,
         *,
         blur_px: float = 0.0,
         every: int = 1,
     ) -> None:
+        press, circle = placed.press, placed.circle
         rows, columns = (places[::every] for places in scene.pixels_around(press.circle))
         self._scene, self._circle, self._columns, self._rows = scene, circle, columns, rows
         self._levels = press.image[rows, columns]
-        self._expected = scene.expected(rows, columns, light)
+        self._expected = scene.expected(rows, columns, placed.light)
         self._unloaded = scene.background[rows, columns]
         unknown = np.zeros_like(self._expected.T)
         self.surface = PhotometricSamples(

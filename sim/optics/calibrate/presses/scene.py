@@ -37,6 +37,21 @@ _SETTLED_MISFIT = 1e-6  # likewise of what is left over, which noise holds up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedPress:
+    """A press with what was found of it.
+
+    Attributes:
+        press: As it was labelled.
+        circle: Its contact's edge, labelled or nudged.
+        light: Of its frame [grey levels], as ``light_at`` has it, shape [3, 3].
+    """
+
+    press: BallPress
+    circle: Circle
+    light: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PressScene:
     """Camera, no-contact frame and gel that all presses of a set share.
 
@@ -171,21 +186,14 @@ class PressScene:
         position = self.normalised(columns, rows)
         return fit_light(change, seen.exposed, position, level_only=model is None)
 
-    def nudged(
-        self, press: BallPress, model: PhotometricModel, light: FloatArray, start: Circle
-    ) -> Circle:
-        """Move the labelled circle to where the model explains the image best.
+    def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
+        """Move a circle to where the model explains the image best.
 
         Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
-
-        Args:
-            press: The image.
-            model: Colours.
-            light: Of the frame, shape [3, 3].
-            start: Where the search begins.
         """
+        press = placed.press
         rows, columns = self.pixels_around(press.circle)
-        expected = self.expected(rows, columns, light)
+        expected = self.expected(rows, columns, placed.light)
         seen = seen_change(press.image[rows, columns], expected)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
@@ -202,7 +210,7 @@ class PressScene:
 
         found = least_squares(
             residual,
-            np.array(start.moved_from(press.circle)),
+            np.array(placed.circle.moved_from(press.circle)),
             diff_step=1e-2,
             ftol=_SETTLED_MISFIT,
             xtol=_SETTLED_SHARE,

@@ -28,7 +28,7 @@ def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
         for press in presses(8, noise=0.5)[0]
     ]
     calibration = calibrate_optics(found, scene)
-    assert low <= fit_blur(found, calibration) <= high
+    assert low <= fit_blur(calibration.placed(found), calibration) <= high
 
 
 def test_colours_are_fitted_to_the_sharp_gel() -> None:
@@ -49,7 +49,7 @@ def test_colours_are_fitted_to_the_sharp_gel() -> None:
         return float(np.abs(apart).mean())
 
     assert off(told) < 0.8 * off(plain)
-    assert abs(told.blur_px - 1.2) < abs(fit_blur(seen, plain) - 1.2)
+    assert abs(told.blur_px - 1.2) < abs(fit_blur(plain.placed(seen), plain) - 1.2)
     assert told.blur_px == pytest.approx(1.2, abs=0.25)
 
 

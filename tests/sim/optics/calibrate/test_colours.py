@@ -16,7 +16,7 @@ from sim.optics.calibrate.fit.photometric_fit import fit_photometric
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.press_samples import PressSamples
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import LINEAR
@@ -174,7 +174,9 @@ def test_noise_holds_a_fit_back() -> None:
     def ridge(noise: float) -> float:
         shown, circles, _ = presses(12, noise=noise, seed=8)
         parts = [
-            PressSamples(scene, press, circle, np.zeros((3, 3))).through(LINEAR)
+            PressSamples(
+                scene, PlacedPress(press=press, circle=circle, light=np.zeros((3, 3)))
+            ).through(LINEAR)
             for press, circle in zip(shown, circles, strict=True)
         ]
         model = fit_photometric(parts, exponents=BALL_EXPONENTS, ridge=None)
