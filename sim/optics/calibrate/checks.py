@@ -87,9 +87,9 @@ def too_few(count: int) -> ConfigError:
 def check_coverage(coverage: SlopeCoverage) -> list[str]:
     """Warn where a model is used on slopes or in places that it was not fitted to."""
     warnings = []
-    if coverage.share < _FEW_SLOPES:
+    if coverage.slopes_seen_share < _FEW_SLOPES:
         warnings.append(
-            f"the presses show {coverage.share:.0%} of the slopes up to a sine of "
+            f"the presses show {coverage.slopes_seen_share:.0%} of the slopes up to a sine of "
             f"{coverage.tilt_limit:.2f}; press the ball deeper and in more places"
         )
     if coverage.image_share < _LITTLE_OF_THE_IMAGE:
@@ -111,10 +111,10 @@ def check_after(
     Raises:
         ConfigError: The presses contradict each other, so that none can be predicted by the rest.
     """
-    if scores.nudged.r2 < _CONTRADICTORY_R2:
+    if scores.r2 < _CONTRADICTORY_R2:
         raise ConfigError(
-            f"the presses contradict each other: held out, R2 is {scores.nudged.r2:.2f} inside the "
-            f"contact (the no-contact frame's is {scores.nudged.r2_no_contact:.2f})",
+            f"the presses contradict each other: held out, R2 is {scores.r2:.2f} inside the "
+            f"contact (the no-contact frame's is {scores.r2_no_contact:.2f})",
             remedy="check that --background is of the same sensor, lights and camera mode as the "
             "presses, and that --circles, --scale and --ball-diameter are theirs",
         )
@@ -153,18 +153,18 @@ class SlopeCoverage:
     """How often each slope was seen.
 
     Attributes:
-        edges: Borders of the bins of tilt (sine of the surface's angle), shape [BINS + 1].
-        presses_seen: Presses that show a tilt, by tilt along rows and columns, [BINS, BINS].
         tilt_limit: Largest tilt seen.
-        share: Part of the disc of tilts up to the limit that at least one press shows.
+        slopes_seen_share: Part of the disc of tilts up to the limit that at least one press shows.
         image_share: Part of the image that lies in at least one contact.
+        tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [BINS + 1].
+        presses_seen: Presses that show a tilt, by tilt along rows and columns, [BINS, BINS].
     """
 
-    edges: FloatArray
-    presses_seen: NDArray[np.int64]
     tilt_limit: float
-    share: float
+    slopes_seen_share: float
     image_share: float
+    tilt_edges: FloatArray
+    presses_seen: NDArray[np.int64]
 
 
 def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverage:
@@ -187,9 +187,9 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
     disc = np.hypot(*np.meshgrid(middle, middle)) <= limit
     counted = np.asarray(seen, dtype=np.int64)
     return SlopeCoverage(
-        edges=edges,
+        tilt_edges=edges,
         presses_seen=counted,
         tilt_limit=limit,
-        share=float(np.mean(counted[disc] > 0)) if limit > 0.0 else 0.0,
+        slopes_seen_share=float(np.mean(counted[disc] > 0)) if limit > 0.0 else 0.0,
         image_share=float(touched.mean()),
     )

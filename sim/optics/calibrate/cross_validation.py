@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from skimage.metrics import structural_similarity
@@ -27,35 +26,6 @@ from tacauchy_rig.side_by_side import side_by_side
 
 _NUDGES = 2
 CROP_PX = 120
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckScores:
-    """Scores of presses that the model has not seen.
-
-    Attributes:
-        raw: Rendered at the labelled circles, against the frames as they came.
-        light_matched: Labelled circles, with each frame's light as estimated outside the contact.
-        nudged: Circles nudged to the image, with each frame's light.
-        light_rms: Root mean square of the level of that light [grey levels].
-        nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
-    """
-
-    raw: PressScores
-    light_matched: PressScores
-    nudged: PressScores
-    light_rms: float
-    nudge_rms_px: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the nudged scores at the top, the others below them, as plain JSON values."""
-        return {
-            **asdict(self.nudged),
-            "as_labelled": asdict(self.light_matched),
-            "as_labelled_frames_as_they_came": asdict(self.raw),
-            "light_rms_levels": self.light_rms,
-            "nudge_rms_px": self.nudge_rms_px,
-        }
 
 
 def render_presses(
@@ -166,10 +136,10 @@ def _scores(
 ) -> CheckScores:
     moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
     return CheckScores(
-        raw=score_presses(labelled, scene, light_matched=False),
-        light_matched=score_presses(labelled, scene, light_matched=True),
-        nudged=score_presses(nudged, scene, light_matched=True),
-        light_rms=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
+        **asdict(score_presses(nudged, scene, light_matched=True)),
+        as_labelled=score_presses(labelled, scene, light_matched=True),
+        as_labelled_frames_as_they_came=score_presses(labelled, scene, light_matched=False),
+        light_rms_levels=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
         nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
     )
 
@@ -206,6 +176,23 @@ class PressScores:
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckScores(PressScores):
+    """Scores of presses that the model has not seen: circles nudged, with each frame's light.
+
+    Attributes:
+        as_labelled: Labelled circles, with each frame's light as estimated outside the contact.
+        as_labelled_frames_as_they_came: Labelled circles, against the frames as they came.
+        light_rms_levels: Root mean square of the level of that light [grey levels].
+        nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
+    """
+
+    as_labelled: PressScores
+    as_labelled_frames_as_they_came: PressScores
+    light_rms_levels: float
+    nudge_rms_px: float
 
 
 def score_presses(

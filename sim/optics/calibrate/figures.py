@@ -29,13 +29,15 @@ def draw_coverage(
     slopes, places = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     shown = np.ma.masked_equal(coverage.presses_seen, 0)
     steepest_deg = math.degrees(math.asin(min(coverage.tilt_limit, 1.0)))
-    mesh = slopes.pcolormesh(coverage.edges, coverage.edges, shown, cmap="viridis", vmin=0)
+    mesh = slopes.pcolormesh(
+        coverage.tilt_edges, coverage.tilt_edges, shown, cmap="viridis", vmin=0
+    )
     slopes.add_patch(Outline((0, 0), coverage.tilt_limit, fill=False, color="#777777"))
     slopes.set(
         aspect="equal",
         xlabel="tilt along columns",
         ylabel="tilt along rows",
-        title=f"{coverage.share:.0%} of slopes to {steepest_deg:.0f} deg",
+        title=f"{coverage.slopes_seen_share:.0%} of slopes to {steepest_deg:.0f} deg",
     )
     slopes.invert_yaxis()
     figure.colorbar(mesh, ax=slopes, label="presses that show it")

@@ -50,25 +50,7 @@ class OpticsResult:
     warnings: list[str]
     presses: list[dict[str, Any]]
     provenance: dict[str, Any]
-    written: list[Path]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return everything as plain values."""
-        return {
-            "cross_validation": self.cross_validation.as_json(),
-            "check": None if self.check is None else self.check.as_json(),
-            "coverage": {
-                "tilt_limit": self.coverage.tilt_limit,
-                "slopes_seen_share": self.coverage.share,
-                "image_share": self.coverage.image_share,
-                "tilt_edges": self.coverage.edges.tolist(),
-                "presses_seen": self.coverage.presses_seen.tolist(),
-            },
-            "warnings": self.warnings,
-            "presses": self.presses,
-            "provenance": self.provenance,
-            "files": [str(path) for path in self.written],
-        }
+    files: list[Path]
 
 
 def calibrate_and_check(
@@ -118,7 +100,7 @@ def calibrate_and_check(
     warnings += check_coverage(coverage)
     checked = check_presses(read.check, calibration, scene)[0] if read.check else None
     provenance = _provenance(request, presses, scores, calibration)
-    written = _write(request, calibration, coverage, held_out, scene, provenance)
+    files = _write(request, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
         cross_validation=scores,
         check=checked,
@@ -126,7 +108,7 @@ def calibrate_and_check(
         warnings=warnings,
         presses=_rows(presses, calibration.circles, held_out, scene),
         provenance=provenance,
-        written=written,
+        files=files,
     )
 
 
@@ -153,9 +135,9 @@ def _provenance(
         "sensor": request.sensor.title,
         "preset": request.preset.value,
         "version": __version__,
-        "held_out_r2": scores.nudged.r2,
-        "held_out_mae_levels": scores.nudged.mae,
-        "held_out_ssim_crop": scores.nudged.ssim_crop,
+        "held_out_r2": scores.r2,
+        "held_out_mae_levels": scores.mae,
+        "held_out_ssim_crop": scores.ssim_crop,
         BLUR_PX: found.blur_px,
         SHADOWS: None if found.shadows is None else asdict(found.shadows),
     }

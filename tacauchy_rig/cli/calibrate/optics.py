@@ -74,30 +74,30 @@ def optics(
     for warning in result.warnings:
         complain(f"warning: {warning}")
     _show(result)
-    write_json(json_file, result.as_json())
+    write_json(json_file, result)
 
 
 def _show(result: OpticsResult) -> None:
     say(
-        f"coverage   {result.coverage.share:.0%} of the slopes, "
+        f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
         f"{result.coverage.image_share:.0%} of the image"
     )
     say("                                  R2      error   SSIM    (no-contact frame)")
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:
             continue
-        say(f"{name}: {scores.nudged.press_count} presses")
+        say(f"{name}: {scores.press_count} presses")
         for how, values in (
-            ("circles nudged, frame's light", scores.nudged),
-            ("as labelled, frame's light", scores.light_matched),
-            ("as labelled, no-contact light", scores.raw),
+            ("circles nudged, frame's light", scores),
+            ("as labelled, frame's light", scores.as_labelled),
+            ("as labelled, no-contact light", scores.as_labelled_frames_as_they_came),
         ):
             say(f"  {how:32}{_line(values)}")
         say(
-            f"  light {scores.light_rms:.1f} grey levels rms, circles moved "
+            f"  light {scores.light_rms_levels:.1f} grey levels rms, circles moved "
             f"{scores.nudge_rms_px:.1f} px rms"
         )
-    for path in result.written:
+    for path in result.files:
         say(f"wrote {path}")
 
 

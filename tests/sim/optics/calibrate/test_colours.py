@@ -62,11 +62,12 @@ def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
     """Good labels, steady light: held-out error is the noise of the pixels alone."""
     scene = press_scene()
     scores, rendered, _ = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
+    raw = scores.as_labelled_frames_as_they_came
     noise_mae = np.sqrt(2 / np.pi) * np.hypot(1.0, np.sqrt(2 / 12))
-    assert scores.raw.mae < 1.25 * noise_mae
-    assert scores.raw.r2 > 0.99
-    assert scores.raw.mae_no_contact > 10.0
-    assert len(rendered) == scores.raw.press_count == 12
+    assert raw.mae < 1.25 * noise_mae
+    assert raw.r2 > 0.99
+    assert raw.mae_no_contact > 10.0
+    assert len(rendered) == raw.press_count == 12
 
 
 def test_circles_and_light_are_recovered() -> None:
@@ -92,10 +93,11 @@ def test_circles_and_light_are_recovered() -> None:
     unseen = presses(6, noise=1.0, click_px=2.0, light=10.0, seed=9)[0]
     scores, rendered = check_presses(unseen, calibration, press_scene())
     assert [item.press.name for item in rendered] == [press.name for press in unseen]
-    assert scores.nudged.mae < 1.3
-    assert scores.nudged.r2 > 0.99 > scores.raw.r2
-    assert scores.light_matched.mae < scores.raw.mae
-    assert scores.light_rms == pytest.approx(10.0, rel=0.4)
+    raw = scores.as_labelled_frames_as_they_came
+    assert scores.mae < 1.3
+    assert scores.r2 > 0.99 > raw.r2
+    assert scores.as_labelled.mae < raw.mae
+    assert scores.light_rms_levels == pytest.approx(10.0, rel=0.4)
 
 
 def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
@@ -117,9 +119,10 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
         for i in range(4)
     ]
     scores, _, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
-    assert scores.raw.ssim_crop == pytest.approx(scores.raw.ssim_crop_no_contact, abs=0.03)
-    assert scores.raw.mae == pytest.approx(scores.raw.mae_no_contact, rel=0.05)
-    assert scores.raw.r2 < 0.1
+    raw = scores.as_labelled_frames_as_they_came
+    assert raw.ssim_crop == pytest.approx(raw.ssim_crop_no_contact, abs=0.03)
+    assert raw.mae == pytest.approx(raw.mae_no_contact, rel=0.05)
+    assert raw.r2 < 0.1
 
 
 def test_calibration_survives_its_file(tmp_path: Path) -> None:
