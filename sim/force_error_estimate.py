@@ -12,8 +12,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sim.effects.plan import EffectPlan, plan_effects
-from sim.press import PressResult, path_for, solve
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for, solve
+from sim.press import PressResult
 from sim.scene.scene import Preset, Scene, Target
 from tacauchy_rig.errors import RigError
 

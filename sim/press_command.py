@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sim.effects.estimates import expected_force
-from sim.error.tolerance import keeping, parse_tolerance
+from sim.error.tolerance import Tolerance, keeping, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
@@ -92,12 +92,31 @@ def scene_of(terms: SceneTerms) -> Scene:
     )
     if terms.mesh is not None:
         scene = replace(scene, tetwild=parse_tetwild_options(terms.mesh))
-    if terms.tolerance is None:
+    tolerance, others = _tolerances(terms.tolerance)
+    scene = replace(scene, output_tolerances=others)
+    if tolerance is None:
         return scene
-    tolerance = parse_tolerance(terms.tolerance, field="--tolerance")
     if terms.preset is None:
         return keeping(scene, tolerance)
     return replace(scene, tolerance=tolerance.of(expected_force(scene)))
+
+
+def _tolerances(text: str | None) -> tuple[Tolerance | None, tuple[tuple[Output, float], ...]]:
+    """Read F_z's tolerance and those of other outputs, such as ``1%,shear=5%``."""
+    force, others = None, []
+    for part in [] if text is None else text.split(","):
+        name, is_named, value = part.rpartition("=")
+        if not is_named:
+            force = parse_tolerance(value, field="--tolerance")
+            continue
+        known = {output.value: output for output in Output}
+        if name not in known:
+            raise ConfigError(
+                f'--tolerance: "{name}" is no output', remedy=f"choose from {', '.join(known)}"
+            )
+        share = parse_quantity(value, dimension=Dimension.RATIO, field=f"--tolerance {name}")
+        others.append((known[name], share))
+    return force, tuple(others)
 
 
 def _target(terms: SceneTerms, pad: Pad) -> Target:

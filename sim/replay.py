@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from sim.effects.plan import EffectPlan, plan_effects
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.error.measured_errors import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
-from sim.press import measure, path_for
+from sim.press import measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor

@@ -45,7 +45,7 @@ for result in robot_checks(config):
 _RENDER_A_PRESS = """
 from sim.effects.plan import plan_effects
 from sim.fields.press_fields import surface_state
-from sim.press import follow, path_for
+from sim.effects.scene_path import follow, path_for
 from sim.press_command import scene_from
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.loop.rendering import replay_images

@@ -1,23 +1,27 @@
 """Which effects a scene calls for: ``Scene`` in, ``EffectPlan`` out.
 
-Every effect that a scene has but does not need within its tolerance is left out: the plan adds up
-the estimated errors, smallest first, and stops before the sum passes the tolerance. What is off is
-not compiled, not launched and not allocated.
+An effect is left out where that is shown to change no output that is asked for by more than its
+tolerance, all that is left out taken together. It is shown by trying: the scene is pressed coarsely
+with the effect and without. What is off is not compiled, not launched and not allocated.
+
+Trying costs time too. An effect is tried only where leaving it out would save more than that; else
+it is on. Weight and inertia have scales that bound them, each within a range; outside it, weight is
+tried like the others, and inertia, which a press in time alone could tell, is on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from functools import lru_cache
 
 from sim.effects import estimates
-from sim.effects.mesh_choice import mirrors
-from sim.scene.indenter import Cylinder, Plane, Sphere
-from sim.scene.material import LawName
-from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
-from tacauchy_rig.errors import ConfigError
+from sim.effects.called_for import everything
+from sim.effects.coarse import RUNGS, coarse_press
+from sim.effects.effect_plan import EffectPlan
+from sim.scene.scene import Effect, Output, Preset, Scene
+from tacauchy_rig.errors import RigError
 
+# Relative error of F_z that all effects left out may have together.
 PRESET_TOLERANCE = {
     Preset.FAST: 0.05,
     Preset.BALANCED: 0.02,
@@ -25,206 +29,165 @@ PRESET_TOLERANCE = {
     Preset.REFERENCE: 2e-4,
     Preset.PAPER: 2e-4,
 }
-_SELF_CONTACT_DEPTH_SHARE = 0.6
-_DRAWN = {
-    Effect.IMAGE: Output.IMAGE,
-    Effect.SHADOW: Output.SHADOW,
-    Effect.MARKERS: Output.MARKERS,
+# What another output may be off by, over F_z's: fields scatter more than their sums.
+_FIELDS_OVER_FORCE = 2.0
+# Share of a press's time that leaving an effect out saves, and share that one more coarse press
+# costs; medians of drawn scenes (`tacauchy-rig effects-check --random`). Small strains save
+# nothing.
+_SAVES = {Effect.FRICTION: 0.5, Effect.GRAVITY: 0.08, Effect.VISCOELASTICITY: 0.08}
+_COSTS = {
+    Preset.FAST: 0.15,
+    Preset.BALANCED: 0.1,
+    Preset.ACCURATE: 0.02,
+    Preset.REFERENCE: 0.01,
 }
+# A fine press's difference is at most so many times that of its one rung. With two rungs it is the
+# finer one's and what the two are apart.
+_ONE_RUNG = 2.0
+# A straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure: where mu is so
+# many tolerances, trying would only confirm that it is needed.
+_GRIPS = 5.0
+_KEPT = 256
+# A tolerance that is none; it keeps quotients finite.
+_NOTHING = 1e-30
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedEffect:
-    """One row of a plan.
-
-    Attributes:
-        on: It is simulated.
-        reason: Why, with the numbers.
-        estimated_error: Relative error of F_z if it is left out; zero where it changes nothing,
-            None where leaving it out would answer another question.
-        asked: The user switched it.
-    """
-
-    effect: Effect
-    on: bool
-    reason: str
-    estimated_error: float | None
-    asked: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectPlan:
-    """What is simulated of a scene, and why.
-
-    Attributes:
-        tolerance: Relative error of F_z that all effects left out may have together.
-    """
-
-    effects: tuple[PlannedEffect, ...]
-    tolerance: float
-
-    def is_on(self, effect: Effect) -> bool:
-        """Return whether an effect is simulated."""
-        return next(row.on for row in self.effects if row.effect is effect)
-
-    @property
-    def estimated_error(self) -> float:
-        """Sum of the estimated errors of what is left out."""
-        return sum(row.estimated_error or 0.0 for row in self.effects if not row.on)
-
-    def as_json(self) -> list[dict[str, Any]]:
-        """Return the rows for ``--json``."""
-        return [
-            {
-                "name": row.effect.value,
-                "on": row.on,
-                "reason": row.reason,
-                "estimated_error": row.estimated_error,
-                "asked": row.asked,
-            }
-            for row in self.effects
-        ]
-
-
+@lru_cache(maxsize=_KEPT)
 def plan_effects(scene: Scene) -> EffectPlan:
-    """Decide what a scene is simulated with.
+    """Decide what a scene is simulated with; kept by scene.
 
     Raises:
         ConfigError: The user switched something on or off that cannot be.
     """
-    tolerance = PRESET_TOLERANCE[scene.preset] if scene.tolerance is None else scene.tolerance
-    called = {row.effect: row for row in _called_for(scene)}
-    rows = dict(called)
-    doubtful = [row for row in rows.values() if row.on and row.estimated_error is not None]
-    spent = 0.0
-    for row in sorted(doubtful, key=lambda row: row.estimated_error or 0.0):
-        if row.effect in _ALWAYS_IF_CALLED:
-            continue
-        spent += row.estimated_error or 0.0
-        if spent > tolerance:
-            break
-        reason = f"{row.reason}; left out: within the tolerance of {tolerance:.2%}"
-        rows[row.effect] = replace(row, on=False, reason=reason)
-    for effect, on in scene.effects:
-        if on and not called[effect].on and effect in _CANNOT_BE_ADDED:
-            raise ConfigError(
-                f"effect {effect.value} cannot be switched on: {called[effect].reason}",
-                remedy=_CANNOT_BE_ADDED[effect],
-            )
-        rows[effect] = _switched(called[effect], on=on)
-    return EffectPlan(effects=tuple(rows[effect] for effect in Effect), tolerance=tolerance)
-
-
-_ALWAYS_IF_CALLED = {Effect.SYMMETRY, Effect.SECOND_LAYER, *_DRAWN}
-
-
-def _switched(row: PlannedEffect, *, on: bool) -> PlannedEffect:
-    if on == row.on:
-        return replace(row, asked=True)
-    return replace(row, on=on, asked=True, reason=f"switched by the user; {row.reason}")
-
-
-_CANNOT_BE_ADDED = {
-    Effect.SELF_CONTACT: "leave it off: gel against gel is not simulated",
-    Effect.SECOND_LAYER: "give the layers",
-    Effect.SYMMETRY: "centre the indenter and move it within one middle plane of the pad",
-    Effect.VISCOELASTICITY: "give the material a Prony series",
-    Effect.FRICTION: "ask for --contact friction:MU",
-}
-
-
-def _called_for(scene: Scene) -> Iterator[PlannedEffect]:
-    decided = {
-        Effect.INERTIA: _inertia,
-        Effect.GRAVITY: _gravity,
-        Effect.FRICTION: _friction,
-        Effect.FINITE_STRAIN: _finite_strain,
-        Effect.LOCKING_FREE_ELEMENT: _locking,
-        Effect.SECOND_LAYER: _layers,
-        Effect.VISCOELASTICITY: _relaxation,
-        Effect.SELF_CONTACT: _self_contact,
-        Effect.SYMMETRY: _symmetry,
+    plan = replace(everything(scene), tolerances=output_tolerances(scene))
+    bounds = {
+        Effect.GRAVITY: estimates.gravity_error(scene),
+        Effect.INERTIA: estimates.inertia_error(scene),
     }
-    for effect, decide in decided.items():
-        on, reason, error = decide(scene)
-        # What leaves finite strain out is the law that was asked for.
-        asked = effect is Effect.FINITE_STRAIN and not on
-        yield PlannedEffect(effect=effect, on=on, reason=reason, estimated_error=error, asked=asked)
-    for effect, output in _DRAWN.items():
-        wanted = output in scene.outputs
-        reason = "asked for" if wanted else "not asked for"
-        yield PlannedEffect(effect=effect, on=wanted, reason=reason, estimated_error=0.0)
+    for effect, bound in bounds.items():
+        if _is_open(plan, effect) and bound is not None:
+            plan = _weighed(plan, effect, dict.fromkeys(plan.tolerances, bound), "by its scale")
+    for effect, saved in _SAVES.items():
+        if _is_open(plan, effect):
+            plan = _judged(scene, plan, effect, saved)
+    return plan
 
 
-# Whether an effect is on, the reason, and the error of leaving it out.
-_Decision = tuple[bool, str, float | None]
+def output_tolerances(scene: Scene) -> dict[Output, float]:
+    """Return the relative tolerance of every output that a scene asks for.
+
+    A press to a force asks for its depth, and a press to a depth for its force.
+    """
+    force = PRESET_TOLERANCE[scene.preset] if scene.tolerance is None else scene.tolerance
+    given = dict(scene.output_tolerances)
+    sought = Output.FORCE if scene.target.force_n is None else Output.DEPTH
+    asked = {sought, Output.FORCE, *scene.outputs, *given}
+    scale = {Output.FORCE: 1.0, Output.DEPTH: 1.0}
+    return {
+        output: given.get(output, scale.get(output, _FIELDS_OVER_FORCE) * force)
+        for output in Output
+        if output in asked
+    }
 
 
-def _inertia(scene: Scene) -> _Decision:
-    period = estimates.slowest_period(scene)
-    reason = f"in proportion to (T1 / t)^2, T1 = {period * 1e3:.2g} ms, t = {scene.duration_s:g} s"
-    return True, reason, estimates.inertia_error(scene)
+def _is_open(plan: EffectPlan, effect: Effect) -> bool:
+    """Return whether an effect is on and nobody asked for that."""
+    return next(row.on and not row.asked for row in plan.effects if row.effect is effect)
 
 
-def _gravity(scene: Scene) -> _Decision:
-    return True, "rho g H / E of the softest material", estimates.gravity_error(scene)
+def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> EffectPlan:
+    """Return a plan after an effect was tried, or was not since that cannot pay.
+
+    Args:
+        saved: Share of a press's time that leaving it out saves.
+    """
+    rungs = RUNGS[scene.preset]
+    price = len(rungs) * _COSTS.get(scene.preset, 0.0)
+    why = _why_needed(scene, plan) if effect is Effect.FRICTION else ""
+    if not rungs:
+        why = why or "preset paper has one mesh"
+    elif saved < price:
+        why = why or f"trying costs {price:.0%} of a press's time and may save {saved:.0%}"
+    if why:
+        return _with(plan, effect, reason=f"on untried: {why}")
+    try:
+        costs, spent = _tried(scene, plan, effect)
+    except RigError as error:
+        return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
+    plan = replace(plan, tried_s=plan.tried_s + spent)
+    return _weighed(plan, effect, costs, f"tried on edges {_edges(rungs)} times as long")
 
 
-def _friction(scene: Scene) -> _Decision:
-    if scene.contact is not ContactMode.FRICTION or scene.friction == 0.0:
-        return False, f"the contact is {scene.contact.value}", 0.0
-    if not scene.motion.is_straight or Output.MARKERS in scene.outputs:
-        return True, "the indenter moves along the gel, or markers are asked for", None
-    reason = f"a straight press at nu {scene.material.poisson:g}: friction changes F_z little"
-    return True, reason, estimates.frictionless_error(scene)
+def _why_needed(scene: Scene, plan: EffectPlan) -> str:
+    """Say why a scene needs its friction without a try, or nothing."""
+    if any(scene.motion.shift_m) or scene.motion.twist_rad:
+        return "the indenter moves along the gel"
+    for output in (Output.SHEAR, Output.MARKERS):
+        allowed = plan.tolerances.get(output)
+        if allowed is not None and scene.friction > _GRIPS * allowed:
+            return f"{output.value} is asked for to {allowed:.1%}, and mu is {scene.friction:g}"
+    return ""
 
 
-def _finite_strain(scene: Scene) -> _Decision:
-    laws = {material.law for material in scene.materials}
-    if LawName.LINEAR in laws:
-        return False, "the law is linear", None
-    if LawName.PAPER_EQ4 in laws:
-        return (
-            True,
-            "the printed law is under tension at rest, which small strains do not know",
-            None,
+def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output, float], float]:
+    """Return what leaving an effect out costs each output, and the processor's time for it [s].
+
+    Raises:
+        RigError: A coarse press failed.
+    """
+    without = _with(plan, effect, on=False)
+    found, spent = [], 0.0
+    for ratio in RUNGS[scene.preset]:
+        pressed = [coarse_press(scene, each, ratio) for each in (without, plan)]
+        spent += sum(each.processor_s for each in pressed)
+        found.append(pressed[0].outputs.differences(pressed[1].outputs))
+    coarse, fine = found[0], found[-1]
+    costs = {
+        output: fine[output] + abs(fine[output] - coarse[output])
+        if len(found) > 1
+        else _ONE_RUNG * fine[output]
+        for output in plan.tolerances
+    }
+    return costs, spent
+
+
+def _weighed(
+    plan: EffectPlan, effect: Effect, costs: dict[Output, float], basis: str
+) -> EffectPlan:
+    """Leave an effect out if that keeps every tolerance, with what is left out already."""
+    sums = {output: plan.left_out(output) + cost for output, cost in costs.items()}
+    worst = max(sums, key=lambda output: sums[output] / max(plan.tolerances[output], _NOTHING))
+    on = sums[worst] > plan.tolerances[worst]
+    verb = "would be" if on else "is"
+    reason = (
+        f"{basis}; with all that is left out {worst.value} {verb} {sums[worst]:.2%} off, "
+        f"{plan.tolerances[worst]:.2%} allowed"
+    )
+    return _with(plan, effect, on=on, costs=costs, reason=reason)
+
+
+def _with(
+    plan: EffectPlan,
+    effect: Effect,
+    *,
+    on: bool = True,
+    costs: dict[Output, float] | None = None,
+    reason: str = "",
+) -> EffectPlan:
+    """Return a plan with one row changed; what is said goes after what the row says."""
+    rows = tuple(
+        row
+        if row.effect is not effect
+        else replace(
+            row,
+            on=on,
+            costs=row.costs if costs is None else costs,
+            reason=f"{row.reason}; {reason}" if reason else row.reason,
         )
-    share = estimates.expected_depth(scene) / scene.pad.height_m
-    error = estimates.linear_error(scene) if scene.motion.is_straight else None
-    return True, f"depth is {share:.1%} of the pad's thickness", error
+        for row in plan.effects
+    )
+    return replace(plan, effects=rows)
 
 
-def _locking(scene: Scene) -> _Decision:
-    error = estimates.locking_error(scene)
-    if scene.preset is Preset.PAPER:
-        return False, "preset paper has the paper's linear tetrahedra, which lock", error
-    poisson = max(material.poisson for material in scene.materials)
-    return True, f"nu is {poisson:g}; linear tetrahedra lock above 0.4", error
-
-
-def _layers(scene: Scene) -> _Decision:
-    if len(scene.layers) > 1:
-        return True, f"the gel has {len(scene.layers)} layers", None
-    return False, "the gel is of one material", 0.0
-
-
-def _relaxation(scene: Scene) -> _Decision:
-    if not any(material.relaxation for material in scene.materials):
-        return False, "the material has no Prony series", 0.0
-    reason = f"force above the slow modulus's at the end of {scene.duration_s:g} s"
-    return True, reason, estimates.relaxation_error(scene)
-
-
-def _self_contact(scene: Scene) -> _Decision:
-    share = estimates.expected_depth(scene) / scene.pad.height_m
-    convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
-    if convex and share <= _SELF_CONTACT_DEPTH_SHARE:
-        return False, "a convex pad under one convex indenter cannot touch itself", 0.0
-    reason = "gel against gel is not simulated; min det F and the gap tell where it would matter"
-    return False, reason, None
-
-
-def _symmetry(scene: Scene) -> _Decision:
-    if mirrors(scene).copies > 1:
-        return True, "pad, indenter and motion are mirrored: a quarter or half is solved", 0.0
-    return False, "no plane mirrors pad, indenter, motion and mesh", 0.0
+def _edges(rungs: tuple[float, ...]) -> str:
+    return " and ".join(f"{1.0 / ratio:g}" for ratio in rungs)

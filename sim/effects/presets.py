@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.contact.state import ContactOptions
+from sim.effects.called_for import everything
+from sim.effects.effect_plan import EffectPlan
 from sim.effects.footprint_presets import diagonal, footprint_mesh
 from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirrors
-from sim.effects.plan import EffectPlan, plan_effects
 from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
@@ -150,14 +151,14 @@ def build_model(
     """Mesh a scene's pad and set up its model.
 
     Args:
-        plan: Effects to include; None plans them.
+        plan: Effects to include; None includes all that the scene has.
         refinement: Make every edge this many times shorter than the scene does.
         mesh: Take this mesh instead of the preset's.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
     """
-    plan = plan or plan_effects(scene)
+    plan = plan or everything(scene)
     name = law_name(scene.material, scene.layers)
     if not plan.is_on(Effect.FINITE_STRAIN):
         name = LawName.LINEAR

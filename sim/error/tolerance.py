@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
+from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import expected_depth, expected_force
-from sim.effects.plan import EffectPlan, plan_effects
+from sim.effects.plan import plan_effects
 from sim.error.measured_errors import FAST, SETTINGS, Setting, indenter_kind, setting_of
 from sim.error.prior_error import (
     force_error,

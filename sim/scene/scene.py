@@ -41,11 +41,13 @@ class Drive(StrEnum):
 
 
 class Output(StrEnum):
-    """What a scene is simulated for, besides the force."""
+    """What a scene is simulated for; force and depth always."""
 
-    FIELDS = "fields"
+    FORCE = "force"
+    DEPTH = "depth"
+    PRESSURE = "pressure"
+    SHEAR = "shear"
     IMAGE = "image"
-    SHADOW = "shadow"
     MARKERS = "markers"
 
 
@@ -61,9 +63,6 @@ class Effect(StrEnum):
     VISCOELASTICITY = "viscoelasticity"
     SELF_CONTACT = "self-contact"
     SYMMETRY = "symmetry"
-    MARKERS = "markers"
-    IMAGE = "image"
-    SHADOW = "shadow"
 
 
 class Preset(StrEnum):
@@ -132,6 +131,7 @@ class Scene:
         duration_s: Time in which the indenter reaches its target [s].
         outputs: What is asked for besides the force.
         tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
+        output_tolerances: The same of other outputs, where it is not to follow from F_z's.
         effects: Effects switched on or off by the user, against the plan.
         refinement: Every edge this many times shorter than the preset's; in a light scene in the
             section through the axis, while the sectors become more with its root.
@@ -154,6 +154,7 @@ class Scene:
     duration_s: float = 1.0
     outputs: frozenset[Output] = frozenset()
     tolerance: float | None = None
+    output_tolerances: tuple[tuple[Output, float], ...] = ()
     effects: tuple[tuple[Effect, bool], ...] = ()
     drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED

@@ -58,7 +58,7 @@ def press(
 
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
-    """Say what a press would be simulated with, and why; nothing is pressed."""
+    """Say what a press would be simulated with, and why; effects are tried on coarse meshes."""
     from sim.effects.estimates import expected_depth
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
@@ -85,7 +85,10 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     )
     say(f"preset: {setting_of(scene)}")
     say(f"mesh: {choice.kind.value}: {choice.reason}")
-    say(f"left out together: {planned.estimated_error:.2e} of {planned.tolerance:.2e} allowed")
+    for asked, allowed in planned.tolerances.items():
+        left_out = planned.left_out(asked)
+        say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
+    say(f"trying took {planned.tried_s:.2f} s of the processor")
     depth = expected_depth(scene)
     believed, basis = expected_error(scene, planned, depth_m=depth)
     others = alternatives(scene, depth_m=depth, wall_s=None)
@@ -100,8 +103,9 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "preset": str(setting_of(scene)),
             "effects": planned.as_json(),
             "mesh": {"kind": choice.kind.value, "reason": choice.reason},
-            "tolerance": planned.tolerance,
-            "estimated_error": planned.estimated_error,
+            "tolerances": {each.value: share for each, share in planned.tolerances.items()},
+            "left_out": {each.value: planned.left_out(each) for each in planned.tolerances},
+            "tried_s": planned.tried_s,
             "force_error_relative": believed,
             "force_error_basis": basis,
             "time_over_fast": ratio,

@@ -57,7 +57,7 @@ _HELP: dict[str, str | None] = {
     "mesh": "Settings of fTetWild, for scenes that it meshes: l_r=, epsilon_r=, stop_energy=, "
     "dihedral_min=; those left out are the preset's.",
     "tolerance": "0.02N or 2%: take the cheapest preset that keeps F_z within it; with --preset, "
-    "leave out effects within it.",
+    "leave out effects within it. shear=5% and the like, joined by commas, for other outputs.",
     "effect": "Overrule the plan: NAME=on or NAME=off; may be repeated.",
     "drive": f"How a force is reached: {' or '.join(Drive)}.",
 }

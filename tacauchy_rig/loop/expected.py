@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.error.tolerance import expected_error
-from sim.press import path_for
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset

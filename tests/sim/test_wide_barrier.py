@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import height_maps
-from sim.press import path_for
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown, mesh_indenter
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

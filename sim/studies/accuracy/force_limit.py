@@ -11,8 +11,8 @@ from pathlib import Path
 
 from sim.effects.plan import plan_effects
 from sim.effects.presets import mesh_for
+from sim.effects.scene_path import path_for
 from sim.force_error_estimate import error_order
-from sim.press import path_for
 from sim.scene.scene import Effect, Preset, Scene
 
 COARSENING = 1.5

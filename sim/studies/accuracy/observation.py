@@ -10,9 +10,10 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.press import contact_measures, path_for
+from sim.press import contact_measures
 from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for, solve
 from sim.error.measured_errors import FAST, Setting, indenter_kind, setting_of
 from sim.error.tolerance import expected_error, keeping, settings_by_cost
-from sim.press import path_for, solve
 from sim.scene.scene import Preset, Scene
 from sim.studies.accuracy.force_limit import PressStore, pressed_path
 from sim.studies.accuracy.scenes import HELD_OUT, HeldOut

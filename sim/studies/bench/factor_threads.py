@@ -13,8 +13,8 @@ from multiprocessing.context import SpawnContext
 import numpy as np
 
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.mesh.sparsity import SparsePattern
-from sim.press import path_for
 from sim.scene.scene import Preset, Scene
 from sim.solve.linear_solver import linear_solver
 

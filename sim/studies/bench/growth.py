@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
 
 REFINEMENTS = (0.7, 1.0, 1.4, 2.0, 2.5)

@@ -14,6 +14,7 @@ from sim.arrays import FloatArray
 from sim.device import Device
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
+from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.colour.nominal import nominal_model
@@ -23,7 +24,6 @@ from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
-from sim.press import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor

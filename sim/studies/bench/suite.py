@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.batches import (
     BALANCE,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Preset, Target
 from sim.sensor.sensor import Sensor

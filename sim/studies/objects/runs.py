@@ -6,10 +6,10 @@ import time
 from dataclasses import dataclass
 
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer
-from sim.press import follow, path_for
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Preset

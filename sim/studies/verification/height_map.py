@@ -15,11 +15,11 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.underside_kernel import indenter_height
-from sim.press import follow, path_for
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +10,8 @@ import typer
 
 from sim.scene.scene import Effect
 from tacauchy_rig.cli.options import Jobs, JsonFile
-from tacauchy_rig.cli.output import say, write_json, write_text
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.cli.output import complain, say, write_json, write_text
+from tacauchy_rig.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
     from sim.studies.effects_check.check import EffectCase, EffectCheck
@@ -23,9 +22,10 @@ def effects_check(
         list[str] | None, typer.Option("--only", help="A scene by name; may be repeated.")
     ] = None,
     list_only: Annotated[bool, typer.Option("--list", help="Name the scenes and stop.")] = False,
-    one_by_one: Annotated[
-        bool, typer.Option(help="Also try to do without each effect that a plan keeps.")
-    ] = True,
+    random: Annotated[
+        int, typer.Option("--random", metavar="N", help="Draw so many scenes instead.")
+    ] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="What the scenes are drawn with.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Write the page there.")
     ] = None,
@@ -35,21 +35,28 @@ def effects_check(
     """Press scenes under their plans and with everything on; say what that changes and costs."""
     from tacauchy_rig.side_by_side import side_by_side
 
-    chosen = _chosen(only or [])
+    chosen = _drawn(seed, random) if random else _chosen(only or [])
     if list_only:
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
         return
     checks: list[EffectCheck] = []
-    measure = partial(_checked, one_by_one=one_by_one)
-    for _, check in side_by_side(measure, [case.name for case in chosen], jobs=jobs):
-        checks.append(check)
-        say(_line(check))
+    failed: dict[str, str] = {}
+    command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
+    for case, found in side_by_side(_checked, chosen, jobs=jobs):
+        if isinstance(found, str):
+            failed[case.name] = found
+            complain(f"{case.name:22} not pressed: {found}")
+        else:
+            checks.append(found)
+            say(_line(found))
         # After every scene, so that Ctrl-C leaves what was found until then.
-        if out is not None:
-            command = f"tacauchy-rig effects-check --out {out}"
-            write_text(out, _page(checks, command))
-        write_json(json_file, {"scenes": [check.as_json() for check in checks]})
+        if out is not None and checks:
+            write_text(out, _page(checks, failed, f"{command} --out {out}"))
+        write_json(
+            json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
+        )
+    _summarise(checks)
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
 
 
@@ -66,36 +73,58 @@ def _chosen(names: list[str]) -> list[EffectCase]:
     return [known[name] for name in names] or list(known.values())
 
 
-def _checked(name: str, *, one_by_one: bool) -> EffectCheck:
+def _drawn(seed: int, count: int) -> list[EffectCase]:
+    from sim.studies.effects_check.check import EffectCase
+    from sim.studies.effects_check.drawn import described, drawn_scene
+
+    scenes = [drawn_scene(seed, number) for number in range(count)]
+    return [EffectCase(f"{k}", described(scene), scene) for k, scene in enumerate(scenes)]
+
+
+def _checked(case: EffectCase) -> EffectCheck | str:
+    """Return what a scene showed, or why it cannot be pressed with everything on."""
     from sim.studies.effects_check.check import check_effects
 
-    return check_effects(_chosen([name])[0], one_by_one=one_by_one)
+    try:
+        return check_effects(case)
+    except RigError as error:
+        return error.message
 
 
 def _line(check: EffectCheck) -> str:
     verdict = "ok" if check.passed else "MISSED"
+    output, share = check.worst
     text = (
-        f"{check.case.name:22} {verdict:6} {check.difference:9.2e} of {check.plan.tolerance:.2e}, "
-        f"{check.time_ratio:5.1f} times the time with {_names(check.added)} on"
+        f"{check.case.name:22} {verdict:6} {output.value} {check.differences[output]:9.2e}, "
+        f"{share:.0%} of what is allowed, {check.time_ratio:5.1f} times the time with "
+        f"{_names(check.added)} on"
     )
-    apart = "; ".join(f"{effect.value} apart: {why}" for effect, why in check.left_apart)
-    return f"{text} ({apart})" if apart else text
+    return f"{text} (no inertia: {check.apart})" if check.apart else text
 
 
-def _page(checks: Sequence[EffectCheck], command: str) -> str:
-    from sim.studies.effects_check.check import EFFECT_CASES
+def _summarise(checks: Sequence[EffectCheck]) -> None:
+    from sim.studies.effects_check.check import kept_by_output, time_saved
+
+    if not checks:
+        return
+    for output, (kept, count, worst) in kept_by_output(checks).items():
+        say(f"{output.value:10} kept in {kept} of {count} scenes, at worst {worst:.0%} of allowed")
+    passed = sum(check.passed for check in checks)
+    say(f"all outputs kept in {passed} of {len(checks)} scenes")
+    say(f"{time_saved(checks):.0%} of the time saved, geometric mean")
+
+
+def _page(checks: Sequence[EffectCheck], failed: dict[str, str], command: str) -> str:
+    from sim.studies.effects_check.check import kept_by_output, time_saved
     from tacauchy_rig.page import page
 
-    apart: dict[tuple[Effect, str], list[str]] = {}
-    for check in checks:
-        for reason in check.left_apart:
-            apart.setdefault(reason, []).append(check.case.name)
     facts = {
         "command": command,
         "checks": checks,
-        "case_count": len(EFFECT_CASES),
-        "missed": [check.case.name for check in checks if not check.passed],
-        "apart": apart,
+        "failed": failed,
+        "passed": sum(check.passed for check in checks),
+        "outputs": kept_by_output(checks),
+        "saved": time_saved(checks),
         "names": _names,
         "percent": _percent,
     }

@@ -13,8 +13,8 @@ from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Course, Environment, course_of
 from sim.batch.pilot import Pilot, batch_model
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import follow, path_for
 from sim.fields.stress import surface_stress
-from sim.press import follow, path_for
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad

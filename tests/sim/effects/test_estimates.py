@@ -8,7 +8,7 @@ import pytest
 
 from sim.effects import estimates
 from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.material import Material, RelaxationTerm
+from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene, Target
 
@@ -42,24 +42,17 @@ def test_expected_force_of_a_punch_is_the_half_spaces_on_a_thick_gel() -> None:
 
 def test_inertia_and_gravity_scale_as_they_must() -> None:
     """(T1 / t)^2, and rho g H / E of the softest."""
-    twice = replace(SCENE, duration_s=2.0 * SCENE.duration_s)
-    assert estimates.inertia_error(SCENE) == pytest.approx(4.0 * estimates.inertia_error(twice))
-    assert estimates.gravity_error(SCENE) == pytest.approx(1e3 * 9.81 * 4e-3 / 0.4e6)
+    once, twice = (
+        estimates.inertia_error(replace(SCENE, duration_s=k * SCENE.duration_s)) for k in (1, 2)
+    )
+    assert once is not None
+    assert twice == pytest.approx(0.25 * once)
+    assert estimates.weight_scale(SCENE) == pytest.approx(1e3 * 9.81 * 4e-3 / 0.4e6)
 
 
-@pytest.mark.parametrize(("duration_s", "excess"), [(1e-6, 0.25 / 0.75), (1e6, 0.0)])
-def test_relaxation_lies_between_its_limits(duration_s: float, excess: float) -> None:
-    """A quick press meets the whole stiffness, a slow one the slow modulus's alone."""
-    relaxing = replace(GEL, relaxation=(RelaxationTerm(share=0.25, time_s=1.0),))
-    scene = replace(SCENE, material=relaxing, duration_s=duration_s)
-    assert estimates.relaxation_error(scene) == pytest.approx(excess, abs=1e-5)
-
-
-def test_linear_tetrahedra_lock_the_more_the_less_a_gel_gives() -> None:
-    """The error rises towards nu = 1/2."""
-    errors = [
-        estimates.locking_error(replace(SCENE, material=replace(GEL, poisson=nu)))
-        for nu in (0.3, 0.4, 0.48, 0.499)
-    ]
-    assert errors == sorted(errors)
-    assert errors[-1] > 1.0
+def test_beyond_their_ranges_scales_say_nothing() -> None:
+    """A press as quick as the pad rings, and a gel that flows."""
+    quick = replace(SCENE, duration_s=2.0 * estimates.slowest_period(SCENE))
+    assert estimates.inertia_error(quick) is None
+    soft = replace(SCENE, material=replace(GEL, young_pa=1e3))
+    assert estimates.gravity_error(soft) is None

@@ -9,7 +9,7 @@ import pytest
 
 from sim.effects.plan import plan_effects
 from sim.effects.presets import LIGHT, build_model, light_resolution
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad

@@ -10,9 +10,9 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
+from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.press import path_for
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry

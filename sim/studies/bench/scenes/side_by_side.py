@@ -9,7 +9,7 @@ import numpy as np
 from sim.batch.environment import course_of
 from sim.batch.pilot import Pilot
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.studies.bench.batches import PILOTS, pressed, spread

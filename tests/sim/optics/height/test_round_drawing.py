@@ -10,13 +10,13 @@ import pytest
 
 from sim.arrays import FloatArray, IntArray
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.steep_faces import cut_face, cut_tables
 from sim.optics.height.underside_kernel import indenter_height
-from sim.press import path_for
 from sim.scene.indenter import Cylinder
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.effects.plan import plan_effects
-from sim.press import path_for
+from sim.effects.scene_path import path_for
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

@@ -21,19 +21,27 @@ def test_a_scene_is_checked_and_written_down(tmp_path: Path) -> None:
     """One scene: a line, a row of the page, and JSON."""
     page, found = tmp_path / "effects.md", tmp_path / "effects.json"
     files = ("--out", str(page), "--json", str(found))
-    done = CliRunner().invoke(
-        app, ["effects-check", "--only", "by force", "--no-one-by-one", *files]
-    )
+    done = CliRunner().invoke(app, ["effects-check", "--only", "by force", *files])
     assert done.exit_code == 0, done.output
     assert "times the time with" in done.stdout
+    assert "no inertia: a press in time goes to a depth" in done.stdout
     text = page.read_text(encoding="utf-8")
-    assert "| by force | 2 % | " in text
-    assert "1 of " in text
-    assert "inertia is off in both presses of by force" in text
+    assert "All outputs were kept in 1 of 1 scenes" in text
+    assert "| by force | gravity | " in text
     (scene,) = json.loads(found.read_text(encoding="utf-8"))["scenes"]
     assert scene["passed"] is True
     assert "gravity" in scene["added"]
-    assert scene["difference"] <= scene["tolerance"]
+    assert scene["differences"]["depth"] <= scene["tolerances"]["depth"]
+
+
+def test_scenes_are_drawn_with_a_seed() -> None:
+    """``--random`` and ``--seed`` name other scenes; nothing is pressed for a list."""
+    listed = [
+        CliRunner().invoke(app, ["effects-check", "--list", "--random", "3", "--seed", seed]).stdout
+        for seed in ("1", "2", "1")
+    ]
+    assert listed[0] == listed[2] != listed[1]
+    assert len(listed[0].splitlines()) == 3
 
 
 def test_an_unknown_scene_is_refused() -> None:

@@ -1,0 +1,63 @@
+"""Coarse presses of the very scene: what effects are tried on and errors are estimated from.
+
+Each is the scene's own press on longer edges, which costs a small part of it: a rung of a ladder
+that ends with the press itself. They are kept by scene, since plan and error estimate share them.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from sim.effects.called_for import everything
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.outputs import PressOutputs, outputs_of
+from sim.effects.scene_path import path_for, solve
+from sim.scene.scene import Preset, Scene
+
+# How many times shorter than the scene's the edges are, the coarsest first. Preset paper has but
+# one mesh.
+RUNGS: dict[Preset, tuple[float, ...]] = {
+    Preset.FAST: (0.5,),
+    Preset.BALANCED: (1.0 / 3.0, 0.5),
+    Preset.ACCURATE: (1.0 / 3.0, 0.5),
+    Preset.REFERENCE: (1.0 / 3.0, 0.5),
+    Preset.PAPER: (),
+}
+_KEPT = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoarsePress:
+    """A press on longer edges.
+
+    Attributes:
+        ratio: How many times shorter than the scene's its edges are.
+        processor_s: What it cost [s].
+    """
+
+    ratio: float
+    outputs: PressOutputs
+    processor_s: float
+
+
+def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
+    """Press a scene with a plan's effects on longer edges.
+
+    Raises:
+        RigError: It cannot be meshed or solved there.
+    """
+    # What does not change a press on given edges is taken off, so that more scenes share it.
+    bare = replace(scene, effects=plan.switches, tolerance=None, outputs=frozenset(), sensor="")
+    return _pressed(bare, ratio)
+
+
+@lru_cache(maxsize=_KEPT)
+def _pressed(scene: Scene, ratio: float) -> CoarsePress:
+    started = time.process_time()
+    coarse = replace(scene, refinement=ratio * scene.refinement)
+    plan = everything(coarse)
+    path = path_for(coarse, plan)
+    outputs = outputs_of(path, solve(coarse, plan, path))
+    return CoarsePress(ratio=ratio, outputs=outputs, processor_s=time.process_time() - started)

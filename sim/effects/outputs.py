@@ -1,0 +1,139 @@
+"""What a press answers: each output as one size, and how far two presses of one mesh differ in it.
+
+All of it is found from the contact's points and the surface's corners, so that a coarse press that
+is only tried costs no stress recovery. Differences are held against the second press:
+
+| output | size | difference |
+|---|---|---|
+| force | F_z | of the force as a vector |
+| depth | depth | of the depth |
+| pressure | p95 over the touched area | the larger of p95's and the resultant's |
+| shear | L2 norm of the tangential traction | its L2 norm, over the pressure's |
+| image | L2 norm of the surface's slopes | its L2 norm, which an image is a function of |
+| markers | L2 norm of the surface's motion along x and y | its L2 norm |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.scene.scene import Output
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.load_steps.path import LoadingPath
+
+_PERCENTILE = 0.95
+# Cosine to z above which a face of the pad at rest is of its top.
+_TOP_COSINE = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressOutputs:
+    """The outputs of one press on one mesh, of the part that is modelled.
+
+    Attributes:
+        force_n: On the indenter [N], shape [3].
+        areas_m2: Areas at rest of the surface's faces, shape [n].
+        pressure_pa: On each, the mean over its points, shape [n].
+        shear_pa: Tangential traction on each, likewise, shape [n, 3].
+        top_m2: Areas at rest of the top's faces, shape [m].
+        slopes: Unit normals of those, less those before the touch, shape [m, 3].
+        motion_m: Their motion along x and y since then, shape [m, 2].
+    """
+
+    force_n: FloatArray
+    depth_m: float
+    areas_m2: FloatArray
+    pressure_pa: FloatArray
+    shear_pa: FloatArray
+    top_m2: FloatArray
+    slopes: FloatArray
+    motion_m: FloatArray
+
+    @property
+    def sizes(self) -> dict[Output, float]:
+        """One number of each output, which a finer mesh changes: N, m, Pa, and L2 norms."""
+        return {
+            Output.FORCE: float(self.force_n[2]),
+            Output.DEPTH: self.depth_m,
+            Output.PRESSURE: self._pressure_p95(),
+            Output.SHEAR: _norm(self.shear_pa, self.areas_m2),
+            Output.IMAGE: _norm(self.slopes, self.top_m2),
+            Output.MARKERS: _norm(self.motion_m, self.top_m2),
+        }
+
+    def differences(self, other: PressOutputs) -> dict[Output, float]:
+        """Return how far each output is from that of another press on the same mesh."""
+        carried, others = (float(each.pressure_pa @ each.areas_m2) for each in (self, other))
+        p95 = _relative(self._pressure_p95(), other._pressure_p95())
+        pressure = _norm(other.pressure_pa[:, None], other.areas_m2)
+        tops = other.top_m2
+        return {
+            Output.FORCE: _share(
+                float(np.linalg.norm(self.force_n - other.force_n)),
+                float(np.linalg.norm(other.force_n)),
+            ),
+            Output.DEPTH: _relative(self.depth_m, other.depth_m),
+            Output.PRESSURE: max(p95, _relative(carried, others)),
+            Output.SHEAR: _share(_norm(self.shear_pa - other.shear_pa, self.areas_m2), pressure),
+            Output.IMAGE: _share(
+                _norm(self.slopes - other.slopes, tops), _norm(other.slopes, tops)
+            ),
+            Output.MARKERS: _share(
+                _norm(self.motion_m - other.motion_m, tops), _norm(other.motion_m, tops)
+            ),
+        }
+
+    def _pressure_p95(self) -> float:
+        touched = self.pressure_pa > 0.0
+        if not touched.any():
+            return 0.0
+        order = np.argsort(self.pressure_pa[touched])
+        areas = np.cumsum(self.areas_m2[touched][order])
+        return float(np.interp(_PERCENTILE * areas[-1], areas, self.pressure_pa[touched][order]))
+
+
+def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
+    """Return what an equilibrium answers; images and markers are held against the untouched gel."""
+    model, before, now = path.model, path.unloaded, point.state.positions
+    vectors = model.surface.area_vectors(now).sum(axis=1)
+    areas = np.linalg.norm(vectors, axis=1, keepdims=True)
+    normals = vectors / areas
+    traction = -point.equilibrium.contact.forces.sum(axis=1) / areas
+    along = np.einsum("ni,ni->n", traction, normals)[:, None]
+    corners = model.faces[:, :3]
+    rest, bent = (_vectors(nodes[corners]) for nodes in (before, now))
+    sizes = np.linalg.norm(rest, axis=1)
+    top = rest[:, 2] > _TOP_COSINE * sizes
+    units = (each[top] / np.linalg.norm(each[top], axis=1, keepdims=True) for each in (bent, rest))
+    return PressOutputs(
+        force_n=point.force_n,
+        depth_m=point.depth_m,
+        areas_m2=0.5 * sizes,
+        pressure_pa=-along[:, 0],
+        shear_pa=traction - along * normals,
+        top_m2=0.5 * sizes[top],
+        slopes=np.subtract(*units),
+        motion_m=(now - before)[corners].mean(axis=1)[top, :2],
+    )
+
+
+def _vectors(corners: FloatArray) -> FloatArray:
+    return np.asarray(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), dtype=np.float64
+    )
+
+
+def _norm(values: FloatArray, areas: FloatArray) -> float:
+    return float(np.sqrt((values**2).sum(axis=1) @ areas))
+
+
+def _relative(one: float, other: float) -> float:
+    return _share(abs(one - other), abs(other))
+
+
+def _share(part: float, whole: float) -> float:
+    """Return a share; nothing of nothing is none of it."""
+    return part / whole if whole > 0.0 else float(part > 0.0)

@@ -1,0 +1,96 @@
+"""The path of a scene's indenter, with the effects of a plan."""
+
+from __future__ import annotations
+
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.presets import build_model
+from sim.material.elastic_body import densities_of
+from sim.scene.scene import Drive, Effect, Scene
+from sim.scene.tilted_indenter import tilted
+from sim.solve.dynamics.implicit import moving_press
+from sim.solve.dynamics.weight_and_inertia import weight
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.load_steps.force_search import find_force
+from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.model import Model
+
+# Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
+# thousandth of it, at most.
+_ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
+
+
+def path_for(
+    scene: Scene,
+    plan: EffectPlan,
+    *,
+    model: Model | None = None,
+    refinement: float = 1.0,
+    device: str = "cpu",
+) -> LoadingPath:
+    """Return the path that a scene's indenter will go, with the planned effects.
+
+    Args:
+        model: Reuse this model instead of meshing and assembling anew.
+        device: Warp device of a new model.
+        refinement: Make every edge this many times shorter than the scene does.
+
+    Raises:
+        ConfigError: The scene cannot be built.
+    """
+    model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
+    heavy = plan.is_on(Effect.GRAVITY)
+    return LoadingPath(
+        model,
+        scene.indenter,
+        scene.centre_m,
+        rotation=tilted(*scene.motion.tilt_rad),
+        potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
+        options=_options(scene),
+    )
+
+
+def _options(scene: Scene) -> SolverOptions:
+    """Return how closely a scene's forces are to balance."""
+    if not scene.has_wide_barrier:
+        return SolverOptions()
+    asked = _OF_TOLERANCE * (scene.tolerance or 0.0)
+    return SolverOptions(residual_relative=min(_ROUGHER, max(_ROUGHLY, asked)))
+
+
+def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:
+    """Take the indenter along its path, with the planned effects.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+    """
+    if plan.is_on(Effect.INERTIA):
+        return moving_press(
+            scene, path, density_kg_m3=densities_of(path.model.mesh, scene.materials)
+        )
+    return follow(scene, path)
+
+
+def follow(scene: Scene, path: LoadingPath) -> PathPoint:
+    """Take the indenter to the scene's depth or force, then along its motion.
+
+    Raises:
+        ConvergenceError: No equilibrium, or the force cannot be reached.
+    """
+    depth, force = scene.target.depth_m, scene.target.force_n
+    if depth is not None:
+        point = path.advance(depth, duration_s=scene.duration_s)
+    elif scene.drive is Drive.LOAD:
+        point = path.push(force or 0.0, duration_s=scene.duration_s)
+    else:
+        point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
+    motion = scene.motion
+    if any(motion.shift_m) or motion.twist_rad:
+        hold = Hold.DEPTH if depth is not None else Hold.FORCE
+        point = path.carry(
+            shift_m=motion.shift_m,
+            twist_rad=motion.twist_rad,
+            hold=hold,
+            duration_s=scene.duration_s,
+        )
+    return point

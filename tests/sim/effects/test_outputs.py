@@ -1,0 +1,70 @@
+"""Outputs of a press: their sizes, and differences of two presses of one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.effects.called_for import everything
+from sim.effects.outputs import PressOutputs, outputs_of
+from sim.effects.scene_path import path_for, solve
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
+
+SCENE = Scene(
+    pad=DiscPad(radius_m=6e-3, height_m=3e-3),
+    material=Material(young_pa=4e5, poisson=0.45),
+    indenter=Sphere(diameter_m=6e-3),
+    target=Target(depth_m=0.2e-3),
+    contact=ContactMode.FRICTION,
+    friction=0.5,
+    preset=Preset.FAST,
+    refinement=0.6,
+    effects=((Effect.INERTIA, False),),
+)
+
+
+def found(scene: Scene) -> PressOutputs:
+    """Return the outputs of a press."""
+    plan = everything(scene)
+    path = path_for(scene, plan)
+    return outputs_of(path, solve(scene, plan, path))
+
+
+@pytest.fixture(scope="module")
+def rough() -> PressOutputs:
+    """Return a ball's outputs with friction."""
+    return found(SCENE)
+
+
+def test_what_the_contact_carries_is_the_force(rough: PressOutputs) -> None:
+    """Pressure over the touched faces, on a quarter, is F_z but for the surface's slope."""
+    carried = 4.0 * float(rough.pressure_pa @ rough.areas_m2)
+    assert carried == pytest.approx(rough.force_n[2], rel=0.03)
+    assert rough.sizes[Output.DEPTH] == pytest.approx(0.2e-3)
+    touched = rough.pressure_pa[rough.pressure_pa > 0.0]
+    assert touched.min() < rough.sizes[Output.PRESSURE] <= touched.max()
+
+
+def test_a_press_does_not_differ_from_itself(rough: PressOutputs) -> None:
+    """Nothing of every output, and all of those that are scaled by a share."""
+    assert set(rough.differences(rough).values()) == {0.0}
+    more = replace(rough, force_n=1.1 * rough.force_n, motion_m=1.2 * rough.motion_m)
+    differences = more.differences(rough)
+    assert differences[Output.FORCE] == pytest.approx(0.1)
+    assert differences[Output.MARKERS] == pytest.approx(0.2)
+    assert differences[Output.IMAGE] == 0.0
+
+
+def test_without_friction_shear_and_markers_go_first(rough: PressOutputs) -> None:
+    """A straight press loses its shear and much of its motion, and little of its force."""
+    lost = found(replace(SCENE, effects=(*SCENE.effects, (Effect.FRICTION, False)))).differences(
+        rough
+    )
+    assert lost[Output.FORCE] < 0.1 * lost[Output.SHEAR]
+    assert lost[Output.FORCE] < 0.1 * lost[Output.MARKERS]
+    assert np.all(np.array(list(lost.values())) >= 0.0)
