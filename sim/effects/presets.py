@@ -69,10 +69,10 @@ class Resolution:
 RESOLUTIONS = {
     Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
     Preset.BALANCED: Resolution(
-        edge_share=0.02, smooth_share=0.17, growth=1.5, sector_count=20, size_max_m=1.5e-3
+        edge_share=0.02, smooth_share=0.09, growth=1.5, sector_count=24, size_max_m=1.5e-3
     ),
     Preset.ACCURATE: Resolution(
-        edge_share=0.01, smooth_share=0.10, growth=1.4, sector_count=28, size_max_m=1.25e-3
+        edge_share=0.01, smooth_share=0.08, growth=1.4, sector_count=28, size_max_m=1.25e-3
     ),
     Preset.REFERENCE: Resolution(
         edge_share=0.01,

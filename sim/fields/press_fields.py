@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.stress import nodal_contact, surface_stress
+from sim.fields.contact_traction import nodal_contact
+from sim.fields.stress import surface_stress
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
@@ -24,6 +25,7 @@ _AT_NODES = (
     "contact_normal_force_n",
     "contact_tangential_force_n",
     "contact_pressure_pa",
+    "contact_shear_pa",
 )
 _AT_FACES = ("traction_pa", "normal_traction_pa", "tangential_traction_pa")
 
@@ -83,7 +85,8 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
             "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
             "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
             "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
-            "contact_pressure_pa": whole.scalars(contact.pressure_pa[nodes]),
+            "contact_pressure_pa": whole.scalars(contact.recovered.pressure_pa[nodes]),
+            "contact_shear_pa": whole.vectors(contact.recovered.tangential_pa[nodes]),
             "traction_pa": whole.face_vectors(stress.traction_pa),
             "normal_traction_pa": whole.face_scalars(stress.normal_pa),
             "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),

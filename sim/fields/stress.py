@@ -1,4 +1,4 @@
-"""Cauchy stress on the gel's surface, contact forces on its nodes (paper, Algorithms 1, 2)."""
+"""Cauchy stress in the gel and on its surface (paper, Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import warp as wp
 from sim.arrays import FloatArray
 from sim.device import Device, on_host
 from sim.fields.projection_kernel import projection_kernel
-from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
 
 
@@ -32,26 +31,6 @@ class SurfaceStress:
     traction_pa: FloatArray
     normal_pa: FloatArray
     tangential_pa: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodalContact:
-    """Algorithm 2 on every node, shape [node_count, ...]; zero away from contact.
-
-    The nodal forces of quadratic faces are the virtual work's: a corner's share of an even
-    pressure is small. ``pressure_pa`` is therefore the nodal average of the pointwise pressure.
-
-    Attributes:
-        force_n: Contact force on the gel.
-        normal_n: Its part along the gel's outward normal.
-        tangential_n: The rest.
-        pressure_pa: Contact pressure on the deformed surface.
-    """
-
-    force_n: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
-    pressure_pa: FloatArray
 
 
 def element_stress(model: Model, positions: FloatArray) -> FloatArray:
@@ -112,30 +91,3 @@ class StressProjection:
             )
             for each in np.array(on_host(self.found))
         ]
-
-
-def nodal_contact(model: Model, point: PathPoint) -> NodalContact:
-    """Split the contact forces at the nodes (paper, Algorithm 2)."""
-    forces = -model.surface.scatter(point.equilibrium.contact.forces)
-    vectors = model.surface.area_vectors(point.state.positions)
-    areas = np.linalg.norm(vectors, axis=2)
-    outward = model.surface.scatter(vectors / areas[..., None] * model.surface.areas[..., None])
-    lengths = np.linalg.norm(outward, axis=1, keepdims=True)
-    normals = np.divide(outward, lengths, out=np.zeros_like(outward), where=lengths > 0.0)
-    normal = np.einsum("ni,ni->n", forces, normals)[:, None] * normals
-    return NodalContact(
-        force_n=forces,
-        normal_n=normal,
-        tangential_n=forces - normal,
-        pressure_pa=_nodal_pressure(model, point, areas),
-    )
-
-
-def _nodal_pressure(model: Model, point: PathPoint, areas: FloatArray) -> FloatArray:
-    pressure = np.linalg.norm(point.equilibrium.contact.forces, axis=2) / areas
-    share = np.abs(model.reference.face_values)
-    weight, total = np.zeros(len(model.nodes)), np.zeros(len(model.nodes))
-    for k in range(model.faces.shape[1]):
-        np.add.at(weight, model.faces[:, k], (areas * share[:, k]).sum(axis=1))
-        np.add.at(total, model.faces[:, k], (areas * share[:, k] * pressure).sum(axis=1))
-    return np.divide(total, weight, out=np.zeros_like(total), where=weight > 0.0)

@@ -65,6 +65,7 @@ class WholeSurface:
     Attributes:
         sources: Node of the part that each node of the whole is, or mirrors.
         signs: Of its coordinates, shape [whole node_count, 3].
+        numbers: Node of the whole that each node of the part is, shape [node_count].
     """
 
     def __init__(self, symmetry: MirrorSymmetry, rest: FloatArray) -> None:
@@ -76,6 +77,7 @@ class WholeSurface:
         self.signs = np.array(self._signs)[copy]
         self._inverse = inverse.reshape(-1).astype(np.int32)
         self._count = len(rest)
+        self.numbers = self._inverse[: self._count]
 
     def vectors(self, values: FloatArray) -> FloatArray:
         """Return a vector field such as position or displacement of the whole."""
@@ -90,6 +92,11 @@ class WholeSurface:
         whole = np.zeros((len(self.sources), 3))
         np.add.at(whole, self._inverse, np.concatenate([values * sign for sign in self._signs]))
         return whole
+
+    def copies(self, faces: IntArray) -> IntArray:
+        """Return the faces of the whole, their nodes in the order of the part's, copy by copy."""
+        shifts = range(0, self._count * len(self._signs), self._count)
+        return np.concatenate([self._inverse[faces + shift] for shift in shifts])
 
     def faces(self, faces: IntArray) -> IntArray:
         """Return the faces of the whole, all oriented outwards, shape [n, 3 or 6]."""

@@ -13,30 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.press_fields import top_faces
+from sim.fields.contact_traction import (
+    ContactTraction,
+    contact_traction,
+    surface_traction,
+    unit,
+)
+from sim.fields.press_fields import top_surface
 from sim.mesh.elements import linear_facets
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 
 _UP = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactTraction:
-    """Contact forces on the gel, by contact point or by vertex.
-
-    Attributes:
-        arms_m: From the indenter's tip [m], shape [..., 3].
-        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
-        normal_n: Normal force [N]; positive presses on the gel.
-        tangential_n: Tangential force [N], shape [..., 3].
-    """
-
-    arms_m: FloatArray
-    normals: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,20 +79,6 @@ class ContactSignature:
         return self.tangential_sum_n / max(self.normal_sum_n, 1e-300)
 
 
-def contact_traction(point: PathPoint) -> ContactTraction:
-    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
-    contact = point.equilibrium.contact
-    normals = _normals(point)
-    forces = -contact.forces
-    along = np.einsum("fpi,fpi->fp", forces, normals)
-    return ContactTraction(
-        arms_m=contact.points - point.state.tip,
-        normals=normals,
-        normal_n=np.abs(along),
-        tangential_n=forces - along[..., None] * normals,
-    )
-
-
 def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
     """Gather the contact forces at the vertices that carry any, shape [vertex_count].
 
@@ -117,7 +92,7 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
         for loads in (pressing, traction.tangential_n)
     )
     touched = np.any(pressed != 0.0, axis=1)
-    normals = _unit(pressed[touched])
+    normals = unit(pressed[touched])
     forces = pressed[touched] + dragged[touched]
     along = np.einsum("vi,vi->v", forces, normals)
     return ContactTraction(
@@ -164,28 +139,14 @@ def _directed(traction: ContactTraction) -> tuple[FloatArray, FloatArray]:
     """Return the tangential forces' parts around and away from the axis, over their sizes' sum."""
     arms, normals = traction.arms_m.reshape(-1, 3), traction.normals.reshape(-1, 3)
     tangential = traction.tangential_n.reshape(-1, 3)
-    around = _unit(np.cross(_UP, arms * (1.0, 1.0, 0.0)))
-    outward = _unit(np.cross(around, normals))
+    around = unit(np.cross(_UP, arms * (1.0, 1.0, 0.0)))
+    outward = unit(np.cross(around, normals))
     outward *= np.sign(np.einsum("pi,pi->p", outward, arms))[:, None]
     size = max(float(np.linalg.norm(tangential, axis=1).sum()), 1e-300)
     return (
         np.einsum("pi,pi->p", tangential, around) / size,
         np.einsum("pi,pi->p", tangential, outward) / size,
     )
-
-
-def _normals(point: PathPoint) -> FloatArray:
-    """Return the indenter's outward normals as contact knows them, zero where nothing touches."""
-    grip = point.state.grip
-    loads = point.equilibrium.contact.forces
-    if grip is not None:
-        loads = np.asarray(grip.loads @ point.state.rotation.T)
-    return _unit(loads)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(sizes, 1e-300))
 
 
 def _vector(values: FloatArray) -> tuple[float, float, float]:
@@ -195,7 +156,7 @@ def _vector(values: FloatArray) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceMaps:
-    """Nodal averages on the whole contact surface; tractions act on the gel.
+    """Recovered contact traction on the whole contact surface; it acts on the gel.
 
     Attributes:
         points_m: Deformed nodes [m], shape [node_count, 3].
@@ -213,21 +174,14 @@ class SurfaceMaps:
 
 
 def surface_maps(path: LoadingPath, point: PathPoint) -> SurfaceMaps:
-    """Average the contact points' tractions at the nodes of a whole pad, not of a part."""
-    model = path.model
-    traction = contact_traction(point)
-    areas = np.linalg.norm(model.surface.area_vectors(point.state.positions), axis=2)
-    sizes = np.stack([areas, traction.normal_n], axis=2)
-    loads = np.concatenate([sizes, traction.tangential_n], axis=2)
-    total = _gathered(loads, model, np.abs(model.reference.face_values))
-    mean = total[:, 1:] / np.maximum(total[:, :1], 1e-300)
-    faces = model.faces[top_faces(model)]
+    """Recover pressure and shear at the nodes of a whole pad."""
+    found, top = surface_traction(path.model, point), top_surface(path.model)
     return SurfaceMaps(
-        points_m=point.state.positions,
-        triangles=linear_facets(faces),
-        corner_faces=faces[:, :3],
-        pressure_pa=mean[:, 0],
-        tangential_pa=mean[:, 1:],
+        points_m=top.of(point.state.positions),
+        triangles=linear_facets(top.faces),
+        corner_faces=top.faces[:, :3],
+        pressure_pa=found.pressure_pa[top.sources],
+        tangential_pa=top.of(found.tangential_pa),
     )
 
 

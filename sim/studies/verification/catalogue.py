@@ -22,6 +22,8 @@ def _section(place: str) -> Callable[[], Table]:
 
 SECTIONS: dict[str, Callable[[], Table]] = {
     "punch": _section("bonded_layer:measure_punch"),
+    "pressure": _section("surface_fields:measure_pressure"),
+    "shear": _section("surface_fields:measure_shear"),
     "disc": _section("disc:measure"),
     "hertz": _section("bonded_layer:measure_ball"),
     "real-press": _section("real_press:measure"),

@@ -7,7 +7,11 @@ of the dual integral equations phi is even and solves, on [-1, 1],
     phi(x) - a / pi int K(a (x - t)) phi(t) dt = f(x),     K(u) = int_0^inf (1 - L(k)) cos(k u) dk,
 
 where L is the layers' compliance to a wave of wave number k, relative to a half space's. A flat
-punch has f = d; a ball has f = d - a^2 x^2 / R, and a is where phi(1) = 0.
+punch has f = d; a ball has f = d - a^2 x^2 / R, and a is where phi(1) = 0. The pressure is
+
+    p(r) = E / ((1 - nu^2) pi a) (phi(1) / sqrt(1 - x^2) - int_x^1 phi'(t) / sqrt(t^2 - x^2) dt),
+
+with x = r / a.
 
 For L each layer is integrated in Hankel space. With u_r = U J1(kr), u_z = W J0(kr),
 tau_rz = T J1(kr) and sigma_zz = S J0(kr), equilibrium and Hooke's law are
@@ -39,6 +43,8 @@ _WAVE_NUMBER_MAX = 24.0
 # Gauss points over wave numbers and over the contact: four digits more than a page shows.
 _WAVE_COUNT = 800
 _POINT_COUNT = 160
+# Of the polynomial whose derivative is taken for phi's, which is smooth and even.
+_PHI_DEGREE = 24
 
 
 class Ply(NamedTuple):
@@ -105,6 +111,21 @@ class BondedLayers:
         mean = depth_m * phi.mean(0) - contact**2 / radius_m * phi.mean(2)
         return 2.0 * contact * self._modulus_pa * mean, contact
 
+    def punch_pressure(self, radii_m: FloatArray, *, radius_m: float, depth_m: float) -> FloatArray:
+        """Return a flat punch's pressure [Pa] at radii below its own; singular at the rim."""
+        phi = self._density(radius_m)
+        return self._modulus_pa * depth_m * phi.pressure(radii_m / radius_m, 0) / radius_m
+
+    def ball_pressure(self, radii_m: FloatArray, *, radius_m: float, depth_m: float) -> FloatArray:
+        """Return a ball's pressure [Pa] at radii from its axis, zero beside the contact."""
+        _, contact = self.ball_force(radius_m=radius_m, depth_m=depth_m)
+        phi, inside = self._density(contact), radii_m < contact
+        at = radii_m[inside] / contact
+        deep, curved = depth_m * phi.pressure(at, 0), contact**2 / radius_m * phi.pressure(at, 2)
+        pressure = np.zeros_like(radii_m)
+        pressure[inside] = self._modulus_pa * (deep - curved) / contact
+        return pressure
+
     def _density(self, radius_m: float) -> _Density:
         return _Density(radius_m, self._waves, self._missing)
 
@@ -124,7 +145,8 @@ class _Density:
     """
 
     def __init__(self, radius_m: float, waves: FloatArray, missing: FloatArray) -> None:
-        points, self._weights = np.polynomial.legendre.leggauss(_POINT_COUNT)
+        self._points, self._weights = np.polynomial.legendre.leggauss(_POINT_COUNT)
+        points = self._points
         angles = np.outer(waves, radius_m * np.append(points, 1.0))
         even, odd = np.cos(angles), np.sin(angles)
         kernel = even.T @ (missing[:, None] * even) + odd.T @ (missing[:, None] * odd)
@@ -140,6 +162,18 @@ class _Density:
     def rim(self, power: int) -> float:
         """Return phi(1) for f = x^power."""
         return self._rim[power]
+
+    def pressure(self, places: FloatArray, power: int) -> FloatArray:
+        """Return a p (1 - nu^2) / E at x < 1 for f = x^power, with t^2 = x^2 + (1 - x^2) sin^2."""
+        slope = np.polynomial.chebyshev.chebder(
+            np.polynomial.chebyshev.chebfit(self._points, self._values[power], _PHI_DEGREE)
+        )
+        angles = 0.25 * np.pi * (self._points + 1.0)
+        short = np.sqrt(1.0 - places**2)[:, None]
+        at = np.sqrt(places[:, None] ** 2 + (short * np.sin(angles)) ** 2)
+        integrand = np.polynomial.chebyshev.chebval(at, slope) * short * np.cos(angles) / at
+        inner = 0.25 * np.pi * integrand @ self._weights
+        return np.asarray((self._rim[power] / short[:, 0] - inner) / np.pi)
 
 
 def surface_compliance(plies: Sequence[Ply], waves: FloatArray) -> FloatArray:

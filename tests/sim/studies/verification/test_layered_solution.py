@@ -73,3 +73,18 @@ def test_no_layers_have_no_punch_force() -> None:
     """A laminate needs a layer."""
     with pytest.raises(ConfigError, match="no layers"):
         BondedLayers(())
+
+
+def test_pressures_carry_the_force() -> None:
+    """A ball's and a punch's p integrate to F; rings are closer towards the singular rim."""
+    layers = BondedLayers([Ply(0.3e6, 0.49, 3e-3)])
+    turns = 0.5 * math.pi * (np.arange(2000) + 0.5) / 2000
+    places, rings = np.sin(turns), 2.0 * math.pi * np.sin(turns) * np.cos(turns) * np.diff(turns)[0]
+    punch = {"radius_m": 2e-3, "depth_m": 2e-5}
+    pressure = layers.punch_pressure(2e-3 * places, **punch)
+    assert 4e-6 * pressure @ rings == pytest.approx(layers.punch_force(**punch), rel=1e-5)
+    ball = {"radius_m": 16e-3, "depth_m": 5e-5}
+    force, contact = layers.ball_force(**ball)
+    pressure = layers.ball_pressure(contact * places, **ball)
+    assert contact**2 * pressure @ rings == pytest.approx(force, rel=1e-5)
+    assert layers.ball_pressure(np.array([1.1 * contact]), **ball)[0] == 0.0

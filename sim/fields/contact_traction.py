@@ -1,0 +1,247 @@
+"""Pressure and shear on the gel's surface, from the contact's own forces (paper, Algorithm 2).
+
+A face has more contact points than its displacement can obey at once, so that what a single point
+carries scatters about what acts there; moments over a few faces do not. The traction at a node is
+therefore the value of the polynomial that fits the contact points best around it, weighted by
+their areas on the deformed surface and by the sum of the linear shape functions of the vertices of
+the node's own faces, which falls to zero at the patch's edge. It is of the element's order.
+
+Contact ends with an infinite slope (Hertz) or in a jump (a sharp rim): a polynomial through what
+is touched and what is not smears both. The more of its own faces is touched, the less a node is
+told of points that are not. A node none of whose faces is touched carries nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from sim.arrays import FloatArray, IntArray
+from sim.mesh.elements import ElementOrder
+from sim.mesh.symmetry import WholeSurface
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.model import Model
+
+# Of every point's weight: keeps the fit of a node with few touched points determined.
+_LEAST_WEIGHT = 1e-6
+# Nodes that are fitted at once, for memory.
+_BLOCK = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactTraction:
+    """Contact forces on the gel, by contact point or by vertex.
+
+    Attributes:
+        arms_m: From the indenter's tip [m], shape [..., 3].
+        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
+        normal_n: Normal force [N]; positive presses on the gel.
+        tangential_n: Tangential force [N], shape [..., 3].
+    """
+
+    arms_m: FloatArray
+    normals: FloatArray
+    normal_n: FloatArray
+    tangential_n: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceTraction:
+    """Recovered contact traction on the gel at every node of a model; zero away from contact.
+
+    Attributes:
+        pressure_pa: -p_n of the paper: positive presses on the gel, shape [node_count].
+        tangential_pa: t_tau, shape [node_count, 3].
+        normals: Outward unit normals of the deformed surface, shape [node_count, 3].
+    """
+
+    pressure_pa: FloatArray
+    tangential_pa: FloatArray
+    normals: FloatArray
+
+    @property
+    def traction_pa(self) -> FloatArray:
+        """Traction t = t_tau - p n, shape [node_count, 3]."""
+        return np.asarray(self.tangential_pa - self.pressure_pa[:, None] * self.normals)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodalContact:
+    """Algorithm 2 on every node, shape [node_count, ...]; zero away from contact.
+
+    The nodal forces of quadratic faces are the virtual work's: a corner's share of an even
+    pressure is small, and f_k over an area A_k is none. Pressure and shear are therefore recovered.
+
+    Attributes:
+        force_n: f_k, contact force on the gel.
+        normal_n: f_n,k, its part along the gel's outward normal.
+        tangential_n: f_tau,k, the rest.
+        recovered: Pressure and shear on the deformed surface.
+    """
+
+    force_n: FloatArray
+    normal_n: FloatArray
+    tangential_n: FloatArray
+    recovered: SurfaceTraction
+
+
+def nodal_contact(model: Model, point: PathPoint) -> NodalContact:
+    """Split the contact forces at the nodes (paper, Algorithm 2)."""
+    forces = -model.surface.scatter(point.equilibrium.contact.forces)
+    recovered = surface_traction(model, point)
+    normal = np.einsum("ni,ni->n", forces, recovered.normals)[:, None] * recovered.normals
+    return NodalContact(
+        force_n=forces, normal_n=normal, tangential_n=forces - normal, recovered=recovered
+    )
+
+
+def contact_traction(point: PathPoint) -> ContactTraction:
+    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
+    contact, grip = point.equilibrium.contact, point.state.grip
+    loads = contact.forces if grip is None else grip.loads @ point.state.rotation.T
+    normals = unit(loads)
+    forces = -contact.forces
+    along = np.einsum("fpi,fpi->fp", forces, normals)
+    return ContactTraction(
+        arms_m=contact.points - point.state.tip,
+        normals=normals,
+        normal_n=np.abs(along),
+        tangential_n=forces - along[..., None] * normals,
+    )
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Return vectors of length one, zero where there is none, shape [..., 3]."""
+    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(sizes, 1e-300))
+
+
+def surface_traction(model: Model, point: PathPoint) -> SurfaceTraction:
+    """Recover the contact's traction at the nodes."""
+    vectors = model.surface.area_vectors(point.state.positions)
+    normals = surface_normals(model, vectors)
+    pressure, tangential = np.zeros(len(normals)), np.zeros(normals.shape)
+    samples = _samples(model, point, np.linalg.norm(vectors, axis=2))
+    for nodes, values in _fitted(samples, normals):
+        found = np.maximum(values[:, 0], 0.0)
+        pressure[nodes] = found
+        along = values[:, 1:] * (found > 0.0)[:, None]
+        across = np.einsum("ni,ni->n", along, normals[nodes])
+        tangential[nodes] = along - across[:, None] * normals[nodes]
+    return SurfaceTraction(pressure_pa=pressure, tangential_pa=tangential, normals=normals)
+
+
+def surface_normals(model: Model, vectors: FloatArray) -> FloatArray:
+    """Return the outward unit normal at every node of the surface, shape [node_count, 3].
+
+    Args:
+        vectors: Normal times area at the contact points [m^2], shape [face_count, point_count, 3].
+    """
+    normals = np.zeros(model.nodes.shape)
+    np.add.at(normals, model.faces, vectors.sum(axis=1)[:, None])
+    size = float(np.abs(model.mesh.vertices).max())
+    return unit(np.where(model.mesh.symmetry.on_plane(model.nodes, size), 0.0, normals))
+
+
+class _Samples(NamedTuple):
+    """The contact points of the whole surface, mirrored where a part of it is modelled.
+
+    Attributes:
+        points: Positions [m], shape [face_count, point_count, 3].
+        values: Pressure and tangential traction [Pa], shape [face_count, point_count, 4].
+        areas: On the deformed surface [m^2], shape [face_count, point_count].
+        touched: Shape [face_count, point_count].
+        faces: In the numbering of the whole surface, shape [face_count, node_count].
+        nodes: Of the model, that may be touched, and their numbers on the whole surface.
+    """
+
+    points: FloatArray
+    values: FloatArray
+    areas: FloatArray
+    touched: NDArray[np.bool_]
+    faces: IntArray
+    nodes: tuple[IntArray, IntArray]
+    positions: FloatArray
+    barycentric: FloatArray
+    degree: int
+
+
+def _samples(model: Model, point: PathPoint, areas: FloatArray) -> _Samples:
+    traction, contact = contact_traction(point), point.equilibrium.contact
+    symmetry = model.mesh.symmetry
+    nodes, faces = np.unique(model.faces, return_inverse=True)
+    whole = WholeSurface(symmetry, model.nodes[nodes])
+    loads = np.concatenate([traction.normal_n[..., None], traction.tangential_n], axis=2)
+    values, signs = loads / areas[..., None], list(symmetry.signs())
+    return _Samples(
+        points=np.concatenate([contact.points * sign for sign in signs]),
+        values=np.concatenate([values * np.append(1.0, sign) for sign in signs]),
+        areas=np.tile(areas, (len(signs), 1)),
+        touched=np.tile(np.any(contact.forces != 0.0, axis=2), (len(signs), 1)),
+        faces=whole.copies(faces.reshape(model.faces.shape).astype(np.int32)),
+        nodes=(nodes, whole.numbers),
+        positions=point.state.positions[nodes],
+        barycentric=model.reference.face_points,
+        degree=2 if model.reference.order is ElementOrder.P2 else 1,
+    )
+
+
+def _fitted(samples: _Samples, normals: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Yield touched nodes of the model and what was fitted there, a block at a time."""
+    faces, size = samples.faces, int(samples.faces.max()) + 1
+    around, at_vertices = _incidence(faces, size), _incidence(faces[:, :3], size)
+    nodes, numbers = samples.nodes
+    own = around[numbers]
+    areas = samples.areas.sum(axis=1)
+    held = (own @ (samples.areas * samples.touched).sum(axis=1)) / (own @ areas)
+    chosen = np.flatnonzero(held > 0.0)
+    for first in range(0, len(chosen), _BLOCK):
+        block = chosen[first : first + _BLOCK]
+        core = (own[block] @ at_vertices.T) > 0
+        patch = ((core @ at_vertices) > 0).tocoo()
+        order = np.argsort(patch.row, kind="stable")
+        row, face = patch.row[order], patch.col[order]
+        window = np.asarray(core.todense())[row[:, None], faces[face, :3]] @ samples.barycentric.T
+        told = np.where(samples.touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
+        offsets = samples.points[face] - samples.positions[block][row, None]
+        flat = np.einsum("apx,aux->apu", offsets, _tangents(normals[nodes[block]])[row])
+        weights = samples.areas[face] * window * told
+        yield nodes[block], _at_origin(flat, samples.values[face], weights, row, samples.degree)
+
+
+def _incidence(faces: IntArray, size: int) -> scipy.sparse.csr_matrix:
+    """Return which nodes are of which faces, shape [size, face_count]."""
+    columns = np.repeat(np.arange(len(faces)), faces.shape[1])
+    ones = np.ones(faces.size)
+    return scipy.sparse.csr_matrix((ones, (faces.reshape(-1), columns)), (size, len(faces)))
+
+
+def _tangents(normals: FloatArray) -> FloatArray:
+    """Return two directions along planes, shape [count, 2, 3]."""
+    first = unit(np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)]))
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+def _at_origin(
+    offsets: FloatArray, values: FloatArray, weights: FloatArray, row: IntArray, degree: int
+) -> FloatArray:
+    """Return the values at zero of the polynomials that fit best, shape [row_count, value_count].
+
+    Args:
+        offsets: In a plane [m], shape [pair_count, point_count, 2].
+        values: Shape [pair_count, point_count, value_count].
+        row: Which polynomial each pair belongs to, rising, shape [pair_count].
+    """
+    starts = np.flatnonzero(np.diff(row, prepend=-1))
+    reach = np.maximum.reduceat(np.abs(offsets).max(axis=(1, 2)), starts)
+    x, y = np.moveaxis(offsets / reach[row][:, None, None], 2, 0)
+    powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+    terms = np.stack([x**i * y**j for i, j in powers], axis=1)
+    weighted = terms * weights[:, None]
+    system = np.add.reduceat(weighted @ np.swapaxes(terms, 1, 2), starts)
+    return np.asarray(np.linalg.solve(system, np.add.reduceat(weighted @ values, starts))[:, 0])

@@ -1,0 +1,93 @@
+"""Pressure and shear recovered from the contact: exact where they are polynomials, and round."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.arrays import FloatArray
+from sim.effects.plan import plan_effects
+from sim.effects.presets import build_model, mesh_for
+from sim.fields.contact_traction import SurfaceTraction, nodal_contact, surface_traction
+from sim.press_command import scene_from
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.load_steps.path import LoadingPath
+from sim.solve.model import Model
+
+BALL = scene_from(
+    "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "
+    "--indenter sphere:diameter=8mm --depth 0.2mm --preset fast"
+)
+
+
+@pytest.fixture(scope="module")
+def pressed() -> tuple[Model, PathPoint]:
+    """A ball in a quarter of a disc."""
+    path = LoadingPath(build_model(BALL), BALL.indenter)
+    return path.model, path.advance(0.2e-3)
+
+
+def test_a_quadratic_pressure_is_recovered_exactly_inside_the_contact(
+    pressed: tuple[Model, PathPoint],
+) -> None:
+    """Whatever the mesh: the fit is of the element's order."""
+    model, point = pressed
+    contact = point.equilibrium.contact
+    areas = np.linalg.norm(model.surface.area_vectors(point.state.positions), axis=2)
+
+    def wanted(x: FloatArray) -> FloatArray:
+        return np.asarray(1e4 + 3e9 * x[..., 0] ** 2 + 1e9 * x[..., 1] ** 2)
+
+    touched = np.any(contact.forces != 0.0, axis=2)
+    away = np.hypot(contact.points[..., 0], contact.points[..., 1])
+    flat = np.zeros_like(contact.forces)
+    flat[..., 2] = np.where(touched, areas * wanted(contact.points), 0.0)
+    stated = replace(contact, forces=flat)
+    equilibrium = replace(point.equilibrium, touch=lambda: stated)
+    found = surface_traction(model, replace(point, equilibrium=equilibrium))
+    places = point.state.positions
+    inner = np.hypot(places[:, 0], places[:, 1]) < 0.4 * away[touched].max()
+    chosen = np.intersect1d(np.flatnonzero(inner), np.unique(model.faces))
+    # The gel is curved: in a node's tangent plane the pressure is quadratic but for its slope's.
+    np.testing.assert_allclose(found.pressure_pa[chosen], wanted(places[chosen]), rtol=2e-3)
+    assert len(chosen) > 10
+
+
+def test_no_friction_no_shear(pressed: tuple[Model, PathPoint]) -> None:
+    """A frictionless contact's force is along the indenter's normal."""
+    found = surface_traction(*pressed)
+    assert np.abs(found.tangential_pa).max() < 1e-9 * found.pressure_pa.max()
+    assert found.pressure_pa.min() >= 0.0
+
+
+def test_a_quarter_gives_what_the_whole_gives(pressed: tuple[Model, PathPoint]) -> None:
+    """On the mirror planes too, where half of a node's patch is an image."""
+    part, point = pressed
+    path = LoadingPath(
+        build_model(BALL, plan=plan_effects(BALL), mesh=mesh_for(BALL, symmetric=False)),
+        BALL.indenter,
+    )
+    whole = path.advance(0.2e-3)
+
+    def by_place(model: Model, found: SurfaceTraction) -> dict[tuple[float, ...], float]:
+        nodes = np.unique(model.faces)
+        rest = np.round(model.nodes[nodes] * 1e9) + 0.0
+        return dict(zip(map(tuple, rest), found.pressure_pa[nodes], strict=True))
+
+    quarter = by_place(part, surface_traction(part, point))
+    full = by_place(path.model, surface_traction(path.model, whole))
+    largest = max(full.values())
+    for place, pressure in quarter.items():
+        assert pressure == pytest.approx(full[place], abs=2e-4 * largest)
+
+
+def test_nodal_forces_are_split_along_the_surface(pressed: tuple[Model, PathPoint]) -> None:
+    """Both parts add up, and without friction next to nothing lies along the surface."""
+    model, point = pressed
+    contact = nodal_contact(model, point)
+    np.testing.assert_allclose(contact.normal_n + contact.tangential_n, contact.force_n)
+    assert np.abs(contact.tangential_n).sum() < 0.05 * np.abs(contact.normal_n).sum()
+    carried = model.mesh.symmetry.whole_force(contact.force_n.sum(axis=0))
+    np.testing.assert_allclose(carried, -point.force_n, atol=1e-9)
