@@ -13,7 +13,7 @@ from sim.contact.state import Grip
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.fields.contact_traction import surface_traction
-from sim.press_command import press_command, scene_from
+from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Preset, Scene
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
@@ -245,7 +245,7 @@ def _measured(cases: Sequence[Case], presets: Sequence[Preset], prose: str) -> T
     return table_of_rows(
         rows,
         passed=passed,
-        command=press_command(scene_from(cases[0].words)),
+        command=f"tacauchy-rig press {cases[0].words} --preset {presets[0].value}",
         **stated(prose, allowed=ALLOWED, round_allowed=ROUND_ALLOWED),
     )
 
