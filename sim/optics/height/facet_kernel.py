@@ -184,56 +184,34 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
         if wp.min(wp.min(place[0], place[1]), place[2]) >= -_EDGE_TOLERANCE:
             pixel = row * view.columns + column
             wp.atomic_min(canvas.heights, env, pixel, wp.max(_height_on(patches, place), floor))
+            canvas.covered[env] = wp.uint8(1)
             if touching == 3:
                 canvas.pressed[env, pixel] = wp.uint8(1)
-
-
-@wp.kernel(enable_backward=False)
-def find_covered(view: View, canvas: Canvas):
-    """Find the nearest covered row of each pixel in a column, -1 where there is none."""
-    env, column = wp.tid()
-    bare = wp.int32(0)
-    for row in range(view.rows):
-        if canvas.heights[env, row * view.columns + column] >= BARE_M:
-            bare += 1
-    canvas.whole[env, column] = wp.uint8(0)
-    if bare == 0:
-        canvas.whole[env, column] = wp.uint8(1)
-        return
-    last = wp.int32(-1)
-    for row in range(view.rows):
-        if canvas.heights[env, row * view.columns + column] < BARE_M:
-            last = row
-        canvas.nearest[env, row * view.columns + column] = wp.int16(last)
-    last = wp.int32(-1)
-    for back in range(view.rows):
-        row = view.rows - 1 - back
-        pixel = row * view.columns + column
-        if canvas.heights[env, pixel] < BARE_M:
-            last = row
-        above = int(canvas.nearest[env, pixel])
-        if above < 0 or (last >= 0 and last - row < row - above):
-            canvas.nearest[env, pixel] = wp.int16(last)
 
 
 @wp.func
 def _nearest_height(view: View, canvas: Canvas, env: int, row: int, column: int):
     """Return the height of the covered pixel that is nearest to a bare one, NaN if all are bare."""
     height = wp.float64(wp.nan)
+    if canvas.covered[env] == wp.uint8(0):
+        return height
     best = view.columns * view.columns + view.rows * view.rows
     for aside in range(view.columns):
         if aside * aside >= best:
             break
         for side in range(2):
             there = column + (2 * side - 1) * aside
-            if there >= 0 and there < view.columns:
-                found = row
-                if canvas.whole[env, there] == wp.uint8(0):
-                    found = int(canvas.nearest[env, row * view.columns + there])
-                apart = aside * aside + (found - row) * (found - row)
-                if found >= 0 and apart < best:
-                    best = apart
-                    height = canvas.heights[env, found * view.columns + there]
+            for off in range(view.rows):
+                apart = aside * aside + off * off
+                if there < 0 or there >= view.columns or apart >= best:
+                    break
+                for way in range(2):
+                    found = row + (2 * way - 1) * off
+                    if found >= 0 and found < view.rows and apart < best:
+                        seen = canvas.heights[env, found * view.columns + there]
+                        if seen < BARE_M:
+                            best = apart
+                            height = seen
     return height
 
 

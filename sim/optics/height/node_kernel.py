@@ -98,8 +98,7 @@ class Canvas:
         steep: 1 for a face that is cut.
         heights: By pixel [m].
         pressed: 1 for a pixel of a facet that touches with all its corners.
-        nearest: Nearest covered row of each pixel in its column, -1 where there is none.
-        whole: 1 for a column of which every pixel is covered.
+        covered: 1 where a pixel is covered.
         rest: Height of the unloaded surface by pixel [m]; of no environment.
     """
 
@@ -111,8 +110,7 @@ class Canvas:
     steep: wp.array2d(dtype=wp.int32)
     heights: wp.array2d(dtype=wp.float64)
     pressed: wp.array2d(dtype=wp.uint8)
-    nearest: wp.array2d(dtype=wp.int16)
-    whole: wp.array2d(dtype=wp.uint8)
+    covered: wp.array(dtype=wp.uint8)
     rest: wp.array(dtype=wp.float64)
 
 

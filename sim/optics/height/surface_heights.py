@@ -13,7 +13,7 @@ from sim.contact.triangle_distance import uploaded_surface
 from sim.device import Device, filled
 from sim.fields.surface import TopSurface
 from sim.mesh.elements import QUARTERS
-from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets, find_covered
+from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
 from sim.optics.height.node_kernel import (
     Canvas,
     Gel,
@@ -138,9 +138,9 @@ class SurfaceHeights:
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
             ("nodes", "slopes", "sums", "states"), (count, nodes)
         )
-        shapes |= dict.fromkeys(("heights", "pressed", "nearest"), (count, pixels))
+        shapes |= dict.fromkeys(("heights", "pressed"), (count, pixels))
         shapes |= {"places": (count, _length(gel.between)), "steep": (count, len(gel.faces))}
-        shapes |= {"whole": (count, columns), "rest": (pixels,)}
+        shapes |= {"covered": (count,), "rest": (pixels,)}
         return self._device.room(Canvas, shapes)
 
     def _draw_rest(self, top: TopSurface) -> None:
@@ -184,12 +184,12 @@ class SurfaceHeights:
             launch(fit_slopes, (count, len(gel.sources)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
+        canvas.covered.zero_()
         faces, parts, facets = len(gel.faces), len(gel.parts), len(gel.facets)
         whole = _GPU_LANES if self._device.is_gpu else 1
         for first, end, lanes in (0, faces, whole), (faces, parts, 1):
             shape = (count, (end - first) * facets, lanes)
             launch(draw_facets, shape, [gel, self._view, first, lanes], [canvas])
-        launch(find_covered, (count, self._size[1]), [self._view], [canvas])
 
     def _bound(self, count: int, poses: Any, outputs: list[Any]) -> None:
         inputs = [self._gel, self._view, self._body, poses, self._canvas]

@@ -190,7 +190,7 @@ class DynamicPress:
         force = symmetry.whole_force(found.push_n)
         self._work_j -= float(force @ (state.tip - self.state.tip))
         self.velocities = (state.positions - self.state.positions) / step_s
-        self.state = state
+        self.state, self.equilibrium = state, found
         self._time_s += step_s
         if model.relaxation is not None:
             model.relaxation.commit(state.positions)
@@ -226,7 +226,7 @@ def moving_press(
 ) -> PathPoint:
     """Press to a depth in the scene's time and return the last instant.
 
-    Its residual is not zero: what is missing from the balance accelerates the gel.
+    Clamp and indenter do not balance: what is missing accelerates the gel.
 
     Raises:
         ConfigError: The scene asks for a force, for friction or for a motion besides.
@@ -248,22 +248,10 @@ def moving_press(
     )
     path.counts.newton_iterations += sum(step.newton_iterations for step in steps)
     path.counts.wall_s += time.perf_counter() - started
-    state, last = pressing.state, steps[-1]
-    contact = path.model.surface.forces(state.positions, path.indenter, state)
-    elastic = path.model.gel.gradient(state.positions)
-    unbalanced = path.model.pattern.unknowns(elastic + path.model.surface.scatter(contact.forces))
-    found = Equilibrium(
-        iterations=last.newton_iterations,
-        push_n=contact.forces.sum(axis=(0, 1)),
-        touch=lambda: contact,
-        elastic_gradient=elastic,
-        residual_n=float(np.linalg.norm(unbalanced)),
-        min_jacobian=last.min_jacobian,
-    )
     return PathPoint(
-        depth_m=last.depth_m,
-        force_n=last.force_n,
+        depth_m=steps[-1].depth_m,
+        force_n=steps[-1].force_n,
         stiffness_n_m=float("nan"),
-        state=state,
-        equilibrium=found,
+        state=pressing.state,
+        equilibrium=pressing.equilibrium,
     )
