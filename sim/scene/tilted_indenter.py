@@ -75,8 +75,6 @@ def cylinder_triangles(
     turn = np.linspace(0.0, 0.5 * np.pi, _FILLET_RINGS + 1 if cylinder.fillet_m > 0.0 else 1)
     radii = cylinder.radius_m - cylinder.fillet_m * (1.0 - np.sin(turn))
     heights = cylinder.fillet_m * (1.0 - np.cos(turn))
-    if cylinder.fillet_m == 0.0:
-        radii, heights = np.array([cylinder.radius_m]), np.array([0.0])
     length = _LENGTH_PER_DIAMETER * cylinder.diameter_m
     radii, heights = np.append(radii, cylinder.radius_m), np.append(heights, length)
     angles = 2.0 * np.pi * np.arange(sectors) / sectors

@@ -16,7 +16,7 @@ from sim.optics.calibrate.fit.photometric_fit import (
     fit_photometric,
     fit_response,
 )
-from sim.optics.calibrate.fit.samples import PhotometricSamples, joined
+from sim.optics.calibrate.fit.samples import joined
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.press_samples import PressSamples
@@ -122,7 +122,15 @@ def fit_model(
     if known is not None:
         known = _seen_through(known, whole, few, polynomial)
     response = LINEAR if known is None else known.response
-    terms = _terms(joined([each.through(response, known) for each in few]), scene, known)
+    terms = None
+    if scene.lamp_count:
+        terms = fit_terms(
+            joined([each.through(response, known) for each in few]),
+            lamp_count=scene.lamp_count,
+            aspect=scene.aspect,
+            pixel_m=scene.geometry.mean_scale_m,
+            start=None if known is None else known.terms,
+        )
     return fit_photometric(
         [each.through(response, known) for each in whole],
         exponents=exponents,
@@ -166,20 +174,6 @@ def _with_terms(
     """Return what the model is linear in, of each press."""
     pairs = zip(polynomial, presses, strict=True)
     return [np.concatenate([shape, press.surface.shading(terms)]) for shape, press in pairs]
-
-
-def _terms(
-    samples: PhotometricSamples, scene: PressScene, known: PhotometricModel | None
-) -> ShadingTerms | None:
-    if not scene.lamp_count:
-        return None
-    return fit_terms(
-        samples,
-        lamp_count=scene.lamp_count,
-        aspect=scene.aspect,
-        pixel_m=scene.geometry.mean_scale_m,
-        start=None if known is None else known.terms,
-    )
 
 
 def averaged_no_contact(

@@ -109,15 +109,8 @@ def _plane_slope(at: _Corners, heights: wp.vec3d):
 
 
 @wp.func
-def _first_pixel(a: wp.float64, b: wp.float64, c: wp.float64, count: int):
-    least = wp.min(wp.min(a, b), c) - _EDGE_TOLERANCE
-    return int(wp.clamp(wp.ceil(least), wp.float64(0.0), wp.float64(count)))
-
-
-@wp.func
-def _last_pixel(a: wp.float64, b: wp.float64, c: wp.float64, count: int):
-    most = wp.max(wp.max(a, b), c) + _EDGE_TOLERANCE
-    return int(wp.clamp(wp.floor(most), wp.float64(-1.0), wp.float64(count - 1)))
+def _pixel(place: wp.float64, least: int, most: int):
+    return int(wp.clamp(place, wp.float64(least), wp.float64(most)))
 
 
 @wp.kernel(enable_backward=False)
@@ -155,10 +148,13 @@ def draw_facets(gel: Gel, view: View, first_part: wp.int32, lanes: wp.int32, can
     area = u[0] * v[1] - u[1] * v[0]
     if area == wp.float64(0.0) or not wp.isfinite(area + z[0] + z[1] + z[2]):
         return
-    first_row = _first_pixel(px[0, 1], px[1, 1], px[2, 1], view.rows)
-    last_row = _last_pixel(px[0, 1], px[1, 1], px[2, 1], view.rows)
-    first_column = _first_pixel(px[0, 0], px[1, 0], px[2, 0], view.columns)
-    last_column = _last_pixel(px[0, 0], px[1, 0], px[2, 0], view.columns)
+    beyond = wp.vec2d(_EDGE_TOLERANCE, _EDGE_TOLERANCE)
+    low = wp.min(wp.min(px[0], px[1]), px[2]) - beyond
+    high = wp.max(wp.max(px[0], px[1]), px[2]) + beyond
+    first_column = _pixel(wp.ceil(low[0]), 0, view.columns)
+    last_column = _pixel(wp.floor(high[0]), -1, view.columns - 1)
+    first_row = _pixel(wp.ceil(low[1]), 0, view.rows)
+    last_row = _pixel(wp.floor(high[1]), -1, view.rows - 1)
     width = last_column - first_column + 1
     count = width * (last_row - first_row + 1)
     if width <= 0 or lane >= count:

@@ -78,26 +78,19 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
 
 def _cover(corners: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return a facet for each point, and its coordinates in it; on an edge either is right."""
-    facets = np.empty(len(points), dtype=np.int32)
-    weights = np.empty((len(points), 3))
     origin = corners[:, 2]
     u, v = corners[:, 0] - origin, corners[:, 1] - origin
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     safe = np.where(area == 0.0, np.inf, area)
-    for i, point in enumerate(points):
-        offset = point - origin
-        first = (offset[:, 0] * v[:, 1] - offset[:, 1] * v[:, 0]) / safe
-        second = (u[:, 0] * offset[:, 1] - u[:, 1] * offset[:, 0]) / safe
-        third = 1.0 - first - second
-        least = np.minimum(np.minimum(first, second), third)
-        inside = np.where(area == 0.0, -np.inf, least)
-        facet = int(np.argmax(inside))
-        if inside[facet] < -_TOLERANCE:
-            raise ConfigError(
-                f"marker at {point[0] * 1e3:.2f}, {point[1] * 1e3:.2f} mm lies beside the gel's "
-                "surface",
-                remedy="give fewer markers or a smaller pitch in the sensor's file",
-            )
-        facets[i] = facet
-        weights[i] = first[facet], second[facet], third[facet]
-    return facets, weights
+    offset = points[:, None] - origin
+    first = (offset[..., 0] * v[:, 1] - offset[..., 1] * v[:, 0]) / safe
+    second = (u[:, 0] * offset[..., 1] - u[:, 1] * offset[..., 0]) / safe
+    weights = np.stack([first, second, 1.0 - first - second], axis=-1)
+    inside = np.where(area == 0.0, -np.inf, weights.min(axis=-1))
+    facets, number = np.argmax(inside, axis=1), np.arange(len(points))
+    for x, y in points[inside[number, facets] < -_TOLERANCE] * 1e3:
+        raise ConfigError(
+            f"marker at {x:.2f}, {y:.2f} mm lies beside the gel's surface",
+            remedy="give fewer markers or a smaller pitch in the sensor's file",
+        )
+    return facets.astype(np.int32), weights[number, facets]
