@@ -137,6 +137,7 @@ class LoadingPath:
         phase = DepthPhase(
             start=point.depth_m,
             end=depth_m,
+            goal=f"{depth_m * 1e3:.4f} mm",
             step_max_m=self.step_max_m,
             exact=_DEPTH_EXACT_SHARE * self.model.height_m,
         )
@@ -158,6 +159,7 @@ class LoadingPath:
         phase = ForcePhase(
             start=float(point.force_n[2]),
             end=force_n,
+            goal=f"{force_n:.4f} N",
             exact=_FORCE_EXACT_SHARE * force_n,
             step_max_m=self.step_max_m,
         )
@@ -191,14 +193,15 @@ class LoadingPath:
             ConfigError: The model is of a part whose mirror planes do not mirror the motion.
         """
         point = self._pressed("is carried")
-        part, (x, y) = self.model.mesh.symmetry, shift_m
+        part, (x, y), turn_deg = self.model.mesh.symmetry, shift_m, math.degrees(twist_rad)
         if (part.mirror_x and (x or twist_rad)) or (part.mirror_y and (y or twist_rad)):
             raise ConfigError(
                 f"a shift of ({x * 1e3:g}, {y * 1e3:g}) mm and a turn of "
-                f"{math.degrees(twist_rad):g} deg are not mirrored as the modelled part is",
+                f"{turn_deg:g} deg are not mirrored as the modelled part is",
                 remedy="state the motion in the scene, or switch its effect symmetry off",
             )
         phase = CarryPhase(
+            goal=f"a shift of ({x * 1e3:.4f}, {y * 1e3:.4f}) mm and {turn_deg:.3f} deg",
             shift_m=np.array([*shift_m, 0.0]),
             twist_rad=twist_rad,
             load_n=float(point.force_n[2]) if hold is Hold.FORCE else None,

@@ -22,24 +22,20 @@ class Phase(ABC):
     """One parameter from ``start`` to ``end``.
 
     Attributes:
+        goal: What is to be reached, for messages.
         exact: Difference from the end that counts as none.
         step_max_m: Longest way of a point of the indenter in one step [m].
+        load_n: F_z to keep, while the depth answers [N]; None keeps or changes the depth.
+        twist_rad: Turn about z through the tip for one of the parameter [rad].
     """
 
     start: float
     end: float
+    goal: str
     exact: float
     step_max_m: float
-
-    @property
-    @abstractmethod
-    def goal(self) -> str:
-        """What is to be reached, for messages."""
-
-    @property
-    def holds_force(self) -> bool:
-        """F_z stays the same, and the depth answers."""
-        return False
+    load_n: float | None = None
+    twist_rad: float = 0.0
 
     @property
     def direction(self) -> tuple[object, ...]:
@@ -58,22 +54,19 @@ class Phase(ABC):
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:
         """Return velocity [m/unit] and spin [rad/unit] of the indenter, shape [3] each."""
 
-    def turned(self, rotation: FloatArray, advance: float) -> FloatArray:  # noqa: ARG002
-        """Return the rotation after a step."""
-        return rotation
+    def turned(self, rotation: FloatArray, advance: float) -> FloatArray:
+        """Return the rotation after a step about the pad's z."""
+        angle = self.twist_rad * advance
+        c, s = np.cos(angle), np.sin(angle)
+        return np.asarray(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation)
 
     def load_at(self, at: float) -> float | None:  # noqa: ARG002
         """Return the force that is to be carried there [N]; None where the depth is given."""
-        return None
+        return self.load_n
 
 
 class DepthPhase(Phase):
     """Straight down to a depth [m]."""
-
-    @property
-    def goal(self) -> str:
-        """What is to be reached, for messages."""
-        return f"{self.end * 1e3:.4f} mm"
 
     def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002 - a depth is a depth
         """Return the longest step [m]."""
@@ -86,11 +79,6 @@ class DepthPhase(Phase):
 
 class ForcePhase(Phase):
     """Straight down until a force F_z [N] is carried."""
-
-    @property
-    def goal(self) -> str:
-        """What is to be reached, for messages."""
-        return f"{self.end:.4f} N"
 
     def longest(self, stiffness_n_m: float) -> float:
         """Return the longest step [N]: the force of the longest advance."""
@@ -111,34 +99,19 @@ class CarryPhase(Phase):
 
     Attributes:
         shift_m: Whole translation [m], shape [3].
-        twist_rad: Whole turn about z through the tip [rad].
-        load_n: F_z to keep [N]; None keeps the depth.
         radius_m: Radius of the contact [m], which turns an angle into a travel.
     """
 
     shift_m: FloatArray
-    twist_rad: float
-    load_n: float | None
     radius_m: float
     start: float = 0.0
     end: float = 1.0
     exact: float = 1e-9
 
     @property
-    def holds_force(self) -> bool:
-        """F_z stays the same, and the depth answers."""
-        return self.load_n is not None
-
-    @property
     def direction(self) -> tuple[object, ...]:
         """Where it leads: phases alike in it go on from one another."""
         return type(self), *self.shift_m.tolist(), self.twist_rad, self.load_n is None
-
-    @property
-    def goal(self) -> str:
-        """What is to be reached, for messages."""
-        x, y, _ = self.shift_m * 1e3
-        return f"a shift of ({x:.4f}, {y:.4f}) mm and {np.degrees(self.twist_rad):.3f} deg"
 
     def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002
         """Return the longest step: the one in which a point of the rim goes ``step_max_m``."""
@@ -148,13 +121,3 @@ class CarryPhase(Phase):
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """Return velocity and spin over the whole phase."""
         return self.shift_m, np.array([0.0, 0.0, self.twist_rad])
-
-    def turned(self, rotation: FloatArray, advance: float) -> FloatArray:
-        """Return the rotation after a step about the pad's z."""
-        angle = self.twist_rad * advance
-        c, s = np.cos(angle), np.sin(angle)
-        return np.asarray(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation)
-
-    def load_at(self, at: float) -> float | None:  # noqa: ARG002
-        """Return the force that is kept."""
-        return self.load_n

@@ -146,7 +146,7 @@ class Stepping:
         settling.solver.take_factor(state)
         velocity, spin = phase.rate(point.stiffness_n_m)
         motion, lift = settling.response(point.state, found, velocity, spin)
-        if phase.holds_force:
+        if phase.load_n is not None:
             sunk, resists = settling.response(point.state, found, DOWN, STILL)
             sink = -lift / max(resists, _NOTHING_N_M)
             motion = motion + sink * sunk
@@ -200,7 +200,7 @@ class Stepping:
         if isinstance(phase, CarryPhase):
             state.rotation = phase.turned(point.state.rotation, advance)
             state.tip[:2] = point.state.tip[:2] + advance * phase.shift_m[:2]
-            if not phase.holds_force:
+            if phase.load_n is None:
                 state.tip[2] = point.state.tip[2]
         elif phase.load_at(at) is None:
             state.tip[2] = self.settling.touch_m - (at + advance)

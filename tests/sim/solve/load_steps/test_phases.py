@@ -12,6 +12,7 @@ from sim.solve.load_steps.phases import CarryPhase, DepthPhase, ForcePhase
 
 def _carried(twist_rad: float, *, load_n: float | None = None) -> CarryPhase:
     return CarryPhase(
+        goal="there",
         shift_m=np.array([3e-4, 4e-4, 0.0]),
         twist_rad=twist_rad,
         load_n=load_n,
@@ -35,14 +36,13 @@ def test_a_step_carries_no_point_farther_than_allowed() -> None:
     phase = _carried(0.5)
     assert phase.longest(1e3) * (5e-4 + 0.5 * 2e-3) == pytest.approx(5e-5)
     assert phase.load_at(0.3) is None
-    assert not phase.holds_force
     assert _carried(0.5, load_n=2.0).load_at(0.3) == 2.0
 
 
 def test_depth_and_force_go_straight_down() -> None:
     """A newton takes 1/k of way; both ends are met to their rounding."""
-    depth = DepthPhase(start=0.0, end=1e-3, exact=1e-14, step_max_m=5e-5)
-    force = ForcePhase(start=0.0, end=2.0, exact=2e-12, step_max_m=5e-5)
+    depth = DepthPhase(goal="1 mm", start=0.0, end=1e-3, exact=1e-14, step_max_m=5e-5)
+    force = ForcePhase(goal="2 N", start=0.0, end=2.0, exact=2e-12, step_max_m=5e-5)
     np.testing.assert_array_equal(depth.rate(400.0)[0], [0.0, 0.0, -1.0])
     np.testing.assert_allclose(force.rate(400.0)[0], [0.0, 0.0, -1.0 / 400.0])
     assert force.longest(400.0) == pytest.approx(400.0 * 5e-5)
