@@ -34,7 +34,8 @@ def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> Te
     vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     vertices[:, 2] *= pad.height_at(vertices[:, 0], vertices[:, 1])
     name = f"{cells[0]}x{cells[1]}x{cells[2]} cells"
-    return oriented(vertices, kuhn_tets(cells), name=name, symmetry=symmetry)
+    tets = kuhn_tets(cells)
+    return oriented(TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry))
 
 
 def kuhn_tets(cells: tuple[int, ...]) -> IntArray:

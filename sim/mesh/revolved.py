@@ -76,7 +76,8 @@ def revolved_mesh(
     tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
     layers = section.layers[source] if interface_shares else None
     vertices[symmetry.on_plane(vertices, mean_reach)] = 0.0
-    return oriented(vertices, tets, name=name, symmetry=symmetry, layers=layers, axis_m=centre_m)
+    mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry)
+    return oriented(replace(mesh, layers=layers, axis_m=centre_m))
 
 
 def revolved_section(

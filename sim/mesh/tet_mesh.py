@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,29 +55,14 @@ def tet_volumes(vertices: FloatArray, tets: IntArray) -> FloatArray:
     return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)
 
 
-def oriented(
-    vertices: FloatArray,
-    tets: IntArray,
-    *,
-    name: str,
-    symmetry: MirrorSymmetry | None = None,
-    layers: IntArray | None = None,
-    axis_m: tuple[float, float] | None = None,
-) -> TetMesh:
+def oriented(mesh: TetMesh) -> TetMesh:
     """Return a mesh with unused vertices dropped and every tetrahedron turned positive."""
-    used, inverse = np.unique(tets, return_inverse=True)
+    used, inverse = np.unique(mesh.tets, return_inverse=True)
     tets = inverse.reshape(-1, 4).astype(np.int32)
-    vertices = np.ascontiguousarray(vertices[used], dtype=np.float64)
+    vertices = np.ascontiguousarray(mesh.vertices[used], dtype=np.float64)
     negative = tet_volumes(vertices, tets) < 0.0
     tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return TetMesh(
-        vertices=vertices,
-        tets=tets,
-        name=name,
-        symmetry=symmetry or MirrorSymmetry(),
-        layers=layers,
-        axis_m=axis_m,
-    )
+    return replace(mesh, vertices=vertices, tets=tets)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -133,10 +133,10 @@ def filled_pad(
     _refuse_thin(pad, interface_shares, snap)
     found, tets = _run(surface, settings, field)
     found[found[:, 2] < snap, 2] = 0.0
-    if not interface_shares:
-        return oriented(found, tets, name=name)
-    layers = _snapped_layers(found, tets, pad, interface_shares, snap)
-    return oriented(found, tets, name=name, layers=layers)
+    layers = None
+    if interface_shares:
+        layers = _snapped_layers(found, tets, pad, interface_shares, snap)
+    return oriented(TetMesh(vertices=found, tets=tets, name=name, layers=layers))
 
 
 def _run(

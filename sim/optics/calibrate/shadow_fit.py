@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import TypeAdapter
 
 from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
@@ -23,7 +24,7 @@ from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import lost_share
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.optics import ShadowCaster
 
 SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2
@@ -141,8 +142,5 @@ def _moved(shadows: ShadowCaster, index: int, name: str, step: float) -> ShadowC
 
 def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
     """Return the lamps that a calibration's provenance names; None where it names none."""
-    plain = provenance.get(SHADOWS)
-    if not isinstance(plain, Mapping):
-        return None
-    lamps = [Lamp(**{**lamp, "colour": tuple(lamp["colour"])}) for lamp in plain["lamps"]]
-    return ShadowCaster(lamps=lamps, softness_m=float(plain["softness_m"]))
+    reader: TypeAdapter[ShadowCaster | None] = TypeAdapter(ShadowCaster | None)
+    return reader.validate_python(provenance.get(SHADOWS))

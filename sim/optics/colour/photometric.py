@@ -18,13 +18,14 @@ from zipfile import BadZipFile
 
 import numpy as np
 import warp as wp
+from pydantic import TypeAdapter
 
 from sim.arrays import Float32Array, FloatArray, IntArray, RealArray
 from sim.optics.colour.colour_kernel import Colours, colour_pixels
 from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.colour.polynomial import degrees_of_tilt, evaluate_polynomial, row_weights
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
-from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights, read_terms
+from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.errors import ConfigError
 
@@ -182,7 +183,7 @@ def load_photometric(path: Path) -> PhotometricModel:
                 coefficients=data["coefficients"],
                 tilt_limit=float(data["tilt_limit"]),
                 indentation_limit_m=float(data["indentation_limit_m"]),
-                terms=None if terms is None else read_terms(terms),
+                terms=TypeAdapter(ShadingTerms | None).validate_python(terms),
                 term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
                 response=Response(knee=float(data["knee"]) if "knee" in data else BRIGHTEST),
                 reference=_number(data["reference"]) if "reference" in data else None,

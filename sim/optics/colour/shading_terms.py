@@ -10,9 +10,7 @@ gradient over the image each; they vanish on level gel.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -110,20 +108,6 @@ class ShadingTerms:
             row[0] = value
             np.multiply(value, position, out=row[1:])
         return terms.reshape(self.count, -1)
-
-
-def read_terms(plain: Mapping[str, Any]) -> ShadingTerms:
-    """Read what ``asdict`` and JSON made of terms.
-
-    Raises:
-        KeyError, TypeError, ValueError: They are none.
-    """
-    return ShadingTerms(
-        lamps=tuple(NearLamp(**lamp) for lamp in plain["lamps"]),
-        softness=float(plain["softness"]),
-        aspect=float(plain["aspect"]),
-        crease_limit=float(plain["crease_limit"]),
-    )
 
 
 def softened(cosine: RealArray, softness: float) -> RealArray:

@@ -110,12 +110,13 @@ def box_mesh(
         shares = shares + np.where(inner[:, None], noise / np.array(cells), 0.0)
     origin = np.zeros(3) if quarter else np.array([0.5, 0.5, 0.0])
     vertices: FloatArray = (shares - origin) * np.array(size_m)
-    return oriented(
-        vertices,
-        kuhn_tets(cells),
+    mesh = TetMesh(
+        vertices=vertices,
+        tets=kuhn_tets(cells),
         name=f"box, {cells[0]}x{cells[1]}x{cells[2]}",
         symmetry=MirrorSymmetry(mirror_x=quarter, mirror_y=quarter),
     )
+    return oriented(mesh)
 
 
 def balance_relative(model: Model, point: PathPoint) -> float:

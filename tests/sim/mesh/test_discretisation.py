@@ -68,7 +68,7 @@ def test_flat_tetrahedra_are_refused() -> None:
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     with pytest.raises(ConfigError, match="1 tetrahedra of no positive volume"):
         discretise(
-            oriented(vertices, np.array([[0, 1, 2, 3]]), name="flat"),
+            oriented(TetMesh(vertices=vertices, tets=np.array([[0, 1, 2, 3]]), name="flat")),
             order=ElementOrder.P1,
             face_splits=0,
         )

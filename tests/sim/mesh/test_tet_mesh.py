@@ -14,7 +14,7 @@ from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import mesh_statistics, oriented
+from sim.mesh.tet_mesh import TetMesh, mesh_statistics, oriented
 from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad
@@ -72,7 +72,8 @@ def test_half_is_meshed_when_the_axis_lies_on_one_plane() -> None:
 def test_negative_tetrahedra_are_turned() -> None:
     """FTetWild's orientation is the other one; unused vertices go."""
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
-    mesh = oriented(vertices, np.array([[0, 2, 1, 3]]), name="one")
+    tets = np.array([[0, 2, 1, 3]])
+    mesh = oriented(TetMesh(vertices=vertices, tets=tets, name="one"))
     assert volume(mesh.vertices, mesh.tets) == pytest.approx(1.0 / 6.0)
     assert len(mesh.vertices) == 4
 

@@ -68,7 +68,8 @@ def linear_mesh(whole: TetMesh, kind: PeerMesh) -> TetMesh:
         return whole
     nodes, elements = quadratic_nodes(whole.vertices, whole.tets)
     parts: IntArray = np.concatenate([elements[:, list(part)] for part in _PARTS])
-    return oriented(nodes, parts, name=f"{whole.name}, each tetrahedron in eight")
+    name = f"{whole.name}, each tetrahedron in eight"
+    return oriented(TetMesh(vertices=nodes, tets=parts, name=name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
