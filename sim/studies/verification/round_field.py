@@ -83,7 +83,7 @@ def on_circles(
     along = np.linalg.solve(sides, (np.column_stack([x.ravel(), y.ravel()]) - a)[..., None])[..., 0]
     shares = np.column_stack([1.0 - along.sum(axis=1), along])
     if top.faces.shape[1] == 6:
-        shares = quadratic_triangle_values(shares.T).T
+        shares = quadratic_triangle_values(shares)
 
     def sampled(nodal: FloatArray) -> RoundField:
         whole = nodal[top.sources]

@@ -14,7 +14,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.fields.contact_traction import surface_traction
 from sim.press_command import scene_from
-from sim.scene.scene import ContactMode, Preset, Scene
+from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification import contact_shear
@@ -35,7 +35,7 @@ _YOUNG_PA, _POISSON = 0.3e6, 0.49
 _MODULUS_PA, _SHEAR_PA = _YOUNG_PA / (1.0 - _POISSON**2), 0.5 * _YOUNG_PA / (1.0 + _POISSON)
 _GEL = f"--young {_YOUNG_PA * 1e-6:g}MPa --poisson {_POISSON} --law linear"
 _DEEP = f"--pad disc:radius=15mm,height=10mm {_GEL}"
-_GRIPS = f"--contact friction:{_FRICTION} --effect friction=on"
+_GRIPS = f"--contact friction:{_FRICTION} --effect friction=on --effect locking-free-element=on"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,7 +297,9 @@ def _pressed(scene: Scene, *, starts_free: bool) -> tuple[LoadingPath, PathPoint
     path = LoadingPath(build_model(scene, plan=plan), scene.indenter)
     if not starts_free:
         return path, path.advance(_depth(scene))
-    smooth = replace(scene, contact=ContactMode.FRICTIONLESS, effects=())
+    smooth = replace(
+        scene, contact=ContactMode.FRICTIONLESS, effects=((Effect.LOCKING_FREE_ELEMENT, True),)
+    )
     free = build_model(smooth, plan=plan_effects(smooth), mesh=path.model.mesh)
     point = LoadingPath(free, scene.indenter).advance(_depth(scene))
     state, contact = point.state.copy(), point.equilibrium.contact
