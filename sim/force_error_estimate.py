@@ -42,12 +42,10 @@ class ForceErrorEstimate:
 
     Attributes:
         relative: Relative error, or None; ``basis`` says how or why not.
-        coarser: The forces it rests on.
     """
 
     relative: float | None
     basis: str
-    coarser: tuple[CoarserForce, ...] = ()
 
 
 def richardson_error(force_n: float, coarser: Sequence[CoarserForce], *, order: float) -> float:
@@ -127,7 +125,6 @@ def estimate_from(
             f"Richardson: {found}; order {order:g}, factor of safety {SAFETY_FACTOR:g}, "
             f"{CHANCE_RELATIVE:.2%} for what no extrapolation sees{effects}"
         ),
-        coarser=tuple(coarser),
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import Float32Array, RealArray
+from sim.device import Device
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
 from sim.optics.height.height_map import HeightMaps
@@ -73,7 +74,7 @@ class TactileRenderer:
         fine = geometry.refined(samples)
         _check_shape("no-contact frame", background.shape, (geometry.height, geometry.width, 3))
         _check_shape("unloaded height map", rest_height.shape, (fine.height, fine.width))
-        on_cpu = wp.get_device(device).is_cpu
+        on_cpu = not Device(device).is_gpu
         self._rest_height = rest_height
         self._blocks = PixelBlocks(
             geometry=geometry,
@@ -175,16 +176,12 @@ class _Images:
         weights: Float32Array,
         base: Float32Array,
     ) -> None:
-        self._layout, self._count, self._device = layout, count, layout.device
+        self._layout, self._count, self._device = layout, count, Device(layout.device)
         geometry = layout.geometry
-        fine = geometry.refined(layout.samples)
-        self.dent: Any = wp.empty(
-            (count, fine.height, fine.width), dtype=wp.float32, device=self._device
-        )
-        self.bytes: Any = wp.empty(
-            (count, geometry.height, geometry.width, 3), dtype=wp.uint8, device=self._device
-        )
-        self.change = BlockMemory(3, count * layout.image_blocks, layout.lanes, self._device)
+        fine, empty = geometry.refined(layout.samples), self._device.empty
+        self.dent: Any = empty((count, fine.height, fine.width), wp.float32)
+        self.bytes: Any = empty((count, geometry.height, geometry.width, 3), wp.uint8)
+        self.change = BlockMemory(3, count * layout.image_blocks, layout.lanes, layout.device)
         self.to_change = self._coloured(rest, colours)
         self._highest: BlockMemory | None = None
         if shadows is not None:
@@ -211,7 +208,8 @@ class _Images:
 
         def go_on(planes: BlockMemory) -> list[Task]:
             inputs = [layout.layout(), layout.lanes, planes.single[0]]
-            return [self._recorded(continue_samples, (count, fine.height + fine.width), inputs)]
+            size = (count, fine.height + fine.width)
+            return [self._device.record(continue_samples, size, inputs, []).launch]
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
@@ -269,7 +267,7 @@ class _Images:
         reach = len(weights) // 2
         room = -(-reach // layout.lanes)
         count = self._count * rows * (layout.row_blocks + 2 * room)
-        blurred = BlockMemory(3, count, layout.lanes, self._device, reach=reach)
+        blurred = BlockMemory(3, count, layout.lanes, layout.device, reach=reach)
         taps, base_blocks = layout.array(weights), layout.pixel_rows(base)
         self._kept += [blurred, taps, base_blocks]
         flat = blurred.single.reshape((3, self._count * rows, -1))
@@ -290,19 +288,11 @@ class _Images:
         self, kernel: Any, layout: Any, count: int, inner: tuple[int, ...], inputs: list[Any]
     ) -> list[Task]:
         """Record a launch over images, rows (or rays) and what is in them, a part a thread."""
-        parts = _CPU_THREADS if wp.get_device(self._device).is_cpu else 1
+        parts = 1 if self._device.is_gpu else _CPU_THREADS
         ends = [count * part // parts for part in range(parts + 1)]
-        return [
-            self._recorded(kernel, (self._count, stop - start, *inner), [layout, start, *inputs])
-            for start, stop in itertools.pairwise(ends)
-        ]
-
-    def _recorded(self, kernel: Any, dim: tuple[int, ...], inputs: list[Any]) -> Task:
-        recorded: Any = wp.launch(
-            kernel, dim=dim, inputs=inputs, device=self._device, record_cmd=True
-        )
-        launch: Task = recorded.launch
-        return launch
+        sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
+        record = self._device.record
+        return [record(kernel, size, [layout, at, *inputs], []).launch for at, size in sizes]
 
 
 def nominal_renderer(

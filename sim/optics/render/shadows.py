@@ -17,12 +17,12 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import Float32Array, RealArray
+from sim.device import Device
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 
-_CPU = "cpu"
 _RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are read from
 
 
@@ -100,15 +100,16 @@ def rays_towards(
     first = margin + 1 if shift > 0.0 else 1  # ray through the first pixel
     places = steps * shift - first
     whole = np.floor(places)
+    array = Device(device).array
     rays: Any = Rays()
     rays.along_columns, rays.forward = int(along_columns), int(ahead > 0.0)
     rays.across = across
     rays.room = -(-(margin + 2) // lanes)
     rays.pitch = -(-across // lanes) + 2 * rays.room + 1
     rays.ray_pitch = -(-(across + margin + 1) // lanes) + _RAY_ROOM
-    rays.whole = wp.array(whole.astype(np.int32), dtype=wp.int32, device=device)
-    rays.part = wp.array((places - whole).astype(np.float32), dtype=wp.float32, device=device)
-    rays.sunk = wp.array((steps * rise_m).astype(np.float32), dtype=wp.float32, device=device)
+    rays.whole = array(whole.astype(np.int32), wp.int32)
+    rays.part = array((places - whole).astype(np.float32), wp.float32)
+    rays.sunk = array((steps * rise_m).astype(np.float32), wp.float32)
     rays.per_softness = 1.0 / softness_m
     return rays
 
@@ -148,10 +149,11 @@ def lost_share(
         geometry: Pixels.
         softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
     """
-    dent: Any = wp.array(bulge[None].astype(np.float32), dtype=wp.float32, device=_CPU)
+    device = Device("cpu")
+    dent = device.array(bulge[None].astype(np.float32), wp.float32)
     hidden = HiddenLamp(lamp, softness_m, geometry, dent, CPU_LANES)
     for kernel, count, inner, inputs in hidden.stages:
-        wp.launch(kernel, dim=(1, count, *inner), inputs=[hidden.rays, 0, *inputs], device=_CPU)
+        device.launch(kernel, (1, count, *inner), [hidden.rays, 0, *inputs], [])
     along, across, up = lamp.towards
     facing = along * tilt[0] + across * tilt[1] + up * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)
     return np.asarray(hidden.share() * np.maximum(facing, 0.0), dtype=np.float32)
