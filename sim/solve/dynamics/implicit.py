@@ -21,7 +21,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.scene import Scene
-from sim.solve.dynamics.weight_and_inertia import inertia, inertial_masses
+from sim.solve.dynamics.weight_and_inertia import INERTIA, inertia, nodal_masses
 from sim.solve.equilibrium import Equilibrium
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
@@ -95,7 +95,7 @@ class DynamicPress:
                 remedy="start at a depth of 0 mm or less",
             )
         self._path, self._model = path, path.model
-        self._masses = inertial_masses(path.model, density_kg_m3)
+        self._masses = nodal_masses(path.model, density_kg_m3, INERTIA)
         self._copies = path.model.mesh.symmetry.copies
         self.state = path.untouched(depth_m) if path.last is None else path.last.state.copy()
         if path.last is None and path.model.relaxation is not None:

@@ -16,6 +16,8 @@ mass matrix (Hinton, Rock, Zienkiewicz 1976), which is positive.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from sim.arrays import FloatArray
@@ -25,11 +27,12 @@ from sim.solve.model import Model
 from sim.solve.potential import Potential
 
 # Of a tetrahedron's mass, node by node.
-_WEIGHT_SHARES = {
+Shares = Mapping[ElementOrder, FloatArray]
+WEIGHT: Shares = {
     ElementOrder.P1: np.full(4, 1.0 / 4.0),
     ElementOrder.P2: np.array([-1.0 / 20.0] * 4 + [1.0 / 5.0] * 6),
 }
-_INERTIA_SHARES = {
+INERTIA: Shares = {
     ElementOrder.P1: np.full(4, 1.0 / 4.0),
     ElementOrder.P2: np.array([1.0 / 36.0] * 4 + [4.0 / 27.0] * 6),
 }
@@ -37,30 +40,17 @@ _INERTIA_SHARES = {
 STANDARD_M_S2 = 9.80665
 
 
-def weighing_masses(model: Model, density_kg_m3: float | FloatArray) -> FloatArray:
-    """Return the nodal masses that weight acts on [kg], shape [node_count]; some are negative.
+def nodal_masses(model: Model, density_kg_m3: float | FloatArray, shares: Shares) -> FloatArray:
+    """Return the lumped nodal masses [kg], shape [node_count].
 
     Args:
-        model: The pad.
         density_kg_m3: One number, or one for each tetrahedron.
+        shares: ``WEIGHT``, by which some are negative, or ``INERTIA``.
     """
-    return _shared(model, density_kg_m3, _WEIGHT_SHARES[model.reference.order])
-
-
-def inertial_masses(model: Model, density_kg_m3: float | FloatArray) -> FloatArray:
-    """Return the lumped nodal masses [kg], shape [node_count]; all positive.
-
-    Args:
-        model: The pad.
-        density_kg_m3: One number, or one for each tetrahedron.
-    """
-    return _shared(model, density_kg_m3, _INERTIA_SHARES[model.reference.order])
-
-
-def _shared(model: Model, density_kg_m3: float | FloatArray, shares: FloatArray) -> FloatArray:
     volumes = tet_volumes(model.nodes, model.elements[:, :4])
     masses = np.zeros(len(model.nodes))
-    np.add.at(masses, model.elements, (density_kg_m3 * volumes)[:, None] * shares)
+    own = (density_kg_m3 * volumes)[:, None] * shares[model.reference.order]
+    np.add.at(masses, model.elements, own)
     return masses
 
 
@@ -70,7 +60,7 @@ def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
     Args:
         density_kg_m3: One number, or one for each tetrahedron.
     """
-    masses = weighing_masses(model, density_kg_m3)
+    masses = nodal_masses(model, density_kg_m3, WEIGHT)
     return Potential(
         stiffness_n_m=np.zeros(len(masses)),
         force_n=np.outer(masses, (0.0, 0.0, -STANDARD_M_S2)),

@@ -7,7 +7,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.solve.dynamics.implicit import DynamicPress, DynamicStep
-from sim.solve.dynamics.weight_and_inertia import inertial_masses
+from sim.solve.dynamics.weight_and_inertia import INERTIA, nodal_masses
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
@@ -120,7 +120,7 @@ def _thrown(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], Flo
     press = _press(path, depth_m=_IMPACT_FROM_M)
     shares = path.model.nodes[:, 2] / HEIGHT_M
     press.velocities[:, 2] = speed_m_s * shares
-    masses = inertial_masses(path.model, DENSITY_KG_M3)
+    masses = nodal_masses(path.model, DENSITY_KG_M3, INERTIA)
     thrown_j = 0.5 * path.model.mesh.symmetry.copies * float(masses @ (speed_m_s * shares) ** 2)
     step_s = _TRAVEL_A_STEP_M / speed_m_s
     steps = press.run(

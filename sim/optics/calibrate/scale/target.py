@@ -5,6 +5,7 @@ ChArUco boards, ArUco grids and grids of dots: ``charuco:columns=8,rows=6,square
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -52,59 +53,74 @@ class ScaleTarget(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CharucoTarget:
-    """Chessboard with ArUco markers in its white squares."""
+class BoardTarget(ABC):
+    """A board of ArUco markers, as OpenCV knows it."""
 
     columns: int
     rows: int
-    square_m: float
-    marker_m: float
     dictionary: str = "4X4_50"
 
-    def board(self) -> cv2.aruco.CharucoBoard:
-        """Return OpenCV's description of the board, in units of one square."""
-        return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows),
-            1.0,
-            self.marker_m / self.square_m,
-            _dictionary(self.dictionary),
-        )
+    @abstractmethod
+    def board(self) -> cv2.aruco.Board:
+        """Return OpenCV's description of the board, in units of its own."""
+
+    @abstractmethod
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:
+        """Return corners as OpenCV finds them, their numbers, the unit [m], and the whole count."""
 
     def find(self, image: GreyArray) -> TargetPoints:
-        """Return the inner corners of the chessboard."""
+        """Return the board's points that a grey image shows."""
         board = self.board()
         large, factor = _enlarged(image)
-        corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(large)
-        wanted = (self.columns - 1) * (self.rows - 1)
-        return _matched(board, corners, found, factor, unit_m=self.square_m, wanted=wanted)
+        corners, found, unit_m, wanted = self.detected(board, large)
+        known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
+        if known is None or pixels is None:
+            return _nothing(wanted)
+        middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
+        return TargetPoints(
+            positions_m=(known.reshape(-1, 3)[:, :2].astype(np.float64) - middle) * unit_m,
+            pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
+            wanted=wanted,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArucoTarget:
-    """Grid of ArUco markers, numbered along the rows."""
+class CharucoTarget(BoardTarget):
+    """Chessboard with ArUco markers in its white squares; its inner corners are found."""
 
-    columns: int
-    rows: int
+    square_m: float
+    marker_m: float
+
+    def board(self) -> cv2.aruco.CharucoBoard:
+        """Return OpenCV's description of the board, in units of one square."""
+        size, share = (self.columns, self.rows), self.marker_m / self.square_m
+        return cv2.aruco.CharucoBoard(size, 1.0, share, _dictionary(self.dictionary))
+
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:
+        """Find the inner corners of the chessboard."""
+        corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+        return corners, found, self.square_m, (self.columns - 1) * (self.rows - 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArucoTarget(BoardTarget):
+    """Grid of ArUco markers, numbered along the rows; the corners of every marker are found."""
+
     marker_m: float
     gap_m: float
-    dictionary: str = "4X4_50"
 
     def board(self) -> cv2.aruco.GridBoard:
         """Return OpenCV's description of the grid, in units of one marker."""
-        return cv2.aruco.GridBoard(
-            (self.columns, self.rows), 1.0, self.gap_m / self.marker_m, _dictionary(self.dictionary)
-        )
+        size, share = (self.columns, self.rows), self.gap_m / self.marker_m
+        return cv2.aruco.GridBoard(size, 1.0, share, _dictionary(self.dictionary))
 
-    def find(self, image: GreyArray) -> TargetPoints:
-        """Return the four corners of every marker."""
-        board = self.board()
-        large, factor = _enlarged(image)
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:  # noqa: ARG002
+        """Find the four corners of every marker."""
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         detector = cv2.aruco.ArucoDetector(_dictionary(self.dictionary), parameters)
-        corners, found, _ = detector.detectMarkers(large)
-        wanted = 4 * self.columns * self.rows
-        return _matched(board, corners, found, factor, unit_m=self.marker_m, wanted=wanted)
+        corners, found, _ = detector.detectMarkers(image)
+        return corners, found, self.marker_m, 4 * self.columns * self.rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,30 +188,6 @@ def _enlarged(image: GreyArray) -> tuple[GreyArray, int]:
     size = (image.shape[1] * factor, image.shape[0] * factor)
     enlarged = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
     return np.asarray(enlarged, dtype=np.uint8), factor
-
-
-def _matched(
-    board: cv2.aruco.Board, corners: Any, found: Any, factor: int, *, unit_m: float, wanted: int
-) -> TargetPoints:
-    """Return the points of a board that a detector found in an enlarged image.
-
-    Args:
-        board: In its own units.
-        corners: As the detector gives them.
-        found: Their numbers on the board; None is no corner.
-        factor: By which the image was enlarged.
-        unit_m: Of the board [m].
-        wanted: How many points the board has.
-    """
-    known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
-    if known is None or pixels is None:
-        return _nothing(wanted)
-    middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
-    return TargetPoints(
-        positions_m=(known.reshape(-1, 3)[:, :2].astype(np.float64) - middle) * unit_m,
-        pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
-        wanted=wanted,
-    )
 
 
 def _nothing(wanted: int) -> TargetPoints:

@@ -21,7 +21,7 @@ from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.dynamics.implicit import DynamicPress, DynamicStep
-from sim.solve.dynamics.weight_and_inertia import inertial_masses, weight
+from sim.solve.dynamics.weight_and_inertia import INERTIA, nodal_masses, weight
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
@@ -173,7 +173,7 @@ def lowest_tone(model: Model) -> tuple[float, FloatArray]:
     upper = csr_matrix((data, pattern.indices, pattern.indptr))
     stiffness = upper + triu(upper, 1).T
     masses = diags(
-        pattern.unknowns(np.tile(inertial_masses(model, DENSITY)[:, None], (1, 3)))
+        pattern.unknowns(np.tile(nodal_masses(model, DENSITY, INERTIA)[:, None], (1, 3)))
     ).tocsc()
     start = np.ones(pattern.dof_count)
     squared, shapes = eigsh(stiffness.tocsc(), k=1, M=masses, sigma=0.0, v0=start)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
@@ -16,10 +13,12 @@ from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.dynamics.weight_and_inertia import (
+    INERTIA,
     STANDARD_M_S2,
+    WEIGHT,
+    Shares,
     inertia,
-    inertial_masses,
-    weighing_masses,
+    nodal_masses,
     weight,
 )
 from sim.solve.equilibrium import SolverOptions
@@ -47,24 +46,22 @@ def disc(
     return Model(mesh, order=order, law=law(law_name), young_pa=YOUNG_PA, poisson=0.3)
 
 
-@pytest.mark.parametrize("masses", [weighing_masses, inertial_masses])
+@pytest.mark.parametrize("shares", [WEIGHT, INERTIA])
 @pytest.mark.parametrize("order", list(ElementOrder))
-def test_masses_sum_to_the_pad(
-    masses: Callable[[Model, float | FloatArray], FloatArray], order: ElementOrder
-) -> None:
+def test_masses_sum_to_the_pad(shares: Shares, order: ElementOrder) -> None:
     """Nothing is lost, and one density an element gives what one density for all gives."""
     model = disc(order)
-    found = masses(model, DENSITY)
+    found = nodal_masses(model, DENSITY, shares)
     assert found.sum() == pytest.approx(DENSITY * model.volume_m3, rel=1e-12)
-    each = masses(model, np.full(len(model.elements), DENSITY))
+    each = nodal_masses(model, np.full(len(model.elements), DENSITY), shares)
     assert np.allclose(found, each, rtol=1e-14)
 
 
 def test_inertial_masses_are_positive() -> None:
     """Quadratic corners weigh less than nothing, but every node resists acceleration."""
     model = disc(ElementOrder.P2)
-    assert weighing_masses(model, DENSITY).min() < 0.0
-    assert inertial_masses(model, DENSITY).min() > 0.0
+    assert nodal_masses(model, DENSITY, WEIGHT).min() < 0.0
+    assert nodal_masses(model, DENSITY, INERTIA).min() > 0.0
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
@@ -74,7 +71,7 @@ def test_weight_does_the_work_of_a_linear_motion(order: ElementOrder) -> None:
     found = weight(model, DENSITY)
     F = np.array([[1.1, 0.05, 0.0], [0.0, 0.9, 0.1], [0.02, 0.0, 1.05]])
     moved = model.nodes @ F.T + np.array([1e-4, 2e-4, -3e-4])
-    shares = weighing_masses(model, 1.0) / model.volume_m3
+    shares = nodal_masses(model, 1.0, WEIGHT) / model.volume_m3
     centre = shares @ (moved - model.nodes)
     work = -DENSITY * model.volume_m3 * STANDARD_M_S2 * float(centre[2])
     assert found.energy(moved) == pytest.approx(-work, rel=1e-12)
@@ -103,7 +100,7 @@ def test_gradient_and_diagonal_are_derivatives(kind: str) -> None:
     rng = np.random.default_rng(2)
     moved = model.nodes + rng.normal(scale=1e-4, size=model.nodes.shape)
     motion = rng.normal(scale=1e-5, size=model.nodes.shape)
-    flight = inertia(inertial_masses(model, DENSITY), flown_m=model.nodes + 1e-5, step_s=1e-4)
+    flight = inertia(nodal_masses(model, DENSITY, INERTIA), flown_m=model.nodes + 1e-5, step_s=1e-4)
     potential = flight if kind == "inertia" else weight(model, DENSITY)
     rise = (potential.energy(moved + motion) - potential.energy(moved - motion)) / 2.0
     assert rise == pytest.approx(float(np.sum(potential.gradient(moved) * motion)), rel=1e-9)
