@@ -14,6 +14,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for, solve
 from sim.error.measured_errors import setting_of
 from sim.error.tolerance import alternatives, expected_error
+from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.scene.scene import Scene
 from sim.solve.load_steps.equilibrium import PathPoint
@@ -32,12 +33,16 @@ class PressResult:
         depth_m: Travel below first touch [m].
         contact_area_m2: Deformed area of the surface within d_hat of the indenter [m^2].
         contact_radius_m: Radius of the disc of the same area seen along z [m].
-        max_pressure_pa: Largest contact pressure [Pa]; at a sharp rim it grows with refinement.
+        max_pressure_pa: Largest contact pressure at a node, recovered as the fields are [Pa]; at a
+            sharp rim it grows with refinement.
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
         force_balance_relative: |force + base reaction - weight| over |force|; with inertia, what
             accelerates the gel is in it.
         surface_traction_gap_relative: |integral of sigma n over the faces in contact + force| over
             |force|, sigma that of the elements (paper, Algorithm 1).
+        algorithms_apart_relative: L2 norm over the faces in contact of what the tractions of the
+            paper's Algorithm 1, from sigma n, and Algorithm 2, from contact, are apart, over that
+            of the latter.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         wall_s: Seconds spent, by part.
@@ -57,6 +62,7 @@ class PressResult:
     base_reaction_n: tuple[float, float, float]
     force_balance_relative: float
     surface_traction_gap_relative: float
+    algorithms_apart_relative: float
     min_jacobian: float
     gap_min_m: float
     newton_iterations: int
@@ -113,7 +119,7 @@ def measure(
 ) -> PressResult:
     """Evaluate an equilibrium."""
     model = path.model
-    contact = contact_measures(path, point)
+    contact, recovered = contact_measures(path, point), surface_traction(model, point)
     reaction = -model.mesh.symmetry.whole_force(
         point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
     )
@@ -126,10 +132,11 @@ def measure(
         depth_m=point.depth_m,
         contact_area_m2=contact.area_m2,
         contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
-        max_pressure_pa=contact.pressure_max_pa,
+        max_pressure_pa=float(recovered.pressure_pa.max()),
         base_reaction_n=_vector(reaction),
         force_balance_relative=balance / size if size > 0.0 else 0.0,
         surface_traction_gap_relative=surface_traction_gap(model, point),
+        algorithms_apart_relative=algorithms_apart(model, point, recovered),
         min_jacobian=point.equilibrium.min_jacobian,
         gap_min_m=contact.gap_min_m,
         newton_iterations=path.counts.newton_iterations,
@@ -164,6 +171,26 @@ def surface_traction_gap(model: Model, point: PathPoint) -> float:
     return float(np.linalg.norm(carried + point.force_n)) / size
 
 
+def algorithms_apart(model: Model, point: PathPoint, recovered: SurfaceTraction) -> float:
+    """Return how far the tractions of the paper's two algorithms are apart in the contact.
+
+    Args:
+        recovered: Algorithm 2's at the nodes.
+    """
+    touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
+    if not touching.any():
+        return 0.0
+    stress = surface_stress(model, point.state.positions)
+    vectors = model.surface.area_vectors(point.state.positions)[touching]
+    shares = np.linalg.norm(vectors, axis=2) @ model.reference.face_values
+    nodal = recovered.traction_pa[model.faces[touching]]
+    areas = stress.areas_m2[touching, None]
+    contact = np.einsum("fk,fki->fi", shares, nodal) / areas
+    apart = stress.traction_pa[touching] - contact
+    size = float(np.sum(contact**2 * areas))
+    return float(np.sqrt(np.sum(apart**2 * areas) / size)) if size > 0.0 else 0.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactMeasures:
     """Sums over the contact points of an equilibrium; units in the names."""
@@ -171,12 +198,11 @@ class ContactMeasures:
     moment_nm: FloatArray
     area_m2: float
     area_seen_m2: float
-    pressure_max_pa: float
     gap_min_m: float
 
 
 def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
-    """Sum moment, area and pressure over the contact points."""
+    """Sum moment and area over the contact points."""
     model, contact = path.model, point.equilibrium.contact
     symmetry = model.mesh.symmetry
     normals = model.surface.area_vectors(point.state.positions)
@@ -184,13 +210,11 @@ def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     strength = np.linalg.norm(contact.forces, axis=2)
     touching = strength > 0.0
     arms = contact.points - point.state.tip
-    pressure = strength[touching] / areas[touching]
     gaps = model.surface.gaps(point.state.positions, path.indenter, point.state)
     return ContactMeasures(
         moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
         area_m2=symmetry.copies * float(areas[touching].sum()),
         area_seen_m2=symmetry.copies * float(np.abs(normals[..., 2])[touching].sum()),
-        pressure_max_pa=float(pressure.max()) if touching.any() else 0.0,
         gap_min_m=float(gaps.min()),
     )
 

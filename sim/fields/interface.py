@@ -9,10 +9,10 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
+from sim.fields.stress_field import recovered_stress
 from sim.mesh.elements import boundary_faces, shape_gradients
 from sim.mesh.sparsity import assembled
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 
 
@@ -116,7 +116,7 @@ def _traction(
         return StressOnSides(below_pa=lower, above_pa=upper, areas_m2=areas, symmetry=symmetry)
 
     def smooth(side: NDArray[np.bool_]) -> FloatArray:
-        stress = _layer_stress(model, positions, side)[faces[:, :3]]
+        stress = recovered_stress(model, positions, side)[faces[:, :3]]
         return np.asarray(np.einsum("pc,fcij->fpij", reference.face_points, stress))
 
     forces, forces_above = (
@@ -206,37 +206,3 @@ def _recovered(
         part = mass[free][:, free]
         traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
     return traction
-
-
-def _layer_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
-    """Return the Cauchy stress at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
-
-    The elements' stress jumps from one to the next, also within a layer, and its worst value is at
-    their faces. Its L2 projection onto functions that are linear between the vertices (Oden,
-    Brauchli 1971) is continuous in the layer and of the order of the quadrature points' stress.
-
-    Args:
-        positions: Deformed nodes [m], shape [node_count, 3].
-        chosen: Which tetrahedra are of the layer, shape [tet_count].
-
-    Returns:
-        Shape [vertex_count, 3, 3].
-    """
-    corners = model.elements[chosen, :4]
-    vertices, local = np.unique(corners, return_inverse=True)
-    local = local.reshape(corners.shape)
-    values, weights = model.reference.points, model.reference.weights
-    volumes = tet_volumes(model.nodes, corners)
-    blocks = volumes[:, None, None] * np.einsum("q,qa,qb->ab", weights, values, values)
-    if len(weights) == 1:
-        # One point cannot tell four vertices apart: lumped, it is the mean over the neighbours.
-        blocks = 0.25 * volumes[:, None, None] * np.eye(4)
-    # Symmetric: the transpose is the same matrix, by columns.
-    mass = assembled(blocks, local, len(vertices)).T
-    stress = model.gel.cauchy_stress(positions)[chosen].reshape(*blocks.shape[:1], len(weights), 9)
-    loads = np.einsum("e,q,qa,eqs->eas", volumes, weights, values, stress)
-    right = np.zeros((len(vertices), 9))
-    np.add.at(right, local, loads)
-    found = np.zeros((len(model.mesh.vertices), 9))
-    found[vertices] = scipy.sparse.linalg.splu(mass).solve(right)
-    return found.reshape(-1, 3, 3)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.stress import element_stress
+from sim.fields.stress_field import recovered_stress
 from sim.solve.model import Model
 
 # Just beside the plane, so that no node lies on it.
@@ -23,7 +23,7 @@ class PlaneCut:
     Attributes:
         points_m: x and z [m], shape [point_count, 2].
         triangles: Shape [triangle_count, 3].
-        stress_pa: sigma [Pa], averaged at the nodes of each layer, shape [point_count, 3, 3].
+        stress_pa: sigma [Pa], recovered in each layer, shape [point_count, 3, 3].
         layers: Of each triangle, shape [triangle_count].
     """
 
@@ -46,15 +46,15 @@ class PlaneCut:
 
 def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> PlaneCut:
     """Cut the deformed pad by a plane across y; edges count as straight."""
-    stress = element_stress(model, positions)
     layers = model.mesh.layers
-    labels = np.zeros(len(stress), dtype=np.int32) if layers is None else layers
+    labels = np.zeros(len(model.elements), dtype=np.int32) if layers is None else layers
     points: list[FloatArray] = []
     triangles, values, found = [], [], []
     for layer in range(int(labels.max()) + 1):
         own = labels == layer
         plane_m = y_m + _BESIDE_SHARE * model.height_m
-        surface = _cut_layer(positions, model.elements[own, :4], stress[own], plane_m)
+        stress = recovered_stress(model, positions, own)
+        surface = _cut_layer(positions, model.elements[own, :4], stress, plane_m)
         faces = surface.faces.reshape(-1, 4)[:, 1:] + sum(len(each) for each in points)
         points.append(np.asarray(surface.points[:, [0, 2]], dtype=np.float64))
         triangles.append(faces.astype(np.int32))
@@ -69,11 +69,10 @@ def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> PlaneCut:
 
 
 def _cut_layer(positions: FloatArray, tets: IntArray, stress: FloatArray, y_m: float) -> Any:
-    """Return VTK's cut through one layer, the stress averaged over the elements at a node."""
+    """Return VTK's cut through one layer, with the stress at its vertices."""
     pyvista = importlib.import_module("pyvista")
     nodes, corners = np.unique(tets, return_inverse=True)
     cells = {pyvista.CellType.TETRA: corners.reshape(tets.shape)}
     grid = pyvista.UnstructuredGrid(cells, positions[nodes])
-    grid.cell_data["stress"] = stress.reshape(-1, 9)
-    averaged = grid.cell_data_to_point_data()
-    return averaged.slice(normal="y", origin=(0.0, y_m, 0.0), generate_triangles=True)
+    grid.point_data["stress"] = stress[nodes].reshape(-1, 9)
+    return grid.slice(normal="y", origin=(0.0, y_m, 0.0), generate_triangles=True)

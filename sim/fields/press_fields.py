@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,9 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.fields.contact_traction import nodal_contact
 from sim.fields.stress import surface_stress
+from sim.fields.stress_field import cauchy_stress, components
 from sim.fields.surface import SurfaceState, TopSurface
+from sim.fields.vtu import vtu
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
 from sim.solve.load_steps.equilibrium import PathPoint
@@ -25,9 +26,17 @@ _AT_NODES = (
     "contact_normal_force_n",
     "contact_tangential_force_n",
     "contact_pressure_pa",
+    "contact_pressure_error_pa",
     "contact_shear_pa",
+    "cauchy_stress_pa",
 )
-_AT_FACES = ("traction_pa", "normal_traction_pa", "tangential_traction_pa")
+_AT_FACES = (
+    "traction_pa",
+    "normal_traction_pa",
+    "tangential_traction_pa",
+    "face_stress_pa",
+    "face_stress_error_pa",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,34 +54,31 @@ class TrialFields:
     @property
     def surface_vtu(self) -> bytes:
         """The whole deformed surface with stress and contact as a .vtu file, for ParaView."""
-        # Here, since importing it takes a second, and a press alone writes no file.
-        pyvista = importlib.import_module("pyvista")
-        faces = self.arrays["faces"]
-        cell = (
-            pyvista.CellType.QUADRATIC_TRIANGLE
-            if faces.shape[1] == 6
-            else pyvista.CellType.TRIANGLE
+        on_nodes, on_faces = (
+            {n: self.arrays[n] for n in names} for names in (_AT_NODES, _AT_FACES)
         )
-        grid = pyvista.UnstructuredGrid({cell: faces}, self.arrays["node_m"])
-        for name in _AT_NODES:
-            grid.point_data[name] = self.arrays[name]
-        for name in _AT_FACES:
-            grid.cell_data[name] = self.arrays[name]
-        writer = importlib.import_module("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridWriter()
-        writer.SetInputData(grid)
-        writer.SetDataModeToBinary()
-        writer.WriteToOutputStringOn()
-        writer.Write()
-        return str(writer.GetOutputString()).encode("ascii")
+        return vtu(self.arrays["faces"], self.arrays["node_m"], on_nodes, on_faces)
 
 
 def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
-    """Extract stress, contact and surface from an equilibrium."""
+    """Extract stress, contact and surface from an equilibrium.
+
+    By Algorithm 1 of the paper, from sigma n on faces: ``traction_pa`` (t), ``normal_traction_pa``
+    (p_n) and ``tangential_traction_pa`` (t_tau). By its Algorithm 2, from contact at nodes:
+    ``contact_force_n`` (f_k), its normal and tangential parts, and recovered pressure and shear.
+    Tensors are xx, yy, zz, xy, yz, xz. Errors are estimates: of the faces' stress what the
+    continuous stress is apart from it, of the pressure what the continuous stress's is.
+    """
     model = path.model
+    tensors = cauchy_stress(model, point.state.positions)
     stress = surface_stress(model, point.state.positions)
     contact = nodal_contact(model, point)
+    recovered = contact.recovered
+    across = np.einsum("nij,ni,nj->n", tensors.nodes_pa, recovered.normals, recovered.normals)
+    apart = np.where(recovered.pressure_pa > 0.0, np.abs(recovered.pressure_pa + across), 0.0)
     nodes, faces = _renumbered(model.faces, len(model.nodes))
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
+    parents = model.face_parents
     return TrialFields(
         arrays={
             "node_rest_m": whole.vectors(model.nodes[nodes]),
@@ -85,8 +91,12 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
             "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
             "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
             "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
-            "contact_pressure_pa": whole.scalars(contact.recovered.pressure_pa[nodes]),
-            "contact_shear_pa": whole.vectors(contact.recovered.tangential_pa[nodes]),
+            "contact_pressure_pa": whole.scalars(recovered.pressure_pa[nodes]),
+            "contact_pressure_error_pa": whole.scalars(apart[nodes]),
+            "contact_shear_pa": whole.vectors(recovered.tangential_pa[nodes]),
+            "cauchy_stress_pa": components(whole.tensors(tensors.nodes_pa[nodes])),
+            "face_stress_pa": components(whole.face_tensors(tensors.cells_pa[parents])),
+            "face_stress_error_pa": whole.face_scalars(tensors.errors_pa[parents]),
             "traction_pa": whole.face_vectors(stress.traction_pa),
             "normal_traction_pa": whole.face_scalars(stress.normal_pa),
             "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),

@@ -1,4 +1,4 @@
-"""Cauchy stress in the gel and on its surface (paper, Algorithm 1)."""
+"""Cauchy stress on the gel's surface (paper, Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -31,16 +31,6 @@ class SurfaceStress:
     traction_pa: FloatArray
     normal_pa: FloatArray
     tangential_pa: FloatArray
-
-
-def element_stress(model: Model, positions: FloatArray) -> FloatArray:
-    """Return sigma = P F^T / J (paper, Eq. 3) averaged over each element's points [Pa].
-
-    Returns:
-        Shape [element_count, 3, 3].
-    """
-    stress = model.gel.cauchy_stress(positions)
-    return np.asarray(np.einsum("eqij,q->eij", stress, model.reference.weights))
 
 
 def surface_stress(model: Model, positions: FloatArray) -> SurfaceStress:

@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 
 _SAME_POINT = 1e-9
+# The nodes of faces and tetrahedra, linear and quadratic, in the order of their mirror image.
+_FLIPPED = {
+    3: (0, 2, 1),
+    6: (0, 2, 1, 5, 4, 3),
+    4: (0, 2, 1, 3),
+    10: (0, 2, 1, 3, 6, 5, 4, 7, 9, 8),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,8 +106,8 @@ class WholeSurface:
         return np.concatenate([self._inverse[faces + shift] for shift in shifts])
 
     def faces(self, faces: IntArray) -> IntArray:
-        """Return the faces of the whole, all oriented outwards, shape [n, 3 or 6]."""
-        flipped = [0, 2, 1] if faces.shape[1] == 3 else [0, 2, 1, 5, 4, 3]
+        """Return the faces or tetrahedra of the whole, none of them inside out."""
+        flipped = list(_FLIPPED[faces.shape[1]])
         parts = [
             self._inverse[(faces if sign.prod() > 0.0 else faces[:, flipped]) + copy * self._count]
             for copy, sign in enumerate(self._signs)
@@ -110,6 +117,14 @@ class WholeSurface:
     def face_vectors(self, values: FloatArray) -> FloatArray:
         """Return a vector for each face of the whole."""
         return np.concatenate([values * sign for sign in self._signs])
+
+    def tensors(self, values: FloatArray) -> FloatArray:
+        """Return a tensor field of the whole, shape [whole node_count, 3, 3]."""
+        return np.asarray(values[self.sources] * self.signs[:, :, None] * self.signs[:, None])
+
+    def face_tensors(self, values: FloatArray) -> FloatArray:
+        """Return a tensor for each face or tetrahedron of the whole."""
+        return np.concatenate([values * np.outer(sign, sign) for sign in self._signs])
 
     def face_scalars(self, values: FloatArray) -> FloatArray:
         """Return a number for each face of the whole."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -31,12 +32,24 @@ EstimateErrorOption = Annotated[
 ]
 
 
+PressFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FOLDER",
+        help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the indenter, "
+        "a figure; of a sensor its image, height map and markers too.",
+    ),
+]
+
+
 @states_a_scene
 def press(
     terms: SceneTerms,
     device: DeviceOption = "cpu",
     estimate_error: EstimateErrorOption = None,
     json_file: JsonFile = None,
+    out: PressFolder = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
     from sim.device import warp_device
@@ -54,6 +67,14 @@ def press(
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())
+    if out is not None:
+        from tacauchy_rig.loop.press_folder import write_press
+
+        write_json(out / "press.json", result.as_json())
+        for path in write_press(out, scene, result):
+            say(f"wrote      {path}")
+        if not scene.sensor:
+            say("no image, height map or markers: a bare pad has no camera; name a --sensor")
 
 
 @states_a_scene
@@ -156,6 +177,8 @@ def _show(scene: Scene, result: PressResult) -> None:
     say(f"pressure   {result.max_pressure_pa * 1e-3:.1f} kPa at most")
     say(f"balance    {result.force_balance_relative:.1e} of the force")
     say(f"surface    {result.surface_traction_gap_relative:.1%} between sigma n and the force")
+    apart = result.algorithms_apart_relative
+    say(f"fields     {apart:.1%} between tractions from sigma n and from contact")
     say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
     say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
     off = [row["name"] for row in result.effects if not row["on"]]

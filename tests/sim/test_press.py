@@ -188,6 +188,8 @@ def test_json_has_every_number_that_was_promised() -> None:
         "max_pressure_pa",
         "base_reaction_n",
         "force_balance_relative",
+        "surface_traction_gap_relative",
+        "algorithms_apart_relative",
         "min_jacobian",
         "gap_min_m",
         "newton_iterations",

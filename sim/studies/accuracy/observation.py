@@ -11,6 +11,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
+from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.press import contact_measures
@@ -141,7 +142,7 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         row=row,
         force_n=force,
         depth_m=point.depth_m,
-        pressure_max_pa=contact.pressure_max_pa,
+        pressure_max_pa=float(surface_traction(model, point).pressure_pa.max()),
         contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
         maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         path=path,

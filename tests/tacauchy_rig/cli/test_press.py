@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -128,3 +129,21 @@ def test_a_plan_takes_the_way_to_a_force() -> None:
     refused = CliRunner().invoke(app, [*scene, "--drive", "push"])
     assert refused.exit_code == 2
     assert "--drive" in refused.stderr
+
+
+def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
+    """Of a sensor image, heights and markers too; a bare pad has no camera, and says so."""
+    folder = tmp_path / "found"
+    sensor = ["press", "--sensor", "gelsight-mini", *PRESS, "--out", str(folder)]
+    assert CliRunner().invoke(app, sensor).exit_code == 0
+    always = {"press.json", "fields.npz", "surface.vtu", "gel.vtu", "indenter.vtu", "figure.png"}
+    written = {path.name for path in folder.iterdir()}
+    assert written == always | {"figure.pdf", "image.png", "height.npz"}
+    with np.load(folder / "fields.npz") as fields:
+        assert fields["cauchy_stress_pa"].shape == (len(fields["node_m"]), 6)
+        assert fields["marker_displacement_m"].shape == (63, 2)
+        pressed = fields["contact_pressure_pa"] > 0.0
+        assert fields["contact_pressure_error_pa"][pressed].max() > 0.0
+    bare = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--out", str(tmp_path / "bare")])
+    assert "a bare pad has no camera" in bare.stdout
+    assert {path.name for path in (tmp_path / "bare").iterdir()} == always | {"figure.pdf"}
