@@ -27,16 +27,7 @@ class MeshUnit(StrEnum):
     @property
     def metres(self) -> float:
         """Length of the unit [m]."""
-        return _METRES[self]
-
-
-_METRES = {
-    MeshUnit.MICROMETRE: 1e-6,
-    MeshUnit.MILLIMETRE: 1e-3,
-    MeshUnit.CENTIMETRE: 1e-2,
-    MeshUnit.METRE: 1.0,
-    MeshUnit.INCH: 25.4e-3,
-}
+        return {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 25.4e-3}[self.value]
 
 
 def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:

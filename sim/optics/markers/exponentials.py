@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from sim.arrays import FloatArray
 from sim.scene.scene import Scene
+
+# Where a fit starts: gain and decay of dilation, of shear and of twist.
+_START = (50.0, 1e5, 1.0, 1e5, 1.0, 1e5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,19 +72,10 @@ def fit_fots(
         scenes: At least one of each motion that is to be fitted.
         displacements: Along x, y in each scene [m], each of shape [n, 2].
     """
-    start = FotsMarkers(
-        dilate_gain=50.0,
-        dilate_decay=1e5,
-        shear_gain=1.0,
-        shear_decay=1e5,
-        twist_gain=1.0,
-        twist_decay=1e5,
-    )
-    names = [field.name for field in fields(start)]
-    scale = np.array([getattr(start, name) for name in names])
+    names = [field.name for field in fields(FotsMarkers)]
 
     def model(factors: FloatArray) -> FotsMarkers:
-        return replace(start, **dict(zip(names, (factors * scale).tolist(), strict=True)))
+        return FotsMarkers(**dict(zip(names, (factors * _START).tolist(), strict=True)))
 
     def misfit(factors: FloatArray) -> FloatArray:
         trial = model(factors)

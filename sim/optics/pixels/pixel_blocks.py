@@ -42,11 +42,6 @@ class PixelBlocks:
         return -(-self.geometry.width // self.lanes)
 
     @property
-    def image_blocks(self) -> int:
-        """Blocks that an image fills."""
-        return self.geometry.height * self.row_blocks
-
-    @property
     def plane_blocks(self) -> int:
         """Blocks of one sample of all pixels, with the room around them."""
         return (self.geometry.height + 2) * (self.row_blocks + 2)

@@ -181,7 +181,8 @@ class _Images:
         fine, empty = geometry.refined(layout.samples), self._device.empty
         self.dent: Any = empty((count, fine.height, fine.width), wp.float32)
         self.bytes: Any = empty((count, geometry.height, geometry.width, 3), wp.uint8)
-        self.change = BlockMemory(3, count * layout.image_blocks, layout.lanes, layout.device)
+        blocks = count * geometry.height * layout.row_blocks
+        self.change = BlockMemory(3, blocks, layout.lanes, layout.device)
         self.to_change = self._coloured(rest, colours)
         self._highest: BlockMemory | None = None
         if shadows is not None:
