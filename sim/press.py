@@ -10,10 +10,12 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.effect_plan import EffectPlan
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for, solve
-from sim.error.measured_errors import setting_of
-from sim.error.tolerance import alternatives, expected_error
+from sim.error.estimate import NOT_ASKED, ErrorEstimate, estimated
+from sim.error.settings import setting_of
+from sim.error.tolerance import alternatives
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.scene.scene import Scene
@@ -48,6 +50,7 @@ class PressResult:
         wall_s: Seconds spent, by part.
         estimated_force_error_relative: Expected relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
+        estimated_errors: The same of every output, by name; of shear over the pressure.
         effects: What was simulated and what was left out, with reasons.
         preset: What it was pressed with: a preset, or a mesh between two.
         alternatives: The next cheaper settings and the next better ones.
@@ -74,6 +77,7 @@ class PressResult:
     mesh_hash: str
     estimated_force_error_relative: float | None
     estimated_force_error_basis: str
+    estimated_errors: dict[str, float]
     effects: list[dict[str, Any]]
     preset: str
     alternatives: tuple[Alternative, ...]
@@ -88,13 +92,16 @@ class PressResult:
         return {**plain, "alternatives": [asdict(each) for each in self.alternatives]}
 
 
-def press(scene: Scene, *, model: Model | None = None, device: str = "cpu") -> PressResult:
+def press(
+    scene: Scene, *, model: Model | None = None, device: str = "cpu", estimate_error: bool = False
+) -> PressResult:
     """Press as a scene asks.
 
     Args:
         scene: What to press into what, and how far.
         model: Reuse this model instead of meshing and assembling anew.
         device: Warp device of a new model, ``cpu`` or ``cuda:0``.
+        estimate_error: Press on longer edges too, and say what the outputs are worth.
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
@@ -106,7 +113,12 @@ def press(scene: Scene, *, model: Model | None = None, device: str = "cpu") -> P
     setup = time.perf_counter() - started
     point = solve(scene, plan, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
-    return measure(scene, path, point, plan=plan, wall_s=wall)
+    if not estimate_error:
+        return measure(scene, path, point, plan=plan, wall_s=wall)
+    started = time.perf_counter()
+    worth = estimated(scene, plan, outputs_of(path, point))
+    wall["estimate"] = time.perf_counter() - started
+    return measure(scene, path, point, plan=plan, wall_s=wall, worth=worth)
 
 
 def measure(
@@ -116,6 +128,7 @@ def measure(
     *,
     plan: EffectPlan,
     wall_s: dict[str, float],
+    worth: ErrorEstimate = NOT_ASKED,
 ) -> PressResult:
     """Evaluate an equilibrium."""
     model = path.model
@@ -125,7 +138,6 @@ def measure(
     )
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
-    error, basis = expected_error(scene, plan, depth_m=point.depth_m)
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),
@@ -146,11 +158,12 @@ def measure(
         tet_count=len(model.elements),
         mesh=model.mesh.name,
         mesh_hash=model.mesh.content_hash,
-        estimated_force_error_relative=error,
-        estimated_force_error_basis=basis,
+        estimated_force_error_relative=worth.force,
+        estimated_force_error_basis=worth.basis,
+        estimated_errors={output.value: error for output, error in worth.relative.items()},
         effects=plan.as_json(),
         preset=str(setting_of(scene)),
-        alternatives=alternatives(scene, depth_m=point.depth_m, wall_s=sum(wall_s.values())),
+        alternatives=alternatives(scene, worth.force, wall_s=sum(wall_s.values())),
         model=model,
         point=point,
     )

@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from sim.effects.coarse import CoarsePath
 from sim.effects.effect_plan import EffectPlan
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.measured_errors import setting_of
+from sim.error.estimate import ErrorEstimate, estimate_from, failed, rung
+from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
@@ -16,8 +19,10 @@ from sim.press import measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import Drive, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
+from tacauchy_rig.errors import RigError
 from tacauchy_rig.replayed import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.versions import installed
 
@@ -85,9 +90,10 @@ def replay_forces(
     started = time.perf_counter()
     plan = plan_effects(scene)
     path = path_for(scene, plan)
+    worth = _Worth(scene, plan)
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
-        trials[position] = _trial(scene, plan, path, position, forces_n[position])
+        trials[position] = _trial(scene, plan, path, worth, position, forces_n[position])
         done = trials[position][0]
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
@@ -101,8 +107,36 @@ def replay_forces(
     return replay, [fields for _, fields in ordered]
 
 
+class _Worth:
+    """What the points of a path are worth, from the same path on longer edges beside it."""
+
+    def __init__(self, scene: Scene, plan: EffectPlan) -> None:
+        self._scene, self._plan = scene, plan
+        self._failure: RigError | None = None
+        try:
+            self._beside = CoarsePath(*rung(scene, plan))
+        except RigError as error:
+            self._failure = error
+
+    def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
+        """Push the other path with a point's force; forces do not fall from call to call."""
+        try:
+            if self._failure is not None:
+                raise self._failure
+            coarse = self._beside.push(float(point.force_n[2]))
+        except RigError as error:
+            self._failure = error
+            return failed(error)
+        return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
+
+
 def _trial(
-    scene: Scene, plan: EffectPlan, path: LoadingPath, position: int, force_n: float
+    scene: Scene,
+    plan: EffectPlan,
+    path: LoadingPath,
+    worth: _Worth,
+    position: int,
+    force_n: float,
 ) -> tuple[ReplayTrial, TrialFields]:
     started = time.perf_counter()
     if scene.drive is Drive.LOAD:
@@ -112,7 +146,10 @@ def _trial(
     solved = time.perf_counter()
     fields = trial_fields(path, match.point)
     wall = {"solve_s": solved - started, "fields_s": time.perf_counter() - solved}
-    result = measure(scene, path, match.point, plan=plan, wall_s=wall)
+    estimated = time.perf_counter()
+    error = worth.of(path, match.point)
+    wall["estimate_s"] = time.perf_counter() - estimated
+    result = measure(scene, path, match.point, plan=plan, wall_s=wall, worth=error)
     trial = ReplayTrial(
         index=position + 1,
         force_measured_n=force_n,
@@ -143,7 +180,7 @@ def _replay_model(
     model = path.model
     errors = [trial.force_error_estimate for trial in trials]
     known = [error for error in errors if error is not None]
-    deepest = max((trial.depth_simulated_m for trial in trials), default=0.0)
+    largest = max(known) if known and len(known) == len(errors) else None
     return ReplayModel(
         sensor=scene.sensor,
         indenter=describe(scene.indenter),
@@ -174,8 +211,8 @@ def _replay_model(
         device=model.device,
         setup_s=path.setup_s,
         tolerance=None if tolerance is None else str(tolerance),
-        force_error_largest_relative=max(known) if len(known) == len(errors) else None,
+        force_error_largest_relative=largest,
         wall_s=wall_s,
-        alternatives=alternatives(scene, depth_m=deepest, wall_s=wall_s),
+        alternatives=alternatives(scene, largest, wall_s=wall_s),
         effects=tuple(plan.as_json()),
     )

@@ -53,6 +53,32 @@ def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
     return _pressed(bare, ratio)
 
 
+class CoarsePath:
+    """A scene's path on longer edges, pushed from force to force.
+
+    Args:
+        ratio: How many times shorter than the scene's its edges are.
+
+    Raises:
+        RigError: It cannot be meshed.
+    """
+
+    def __init__(self, scene: Scene, plan: EffectPlan, ratio: float) -> None:
+        self._ratio = ratio
+        self._path = path_for(replace(scene, refinement=ratio * scene.refinement), plan)
+
+    def push(self, force_n: float) -> CoarsePress:
+        """Push on to a force [N].
+
+        Raises:
+            ConvergenceError: It cannot be reached.
+        """
+        started = time.process_time()
+        outputs = outputs_of(self._path, self._path.push(force_n))
+        spent = time.process_time() - started
+        return CoarsePress(ratio=self._ratio, outputs=outputs, processor_s=spent)
+
+
 @lru_cache(maxsize=_KEPT)
 def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     started = time.process_time()

@@ -8,7 +8,7 @@ is only tried costs no stress recovery. Differences are held against the second 
 | force | F_z | of the force as a vector |
 | depth | depth | of the depth |
 | pressure | p95 over the touched area | the larger of p95's and the resultant's |
-| shear | L2 norm of the tangential traction | its L2 norm, over the pressure's |
+| shear | L2 norm of the tangential traction, over the pressure's | its L2 norm, likewise |
 | image | L2 norm of the surface's slopes | its L2 norm, which an image is a function of |
 | markers | L2 norm of the surface's motion along x and y | its L2 norm |
 """
@@ -31,19 +31,21 @@ _TOP_COSINE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressOutputs:
-    """The outputs of one press on one mesh, of the part that is modelled.
+    """The outputs of one press on one mesh.
 
     Attributes:
         force_n: On the indenter [N], shape [3].
-        areas_m2: Areas at rest of the surface's faces, shape [n].
+        areas_m2: Areas at rest of the surface's faces, each with its mirror images, shape [n].
         pressure_pa: On each, the mean over its points, shape [n].
         shear_pa: Tangential traction on each, likewise, shape [n, 3].
-        top_m2: Areas at rest of the top's faces, shape [m].
+        top_m2: The same of the top's faces, shape [m].
         slopes: Unit normals of those, less those before the touch, shape [m, 3].
         motion_m: Their motion along x and y since then, shape [m, 2].
+        stiffness_n_m: dF_z / d(depth) [N/m].
     """
 
     force_n: FloatArray
+    stiffness_n_m: float
     depth_m: float
     areas_m2: FloatArray
     pressure_pa: FloatArray
@@ -54,12 +56,15 @@ class PressOutputs:
 
     @property
     def sizes(self) -> dict[Output, float]:
-        """One number of each output, which a finer mesh changes: N, m, Pa, and L2 norms."""
+        """One number of each output, which a finer mesh changes: N, m, Pa, shares and L2 norms."""
         return {
             Output.FORCE: float(self.force_n[2]),
             Output.DEPTH: self.depth_m,
             Output.PRESSURE: self._pressure_p95(),
-            Output.SHEAR: _norm(self.shear_pa, self.areas_m2),
+            Output.SHEAR: _share(
+                _norm(self.shear_pa, self.areas_m2),
+                _norm(self.pressure_pa[:, None], self.areas_m2),
+            ),
             Output.IMAGE: _norm(self.slopes, self.top_m2),
             Output.MARKERS: _norm(self.motion_m, self.top_m2),
         }
@@ -86,6 +91,16 @@ class PressOutputs:
             ),
         }
 
+    def changes(self, other: PressOutputs) -> dict[Output, float]:
+        """Return how far each size is from that of another press, which may have another mesh."""
+        sizes, others = self.sizes, other.sizes
+        return {
+            output: abs(sizes[output] - others[output])
+            if output is Output.SHEAR
+            else _relative(sizes[output], others[output])
+            for output in Output
+        }
+
     def _pressure_p95(self) -> float:
         touched = self.pressure_pa > 0.0
         if not touched.any():
@@ -98,6 +113,7 @@ class PressOutputs:
 def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     """Return what an equilibrium answers; images and markers are held against the untouched gel."""
     model, before, now = path.model, path.unloaded, point.state.positions
+    copies = model.mesh.symmetry.copies
     vectors = model.surface.area_vectors(now).sum(axis=1)
     areas = np.linalg.norm(vectors, axis=1, keepdims=True)
     normals = vectors / areas
@@ -110,11 +126,12 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     units = (each[top] / np.linalg.norm(each[top], axis=1, keepdims=True) for each in (bent, rest))
     return PressOutputs(
         force_n=point.force_n,
+        stiffness_n_m=point.stiffness_n_m,
         depth_m=point.depth_m,
-        areas_m2=0.5 * sizes,
+        areas_m2=copies * 0.5 * sizes,
         pressure_pa=-along[:, 0],
         shear_pa=traction - along * normals,
-        top_m2=0.5 * sizes[top],
+        top_m2=copies * 0.5 * sizes[top],
         slopes=np.subtract(*units),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],
     )

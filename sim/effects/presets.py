@@ -15,8 +15,8 @@ from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirror
 from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading, Triangulation
-from sim.mesh.revolved import revolved_mesh, revolved_section
+from sim.mesh.graded_plane import Grading
+from sim.mesh.revolved import revolved_mesh
 from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
@@ -26,7 +26,6 @@ from sim.scene.material import LawName, interface_shares, law_name, sector_facto
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
@@ -217,30 +216,6 @@ def mesh_for(
         symmetry=symmetry,
         circumscribed=scene.has_sharp_rim,
     )
-
-
-def section_for(scene: Scene) -> Triangulation:
-    """Return the half section of a scene's revolved mesh, of a gel of one material.
-
-    Raises:
-        ConfigError: The pad comes from a file.
-    """
-    pad = scene.pad
-    if isinstance(pad, SurfacePad):
-        raise ConfigError("a pad from a file has no section", remedy="give a box or a disc")
-    resolution = _scene_resolution(scene, None)
-    return revolved_section(
-        pad,
-        _grading(scene, resolution),
-        centre_m=scene.centre_m,
-        sector_count=resolution.sector_count,
-        symmetry=mirrors(scene),
-    )
-
-
-def sectors_of(scene: Scene) -> int:
-    """Return the sectors of a full turn of a scene's revolved mesh."""
-    return _scene_resolution(scene, None).sector_count
 
 
 def finest_edge_m(scene: Scene) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.mesh.graded_plane import Grading, Triangulation, triangulate_half_section
+from sim.mesh.graded_plane import Grading, triangulate_half_section
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
@@ -78,19 +78,6 @@ def revolved_mesh(
     vertices[symmetry.on_plane(vertices, mean_reach)] = 0.0
     mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry)
     return oriented(replace(mesh, layers=layers, axis_m=centre_m))
-
-
-def revolved_section(
-    pad: ParametricPad,
-    grading: Grading,
-    *,
-    centre_m: tuple[float, float],
-    sector_count: int,
-    symmetry: MirrorSymmetry,
-) -> Triangulation:
-    """Return the half section that a mesh of one layer is revolved from, as wide as on average."""
-    _, _, mean_reach = _sectors(pad, np.array(centre_m), sector_count, symmetry)
-    return triangulate_half_section(mean_reach, pad.height_m, grading)
 
 
 def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:

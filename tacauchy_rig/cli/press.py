@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 
 
 EstimateErrorOption = Annotated[
-    bool | None,
+    bool,
     typer.Option(
         "--estimate-error/--no-estimate-error",
-        help="Press again on two coarser meshes to estimate the error of F_z; if neither is "
-        "given, where the table of measured errors has no number.",
+        help="Press again on longer edges to say what the outputs are worth.",
     ),
 ]
 
@@ -47,23 +46,19 @@ PressFolder = Annotated[
 def press(
     terms: SceneTerms,
     device: DeviceOption = "cpu",
-    estimate_error: EstimateErrorOption = None,
+    estimate_error: EstimateErrorOption = True,
     json_file: JsonFile = None,
     out: PressFolder = None,
 ) -> None:
     """Press once in the simulator and say what it took."""
     from sim.device import warp_device
-    from sim.force_error_estimate import with_estimate
     from sim.press import press as simulate_press
     from sim.press_command import scene_of
 
     scene = scene_of(terms)
     if terms.law == LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
-    result = simulate_press(scene, device=warp_device(device))
-    unknown = result.estimated_force_error_relative is None
-    if unknown if estimate_error is None else estimate_error:
-        result = with_estimate(scene, result)
+    result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())
@@ -80,12 +75,10 @@ def press(
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
     """Say what a press would be simulated with, and why; effects are tried on coarse meshes."""
-    from sim.effects.estimates import expected_depth
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
-    from sim.error.measured_errors import FAST, setting_of
-    from sim.error.prior_error import is_measured, time_ratio
-    from sim.error.tolerance import alternatives, expected_error
+    from sim.error.settings import WORTH, setting_of
+    from sim.error.tolerance import alternatives
     from sim.press_command import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
@@ -110,14 +103,13 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
         left_out = planned.left_out(asked)
         say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
     say(f"trying took {planned.tried_s:.2f} s of the processor")
-    depth = expected_depth(scene)
-    believed, basis = expected_error(scene, planned, depth_m=depth)
-    others = alternatives(scene, depth_m=depth, wall_s=None)
-    setting = setting_of(scene)
-    ratio = time_ratio(setting, FAST) if is_measured(setting) else None
+    others = alternatives(scene, None, wall_s=None)
+    worth = WORTH.get(setting_of(scene))
+    ratio = None if worth is None else worth.time_ratio
     cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
-    for line in cost_lines(believed, basis, cost, others):
-        say(line)
+    say(f"cost       {cost}; `press` says what its force is worth")
+    for other in others:
+        say(f"{other.role:10} {other}")
     write_json(
         json_file,
         {
@@ -127,8 +119,6 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "tolerances": {each.value: share for each, share in planned.tolerances.items()},
             "left_out": {each.value: planned.left_out(each) for each in planned.tolerances},
             "tried_s": planned.tried_s,
-            "force_error_relative": believed,
-            "force_error_basis": basis,
             "time_over_fast": ratio,
             "alternatives": [asdict(other) for other in others],
         },
@@ -187,6 +177,11 @@ def _show(scene: Scene, result: PressResult) -> None:
     error, basis = result.estimated_force_error_relative, result.estimated_force_error_basis
     for line in cost_lines(error, basis, cost, result.alternatives):
         say(line)
+    others = ", ".join(
+        f"{name} {share:.1%}" for name, share in result.estimated_errors.items() if name != "force"
+    )
+    if others:
+        say(f"errors     {others}; shear's is of the pressure")
 
 
 def _show_interfaces(result: PressResult) -> None:

@@ -11,9 +11,10 @@ import math
 
 import numpy as np
 
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.tolerance import expected_error
+from sim.error.estimate import estimated
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset
@@ -65,7 +66,7 @@ def expected_press(config: RigConfig) -> ExpectedPress:
     path = path_for(scene, plan)
     shares = [*_FIRST_SHARES, *np.linspace(0.0, 1.0, _POINTS)[1:].tolist()]
     points = [path.push(share * most_n) for share in shares]
-    found = expected_error(scene, plan, depth_m=points[-1].depth_m)[0]
+    found = estimated(scene, plan, outputs_of(path, points[-1])).force
     error = UNKNOWN_ERROR if found is None else found
     spread = 1.0 + UNCERTAINTIES * _stiffness_uncertainty(sensor)
     overrun_m = config.robot.press_speed * LAG_S

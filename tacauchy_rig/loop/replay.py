@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
-from sim.error.measured_errors import setting_of
+from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces, replay_scene

@@ -6,7 +6,7 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TypeVar
 
-from sim.error.measured_errors import setting_of
+from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance, parse_tolerance
 from sim.optics.colour.nominal import nominal_model
 from sim.replay import replay_scene

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import pyvista
 
-from sim.error.prior_error import force_error
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import replay_forces, replay_scene
-from sim.scene.indenter import Cylinder, Plane
-from sim.scene.material import Material
-from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.scene.indenter import Cylinder
+from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.replayed import Replay
 
@@ -132,31 +129,3 @@ def test_vtu_opens_in_vtk(
     assert len(grid.cell_data) == 5
     for data in (grid.point_data, grid.cell_data):
         assert all(np.array_equal(data[name], fields[0].arrays[name]) for name in data)
-
-
-def test_force_error_is_stated_only_where_it_was_measured() -> None:
-    """A cylinder on a preset has a number with its basis; what was not measured has none."""
-    sensor = load_sensor("gelsight-mini")
-    scene = Scene(
-        pad=sensor.pad,
-        material=sensor.material,
-        indenter=PUNCH,
-        target=Target(depth_m=0.5e-3),
-        preset=Preset.BALANCED,
-    )
-    error, basis = force_error(scene)
-    assert error is not None
-    assert 0.005 < error < 0.08
-    assert basis.startswith("cylinder with a rounded rim")
-    paper, _ = force_error(replace(scene, preset=Preset.PAPER))
-    assert paper is not None
-    assert paper > 0.5
-    for other in (
-        replace(scene, indenter=Plane()),
-        replace(scene, material=Material(young_pa=1e5, poisson=0.495)),
-        replace(scene, target=Target(depth_m=2e-3)),
-        replace(scene, contact=ContactMode.BONDED),
-    ):
-        unknown, reason = force_error(other)
-        assert unknown is None
-        assert reason

@@ -12,11 +12,16 @@ from pathlib import Path
 from sim.effects.plan import plan_effects
 from sim.effects.presets import mesh_for
 from sim.effects.scene_path import path_for
-from sim.force_error_estimate import error_order
 from sim.scene.scene import Effect, Preset, Scene
 
 COARSENING = 1.5
+ORDER_SHARP, ORDER_SMOOTH = 1.0, 2.0
 _DOUBT_SHARE = 0.5
+
+
+def error_order(scene: Scene) -> float:
+    """Return the order at which F_z is taken to converge; stress is singular at a sharp rim."""
+    return ORDER_SHARP if scene.has_sharp_rim else ORDER_SMOOTH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

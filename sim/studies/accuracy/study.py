@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.force_error_estimate import error_order
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.scene import Preset, Scene
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.studies.accuracy.configurations import Configuration, coarser
-from sim.studies.accuracy.force_limit import COARSENING, extrapolated
+from sim.studies.accuracy.force_limit import COARSENING, error_order, extrapolated
 from sim.studies.accuracy.observation import Observation, Row, height_error, observe
 from tacauchy_rig.errors import RigError
 

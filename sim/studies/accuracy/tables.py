@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
-from sim.error.measured_errors import FAST, Setting, indenter_kind
-from sim.error.prior_error import QUANTILE, force_error, time_ratio
-from sim.error.tolerance import settings_by_cost
-from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.scene import Preset, Target
-from sim.sensor.sensor import load_sensor
+from sim.scene.scene import Preset
 from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import EDGE_SHIFT, QUANTITIES, Study
 from sim.studies.accuracy.tolerance_check import COST_WANTED, ToleranceOutcome
 from tacauchy_rig.page import table_prose
 from tacauchy_rig.tables import Cell, Table, table_of
 
-_EXAMPLES: dict[str, Indenter] = {
-    "punch": Cylinder(diameter_m=5e-3, fillet_m=0.2e-3),
-    "ball": Sphere(diameter_m=10e-3),
-}
-_EXAMPLE_POISSON = (0.40, 0.45, 0.48)
 ROWS_WANTED, FRONT_WANTED = 12, 4
 KEPT_WANTED = 0.9
 # Two runs are compared, and either may be off by its bar.
@@ -113,38 +102,6 @@ def seed_table(first: Errors, second: Errors, bars: Errors, *, seed: int, comman
         },
         passed=missed == 0,
         **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
-        command=command,
-    )
-
-
-def presets_table(*, command: str) -> Table:
-    """Return what is believed of every setting, as the choice by a tolerance sees it."""
-    gel = load_sensor("gelsight-mini")
-
-    def time(setting: Setting, indenter: Indenter) -> float:
-        return time_ratio(setting, FAST, kind=indenter_kind(indenter))
-
-    def error(setting: Setting, indenter: Indenter, poisson: float) -> float | None:
-        material = replace(gel.material, poisson=poisson)
-        scene = gel.scene(indenter, Target(depth_m=0.5e-3), material=material)
-        believed = force_error(setting.applied(scene))[0]
-        return None if believed is None else 1e2 * believed
-
-    return table_of(
-        settings_by_cost(),
-        {
-            "settings": str,
-            **{
-                f"time over fast's, {name}": partial(time, indenter=each)
-                for name, each in _EXAMPLES.items()
-            },
-            **{
-                f"{name}, nu {poisson:g} [%]": partial(error, indenter=each, poisson=poisson)
-                for name, each in _EXAMPLES.items()
-                for poisson in _EXAMPLE_POISSON
-            },
-        },
-        **_prose("presets", share=f"{QUANTILE:.0%}"),
         command=command,
     )
 

@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for, solve
-from sim.error.measured_errors import FAST, Setting, indenter_kind, setting_of
-from sim.error.tolerance import expected_error, keeping, settings_by_cost
-from sim.scene.scene import Preset, Scene
+from sim.error.estimate import estimated
+from sim.error.settings import FAST, WORTH, Setting, setting_of
+from sim.error.tolerance import keeping
+from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.force_limit import PressStore, pressed_path
 from sim.studies.accuracy.scenes import HELD_OUT, HeldOut
 from tacauchy_rig.errors import ConfigError
@@ -99,25 +101,32 @@ def check_tolerance(asked: HeldOut, store: PressStore) -> ToleranceOutcome:
 
     setting, error, spent = trial(setting_of(scene))
     # Preset paper is left out: its error is 70 % or more.
-    others = settings_by_cost(indenter_kind(scene.indenter))
-    trials = (trial(other) for other in others if other.preset is not Preset.PAPER)
+    trials = (trial(other) for other in WORTH if other.preset is not Preset.PAPER)
     cheapest, _, least = next(
         (found for found in trials if abs(found[1]) <= allowed), (None, 0.0, 0.0)
     )
-    believed, _ = expected_error(scene, plan_effects(scene), depth_m=depth)
+    believed = _believed(scene, depth)
     return ToleranceOutcome(
         asked=asked,
         allowed=allowed,
         setting=setting,
         force_n=limit.force_n,
         depth_m=depth,
-        believed=believed or 0.0,
+        believed=believed,
         true_error=error,
         doubt=limit.doubt,
         cheapest=cheapest,
         cost_ratio=None if cheapest is None else (choosing + spent) / least,
         choice_ratio=None if cheapest is None else choosing / least,
     )
+
+
+def _believed(scene: Scene, depth_m: float) -> float:
+    """Return the relative error that a press to a depth is said to have."""
+    held = replace(scene, target=Target(depth_m=depth_m))
+    plan = plan_effects(held)
+    found = coarse_press(held, plan, 1.0).outputs
+    return estimated(held, plan, found).force or 0.0
 
 
 def judged_depth(scene: Scene) -> float:

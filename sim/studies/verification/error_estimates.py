@@ -8,13 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 
+from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
-from sim.force_error_estimate import (
-    COARSENINGS,
-    CoarserForce,
-    estimate_from,
-    force_on,
-)
+from sim.error.estimate import estimated
 from sim.press_command import scene_from
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene
@@ -30,7 +26,7 @@ BELIEVED = "estimated_force_error_relative"
 
 
 def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> dict[str, Cell]:
-    """Press a scene to its depth on its own mesh, on two coarser ones and on a finer one.
+    """Press a scene to its depth on its own mesh, on a coarser one and on a finer one.
 
     Args:
         finer: How many times shorter the finer mesh's edges are.
@@ -39,24 +35,20 @@ def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> dict[str
         RigError: A mesh cannot be made or solved.
     """
     plan = plan_effects(scene)
-    coarser = tuple(
-        CoarserForce(ratio=ratio, force_n=force_on(scene, plan, refinement=1.0 / ratio))
-        for ratio in COARSENINGS
-    )
-    own, fine = (force_on(scene, plan, refinement=factor) for factor in (1.0, finer))
-    return estimate_row(name, scene, own, fine, coarser)
+    own, fine = (coarse_press(scene, plan, factor).outputs for factor in (1.0, finer))
+    believed = estimated(scene, plan, own).force
+    return estimate_row(name, scene, float(own.force_n[2]), float(fine.force_n[2]), believed)
 
 
 def estimate_row(
-    name: str, scene: Scene, force_n: float, finer_n: float, coarser: tuple[CoarserForce, ...]
+    name: str, scene: Scene, force_n: float, finer_n: float, believed: float | None
 ) -> dict[str, Cell]:
     """Return the true error of F_z beside what is believed without the finer mesh.
 
     Both meshes leave out the same effects.
     """
     error = abs(force_n / finer_n - 1.0)
-    believed = estimate_from(scene, force_n, coarser).relative
-    logger.info("%s: true error %.3g, believed %.3g", name, error, believed)
+    logger.info("%s: true error %.3g, believed %s", name, error, believed)
     return {
         "scene": name,
         "preset": scene.preset.value,

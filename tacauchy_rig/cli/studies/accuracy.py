@@ -54,12 +54,6 @@ def accuracy(
     promise: Annotated[
         bool, typer.Option("--promise", help="Judge --tolerance on twenty scenes instead.")
     ] = False,
-    presets: Annotated[
-        Path | None,
-        typer.Option(
-            "--presets", metavar="FILE", help="Measure the table that --tolerance uses instead."
-        ),
-    ] = None,
     page: Annotated[
         Path | None,
         typer.Option("--page", metavar="FILE", help="Write a page of all that is in the folder."),
@@ -68,9 +62,7 @@ def accuracy(
 ) -> None:
     """Press with many settings and show each one's error against its time."""
     writable_folder(out)
-    if presets is not None:
-        facts = _measure_presets(presets, out)
-    elif promise:
+    if promise:
         facts = _check_tolerances(out)
     else:
         terms = SceneTerms(indenter=indenter, sensor=sensor, force=force)
@@ -152,14 +144,6 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
     return structural_similarity_index(exact, found), zero_mean_correlation(*changes)
 
 
-def _measure_presets(file: Path, out: Path) -> dict[str, Any]:
-    from sim.studies.accuracy.force_error_table import measure_force_errors
-
-    rows = measure_force_errors(file, _store(out), on_progress=_told)
-    say(str(file))
-    return {"rows": rows, "versions": versions()}
-
-
 def _check_tolerances(out: Path) -> dict[str, Any]:
     from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE
     from sim.studies.accuracy.tables import tolerance_table
@@ -197,7 +181,6 @@ def write_page(page: Path, folder: Path) -> list[Path]:
     Raises:
         RecordError: The folder has no study of seed 0, or the page cannot be written.
     """
-    from sim.studies.accuracy.tables import presets_table
     from tacauchy_rig.page import criteria_page
 
     first = _read(folder / f"{study_name(0)}.json")
@@ -205,7 +188,6 @@ def write_page(page: Path, folder: Path) -> list[Path]:
     tables = [
         _table(first),
         *(_seed_table(first, other, folder) for other in others),
-        presets_table(command="tacauchy-rig accuracy --presets sim/force_errors.json"),
         *(
             _table(_read(folder / name))
             for name in (PROMISES, _JUDGED_BEFORE)

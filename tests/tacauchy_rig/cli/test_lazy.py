@@ -69,7 +69,7 @@ def test_a_press_imports_no_figures_and_no_images() -> None:
     """Until a press begins, what draws, meshes triangles or handles images is not waited for."""
     script = f"""
 import sys
-import sim.force_error_estimate, sim.press, sim.press_command
+import sim.press, sim.press_command
 loaded = [name for name in {UNUSED!r} if name in sys.modules]
 assert not loaded, f"a press imports {{loaded}}"
 """

@@ -25,7 +25,7 @@ from sim.studies.accuracy.study import (
     front_of,
     study,
 )
-from sim.studies.accuracy.tables import presets_table, seed_table
+from sim.studies.accuracy.tables import seed_table
 
 _GEOMETRY = CameraGeometry(
     width=40,
@@ -180,18 +180,3 @@ def test_a_study_measures_chance_on_shifted_meshes() -> None:
     chance = found.rows[1].chances["force"]
     assert chance >= 0.25 * abs(found.rows[1].errors["force"])
     assert set(found.rows[0].chances) == set(QUANTITIES)
-
-
-def test_the_presets_table_is_in_the_order_of_cost() -> None:
-    """Every setting has two times and an error for every kind and Poisson's ratio."""
-    table = presets_table(command="c")
-    fast = next(row for row in table.rows if row[0] == Preset.FAST)
-    assert fast[1:3] == (1.0, 1.0)
-    assert {row[0] for row in table.rows} >= {preset.value for preset in Preset}
-    usual = [row for row in table.rows if row[0] in (Preset.FAST, Preset.BALANCED, Preset.ACCURATE)]
-    for column in (1, 2):
-        times = [float(row[column] or 0.0) for row in usual]
-        assert times == sorted(times)
-    for column in range(3, len(table.columns)):
-        errors = [float(row[column] or 0.0) for row in usual]
-        assert errors == sorted(errors, reverse=True)

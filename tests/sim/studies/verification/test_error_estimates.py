@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from sim.effects.plan import plan_effects
-from sim.force_error_estimate import CoarserForce, force_on
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.verification.error_estimates import (
+    BELIEVED,
     HELD_OUT,
     estimate_row,
     judged,
@@ -35,18 +34,15 @@ def test_ten_scenes_are_held_out() -> None:
 
 
 def test_small_scene_has_an_estimate_and_a_true_error() -> None:
-    """Four meshes of one ball: forces come down as edges shorten, and the estimate holds."""
+    """Three meshes of one ball: the estimate holds, and says something."""
     found = refined_press("ball", SCENE, finer=1.5)
-    coarse_n = force_on(SCENE, plan_effects(SCENE), refinement=0.5)
-    force_n, finer_n = (float(found[name] or 0.0) for name in list(found)[2:4])
-    assert coarse_n > force_n > 0.99 * finer_n
+    assert 0.0 < float(found["true error"] or 0.0) < float(found[BELIEVED] or 0.0) < 0.3
     assert found["inside"] == "yes"
 
 
 def press_with(*, finer_n: float) -> dict[str, Cell]:
     """Return a press that was never made."""
-    coarser = (CoarserForce(ratio=1.5, force_n=1.01), CoarserForce(ratio=2.0, force_n=1.03))
-    return estimate_row("made up", SCENE, 1.0, finer_n, coarser)
+    return estimate_row("made up", SCENE, 1.0, finer_n, 0.02)
 
 
 @pytest.mark.parametrize(("outside", "passed"), [(0, True), (1, True), (2, False)])

@@ -54,14 +54,13 @@ def _fill(folder: Path) -> None:
 
 
 def test_the_page_has_all_that_the_folder_has(tmp_path: Path) -> None:
-    """The study, the seeds' comparison, the presets' table, the promises; the figure beside it."""
+    """The study, the seeds' comparison, the promises; the figure beside it."""
     _fill(tmp_path / "found")
     page, image = write_page(tmp_path / "docs" / "accuracy.md", tmp_path / "found")
     text = page.read_text("utf-8")
     for title in (
         "Error against time",
         "The same on other meshes",
-        "What the presets are worth",
         "What a tolerance promises",
     ):
         assert f"## {title}" in text
