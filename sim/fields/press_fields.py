@@ -28,6 +28,7 @@ _AT_NODES = (
     "contact_pressure_pa",
     "contact_pressure_error_pa",
     "contact_shear_pa",
+    "contact_shear_error_pa",
     "cauchy_stress_pa",
 )
 _AT_FACES = (
@@ -67,15 +68,17 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     (p_n) and ``tangential_traction_pa`` (t_tau). By its Algorithm 2, from contact at nodes:
     ``contact_force_n`` (f_k), its normal and tangential parts, and recovered pressure and shear.
     Tensors are xx, yy, zz, xy, yz, xz. Errors are estimates: of the faces' stress what the
-    continuous stress is apart from it, of the pressure what the continuous stress's is.
+    continuous stress is apart from it, of pressure and shear what the continuous stress's are.
     """
     model = path.model
     tensors = cauchy_stress(model, point.state.positions)
     stress = surface_stress(model, point.state.positions)
     contact = nodal_contact(model, point)
     recovered = contact.recovered
-    across = np.einsum("nij,ni,nj->n", tensors.nodes_pa, recovered.normals, recovered.normals)
-    apart = np.where(recovered.pressure_pa > 0.0, np.abs(recovered.pressure_pa + across), 0.0)
+    apart = np.einsum("nij,nj->ni", tensors.nodes_pa, recovered.normals) - recovered.traction_pa
+    apart[recovered.pressure_pa == 0.0] = 0.0
+    across = np.einsum("ni,ni->n", apart, recovered.normals)
+    along = np.linalg.norm(apart - across[:, None] * recovered.normals, axis=1)
     nodes, faces = _renumbered(model.faces, len(model.nodes))
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     parents = model.face_parents
@@ -92,7 +95,8 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
             "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
             "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
             "contact_pressure_pa": whole.scalars(recovered.pressure_pa[nodes]),
-            "contact_pressure_error_pa": whole.scalars(apart[nodes]),
+            "contact_pressure_error_pa": whole.scalars(np.abs(across)[nodes]),
+            "contact_shear_error_pa": whole.scalars(along[nodes]),
             "contact_shear_pa": whole.vectors(recovered.tangential_pa[nodes]),
             "cauchy_stress_pa": components(whole.tensors(tensors.nodes_pa[nodes])),
             "face_stress_pa": components(whole.face_tensors(tensors.cells_pa[parents])),

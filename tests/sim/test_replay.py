@@ -125,7 +125,7 @@ def test_vtu_opens_in_vtk(
     assert grid.n_cells == len(fields[0].arrays["faces"])
     assert set(grid.celltypes) == {22}
     assert np.array_equal(grid.points, fields[0].arrays["node_m"])
-    assert len(grid.point_data) == 8
+    assert len(grid.point_data) == 9
     assert len(grid.cell_data) == 5
     for data in (grid.point_data, grid.cell_data):
         assert all(np.array_equal(data[name], fields[0].arrays[name]) for name in data)
