@@ -259,10 +259,10 @@ def predict(
 def copy_grip(
     wanted: wp.array(dtype=wp.int32),
     goal: wp.int32,
-    held: wp.array3d(dtype=wp.int32),
+    held: wp.array3d(dtype=wp.float64),
     anchors: wp.array3d(dtype=wp.vec3d),
     loads: wp.array3d(dtype=wp.vec3d),
-    held_out: wp.array3d(dtype=wp.int32),
+    held_out: wp.array3d(dtype=wp.float64),
     anchors_out: wp.array3d(dtype=wp.vec3d),
     loads_out: wp.array3d(dtype=wp.vec3d),
 ):

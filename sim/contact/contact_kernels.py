@@ -108,13 +108,14 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
             if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
-                if grip.held[b, f, q] == 1:
+                held = grip.held[b, f, q]
+                if held > wp.float64(0.0):
                     load = grip.loads[b, f, q]
-                    u = grip_offset(here, load, grip.anchors[b, f, q], x)
+                    u = grip_offset(here, held, load, grip.anchors[b, f, q], x)
                     more, across, _along = tangential_contact(
                         surface, b, wp.length(load), wp.length(u)
                     )
-                    density += more
+                    density += more / held
                     v += u * across
             energy_out[b, f, q] = surface.areas[f, q] * density
             gap_out[b, f, q] = distance
@@ -153,9 +154,10 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
-            if grip.held[b, f, q] == 1:
+            share = grip.held[b, f, q]
+            if share > wp.float64(0.0):
                 lagged = grip.loads[b, f, q]
-                u = grip_offset(here, lagged, grip.anchors[b, f, q], x)
+                u = grip_offset(here, share, lagged, grip.anchors[b, f, q], x)
                 length = wp.length(u)
                 load = wp.length(lagged)
                 _more, across, along = tangential_contact(surface, b, load, length)
@@ -163,10 +165,10 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 if load > wp.float64(0.0):
                     held = here.rotation * (lagged / load)
                     tangent = tangent - wp.outer(held, held)
-                stiffness += tangent * across
+                stiffness += tangent * (share * across)
                 if length > wp.float64(1.0e-30):
                     t = u / length
-                    stiffness += wp.outer(t, t) * (along - across)
+                    stiffness += wp.outer(t, t) * (share * (along - across))
                 pull += u * across
         point_out[b, f, q] = x
         force_out[b, f, q] = pull * surface.areas[f, q]
@@ -188,17 +190,11 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         change_out: wp.array3d(dtype=wp.float64),
         limit_out: wp.array3d(dtype=wp.float64),
     ):
-        # Where 2 is wanted, points that are held stay where they hold on.
         b, f, q = wp.tid()
-        if wanted[b] > 0:
+        if wanted[b] == 1:
             before = grip.loads[b, f, q]
             x = surface_point(surface, positions[b], f, q)
-            was_held = start.held[b, f, q]
-            anchor = start.anchors[b, f, q]
-            if wanted[b] == 2 and grip.held[b, f, q] == 1:
-                was_held = wp.int32(1)
-                anchor = grip.anchors[b, f, q]
-            taken_hold(surface, posed(body, poses, b), x, b, f, q, was_held, anchor, grip)
+            taken_hold(surface, posed(body, poses, b), x, b, f, q, start, grip)
             load = grip.loads[b, f, q]
             change_out[b, f, q] = surface.areas[f, q] * wp.length(load - before)
             limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)

@@ -67,7 +67,7 @@ class ContactSurface:
         if not self._options.is_tangential:
             return None
         return Grip(
-            held=np.zeros(self._shape, dtype=np.int32),
+            held=np.zeros(self._shape),
             anchors=np.zeros((*self._shape, 3)),
             loads=np.zeros((*self._shape, 3)),
         )
@@ -179,14 +179,14 @@ class ContactSurface:
         if grip is not None:
             return filled(
                 friction.GripArrays,
-                held=self._device.array(grip.held[None], wp.int32),
+                held=self._device.array(grip.held[None], wp.float64),
                 anchors=self._device.array(grip.anchors[None], wp.vec3d),
                 loads=self._device.array(grip.loads[None], wp.vec3d),
             )
         shape = (count, *self._shape) if self._options.is_tangential else (1, 1, 1)
         return filled(
             friction.GripArrays,
-            held=self._device.zeros(shape, wp.int32),
+            held=self._device.zeros(shape, wp.float64),
             anchors=self._device.zeros(shape, wp.vec3d),
             loads=self._device.zeros(shape, wp.vec3d),
         )

@@ -24,41 +24,46 @@ from sim.contact.barrier import TouchedSurface, normal_contact, tangential_part
 from sim.contact.indenter_distance import local_point, signed_distance
 
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
+# Of its way, what a point has at least been held for that touches.
+_LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
 
 @wp.struct
 class GripArrays:
     """``Grip`` on a device; arrays have shape [environment_count, face_count, face_point_count]."""
 
-    held: wp.array3d(dtype=wp.int32)
+    held: wp.array3d(dtype=wp.float64)
     anchors: wp.array3d(dtype=wp.vec3d)
     loads: wp.array3d(dtype=wp.vec3d)
 
 
 @wp.func
-def grip_offset(body: Any, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d) -> wp.vec3d:
-    """Return the tangential offset from an anchor in the pad's frame [m]."""
+def grip_offset(
+    body: Any, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
+) -> wp.vec3d:
+    """Return the tangential offset in the pad's frame [m]: a share of that from the anchor."""
     p = wp.length(load)
     away = local_point(body, x) - anchor
     if p > wp.float64(0.0):
         away = tangential_part(away, load / p)
-    return body.rotation * away
+    return body.rotation * (held * away)
 
 
 @wp.func
-def _first_hold(
-    body: Any, free: wp.vec3d, here: wp.vec3d, distance: wp.float64, reach: wp.float64
-) -> wp.vec3d:
-    """Return where a gap fell to ``reach`` on a straight way, in the indenter's frame [m].
+def _share_held(
+    body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64
+) -> wp.float64:
+    """Return the share of a straight way after its gap fell to ``reach``.
 
     Args:
-        free: Where the point was last free.
-        here: Where it is, at ``distance``.
+        free: Where the point was last free, in the indenter's frame [m].
+        distance: Where it is now [m].
     """
     before, _ = signed_distance(body, body.position + body.rotation * free)
-    if before <= reach:
-        return here
-    return free + (here - free) * ((before - reach) / (before - distance))
+    share = wp.float64(1.0)
+    if before > reach:
+        share = wp.max((reach - distance) / (before - distance), _LEAST_SHARE)
+    return share
 
 
 @wp.func
@@ -69,25 +74,23 @@ def taken_hold(
     b: wp.int32,
     f: wp.int32,
     q: wp.int32,
-    was_held: wp.int32,
-    anchor: wp.vec3d,
+    start: GripArrays,
     grip: GripArrays,
 ):
     """Hold a point that touches, free one that left, and take over pressure [Pa] and normal.
 
     Args:
-        was_held: 1 where it was held before,
-        anchor: and there; where it was last, for one that was free [m].
+        start: What was held before the step; of a free point, where it was.
         grip: What is held from now on.
     """
     distance, n = signed_distance(body, x)
-    held = wp.int32(0)
+    held = wp.float64(0.0)
+    anchor = start.anchors[b, f, q]
     load = wp.vec3d()
     if distance < surface.distance:
-        held = wp.int32(1)
-        if was_held == 0:
-            here = local_point(body, x)
-            anchor = _first_hold(body, anchor, here, distance, surface.distance)
+        held = wp.float64(1.0)
+        if start.held[b, f, q] == wp.float64(0.0):
+            held = _share_held(body, anchor, distance, surface.distance)
         _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
         # Where there is no pressure yet, a tiny one carries the direction.
         load = (wp.transpose(body.rotation) * n) * wp.max(-slope, _TINY_PA)
@@ -106,18 +109,23 @@ def dragged(
     q: wp.int32,
     grip: GripArrays,
 ):
-    """Bring the anchor of a sliding point up to the slip length behind it.
+    """Bring the anchor of a held point up to its offset behind it, the slip length at most.
 
     That of a free point comes along, to know where it was last free.
     """
-    if grip.held[b, f, q] == 0:
-        grip.anchors[b, f, q] = local_point(body, x)
-    elif not surface.bonded:
-        u = grip_offset(body, grip.loads[b, f, q], grip.anchors[b, f, q], x)
+    held = grip.held[b, f, q]
+    here = local_point(body, x)
+    if held == wp.float64(0.0):
+        grip.anchors[b, f, q] = here
+    else:
+        u = grip_offset(body, held, grip.loads[b, f, q], grip.anchors[b, f, q], x)
         length = wp.length(u)
-        if length > surface.slip:
+        slides = length > surface.slip and not surface.bonded
+        if slides:
             u = u * (surface.slip / length)
-            grip.anchors[b, f, q] = local_point(body, x) - wp.transpose(body.rotation) * u
+        if slides or held < wp.float64(1.0):
+            grip.anchors[b, f, q] = here - wp.transpose(body.rotation) * u
+            grip.held[b, f, q] = wp.float64(1.0)
 
 
 @wp.func

@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import dataclass
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import FloatArray
 
 # A height map takes what is no farther from the indenter for touching.
 _OVERLOOKED_M = 5e-6
@@ -56,14 +56,15 @@ class Grip:
     """What tangential contact remembers of every contact point, shape [face_count, point_count].
 
     Attributes:
-        held: 1 where a point touches.
+        held: 1 where a point touches, or, while a step is under way in which it came to, the share
+            of its way that it has touched for; 0 where it is free.
         anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3];
             where it was last, for one that is free.
         loads: Lagged contact pressure along the indenter's normal, in its frame [Pa], shape
             [..., 3].
     """
 
-    held: IntArray
+    held: FloatArray
     anchors: FloatArray
     loads: FloatArray
 

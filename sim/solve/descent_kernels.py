@@ -147,7 +147,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                     nearest = wp.min(nearest, there)
                     if mode == TRY:
                         before = vectors.gaps[b, p]
-                        floor = wp.min(-limits.overlap, before)
+                        floor = wp.min(before, wp.float64(0.0)) - limits.overlap
                         if there < floor:
                             fall = wp.max(before - there, NOTHING_AT_ALL)
                             allowed = wp.min(allowed, wp.min(CUT, (before - floor) / fall))

@@ -185,7 +185,7 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
                 d.act[b] = HOLD
                 d.mode[b] = HELD
                 d.holds[b] = d.holds[b] + 1
-                d.holding[b] = wp.where(d.holds[b] > limits.holds_max, 2, 1)
+                d.holding[b] = 1
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1

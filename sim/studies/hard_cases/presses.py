@@ -161,7 +161,7 @@ def slide_and_return() -> Slide:
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     """Return the least and the summed tangential force times slip of points that held on [J]."""
     earlier, later = grip_of(before), grip_of(after)
-    both = (earlier.held == 1) & (later.held == 1)
+    both = (earlier.held > 0.0) & (later.held > 0.0)
     loads = later.loads[both]
     normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
     forces = after.equilibrium.contact.forces[both] @ after.state.rotation

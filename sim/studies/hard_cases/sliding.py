@@ -82,7 +82,7 @@ class _DragStep(NamedTuple):
 
 def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> _DragStep:
     old, new = grip_of(before), grip_of(point)
-    touching = (old.held == 1) & (new.held == 1)
+    touching = (old.held > 0.0) & (new.held > 0.0)
     stuck = touching & np.all(old.anchors == new.anchors, axis=2)
     slip = _along_indenter(path, before, point)
     return _DragStep(
