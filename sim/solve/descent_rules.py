@@ -181,6 +181,8 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
             d.gripped_at[b] = residual
         else:
             due = wp.min(_GRIP_FROM * d.scale[b], _GRIP_AGAIN * d.gripped_at[b])
+            if d.mode[b] == BEGIN:
+                due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)):
                 d.act[b] = HOLD
                 d.mode[b] = HELD
