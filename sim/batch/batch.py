@@ -119,7 +119,6 @@ class Batch:
             (trail.features, np.zeros((3, 4))),
             (trail.last, model.nodes),
             (trail.older, np.stack([model.nodes] * 2)),
-            (trail.inverse, np.int32(-1)),
         ):
             self._assign(array, chosen, value)
         heights = np.repeat(start.tips_m[:, 2:], 3, axis=1)
@@ -186,11 +185,12 @@ class Batch:
         evaluations = self.descents.state.evaluations
         before = on_host(evaluations).copy()
         self._active.fill_(1)
-        self._frame.fill_(0)
+        frames.begin()
         self._device.synchronise()
         started = time.perf_counter()
-        for _ in course:
-            frames.run()
+        whole_way = len(course)
+        for until in [whole_way] if frames.paced else range(1, whole_way + 1):
+            frames.run(until)
         self._device.synchronise()
         results = frames.results()
         for frame in range(len(course)) if (results["status"] != DONE).any() else ():
@@ -204,7 +204,6 @@ class Batch:
         """Compile the kernels and, on a GPU, record a step, so that ``press`` need not."""
         if frame_count not in self._frames:
             self._active.fill_(0)
-            self._frame.fill_(0)
             self._frames[frame_count] = Frames(self, frame_count)
         return self._frames[frame_count]
 
@@ -263,7 +262,14 @@ class Batch:
         shape = {"features": (count, 3), "last": (count, nodes), "older": (count, 2, nodes)}
         self.trail = zeroed(kernels.Trail, (count,), device, heights=(count, 3), **shape)
         self._active = self.trail.active
-        self._frame, self.straight = device.zeros(1, wp.int32), device.zeros(1, wp.int32)
+        self.straight = device.zeros(1, wp.int32)
+        states = self.pilot.states
+        self.guide = filled(
+            kernels.Guide,
+            stands=device.array(np.stack([each.stand_m for each in states]), wp.vec4d),
+            motions=device.array(np.stack([each.motion_m for each in states]), wp.vec3d),
+            depths=device.array(np.array([each.depth_m for each in states]), wp.float64),
+        )
         self.floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._at = np.zeros((count, 4))
         self._extension = np.zeros(count, dtype=np.intp)
@@ -280,8 +286,8 @@ class Batch:
         frames.course.assign(goal[None])
         self._active.assign(taking.astype(np.int32))
         while True:
-            self._frame.fill_(0)
-            frames.run()
+            frames.begin()
+            frames.run(1)
             status = on_host(self.descents.state.status)
             near = taking & (status == TOO_NEAR) & (self._extension + 1 < len(self._extensions))
             if not near.any():
@@ -307,7 +313,7 @@ class Batch:
         self.straight.fill_(0)
         return failing
 
-    def way(self, course: Any) -> Any:
+    def way(self, course: Any, until: Any) -> Any:
         """Return where the environments begin, and where a course leads them."""
         start, symmetry, device = self._start, self.model.mesh.symmetry, self._device
         metres_n, metres_rad = self.pilot.metres
@@ -316,10 +322,11 @@ class Batch:
             tips=device.array(start.tips_m, wp.vec3d),
             rotations=device.array(start.rotations, wp.mat33d),
             course=course,
-            frame=self._frame,
+            until=until,
             metres=wp.vec2d(metres_n, metres_rad),
             copies=float(symmetry.copies),
             pushed=self.pilot.is_pushed,
+            guided=device.array([int(each.is_guided) for each in self.environments], wp.int32),
         )
 
     @property

@@ -132,6 +132,11 @@ class Environment:
     offset_m: tuple[float, float] = (0.0, 0.0)
     rotation: FloatArray | None = None
 
+    @property
+    def is_guided(self) -> bool:
+        """Its indenter comes down where and as the pilot's does."""
+        return self.rotation is None and self.offset_m == (0.0, 0.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchOptions:

@@ -9,14 +9,15 @@ import warp as wp
 
 from sim.batch import step_kernels as kernels
 from sim.device import Device, on_host
-from sim.solve.descent_state import DONE
+from sim.solve.descent_state import IDLE
 from sim.solve.descents import zeroed
 
 if TYPE_CHECKING:
     from sim.batch.batch import Batch
 
-# A test whether anybody is busy costs a GPU some microseconds.
-_ITERATIONS_A_TEST, _FEW = 2, 8
+# Steps between two looks at who has arrived: they cost a GPU ten microseconds, which a step of many
+# environments hides.
+_FEW, _STEPS_OF_SOME, _SOME = 8, 2, 256
 
 
 class Frames:
@@ -31,7 +32,8 @@ class Frames:
         self._batch, self._device = batch, Device(batch.device)
         self.course = self._device.zeros((frame_count, batch.count), wp.vec4d)
         self.found = zeroed(kernels.Found, (frame_count, batch.count), self._device)
-        self._before, self._after = self._recorded()
+        self._until = self._device.zeros(1, wp.int32)
+        self._starts, self._lands = self._recorded()
         self._graph: Any = None
         self._launch()
         if self._device.is_gpu:
@@ -39,12 +41,23 @@ class Frames:
                 self._launch()
             self._graph = capture.graph
 
-    def run(self) -> None:
-        """Take the active environments a frame further."""
+    def begin(self) -> None:
+        """Put all environments before the first frame."""
+        self._batch.trail.frame.zero_()
+        self.found.status.fill_(int(IDLE))
+
+    def run(self, until: int) -> None:
+        """Take the active environments to a frame, each at its own pace."""
+        self._until.fill_(until)
         if self._graph is not None:
             wp.capture_launch(self._graph)
         else:
             self._launch()
+
+    @property
+    def paced(self) -> bool:
+        """An environment does not wait for the others; it has to where frames are watched."""
+        return self._batch.count > _FEW and not self._batch.watchers
 
     def results(self) -> dict[str, Any]:
         """Return what was found, on the host, by the names of ``step_kernels.Found``."""
@@ -54,79 +67,79 @@ class Frames:
         }
 
     def _launch(self) -> None:
-        descents = self._batch.descents
-        for launch in self._before:
-            launch.launch()
-        descents.busy.fill_(1)
-        wp.capture_while(descents.busy, while_body=self._iterate)
-        for launch in self._after:
-            launch.launch()
+        busy = self._batch.descents.busy
+        busy.zero_()
+        self._start()
+        wp.capture_while(busy, while_body=self._iterate)
+        if not self.paced:
+            self._land()
         for watch in self._batch.watchers:
             watch()
 
     def _iterate(self) -> None:
-        few = not self._device.is_gpu or self._batch.count <= _FEW
-        for _ in range(1 if few else _ITERATIONS_A_TEST):
+        if not self.paced:
             self._batch.descents.step()
+            return
+        for _ in range(_STEPS_OF_SOME if self._batch.count <= _SOME else 1):
+            self._batch.descents.step()
+        self._land()
+        self._start()
+
+    def _start(self) -> None:
+        for launch in self._starts:
+            launch.launch()
+
+    def _land(self) -> None:
+        for launch in self._lands:
+            launch.launch()
 
     def _recorded(self) -> tuple[list[Any], list[Any]]:
-        """Record what comes before and after the descents."""
+        """Record what comes before and after an environment's descent."""
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
-        way = batch.way(self.course)
-        total, counted = self._device.zeros(1, wp.vec4d), self._device.zeros(1, wp.int32)
-        stands = np.stack([each.stand_m for each in batch.pilot.stiffnesses])
-        which, push = batch.inverse.which, descents.contact_room[1]
+        way = batch.way(self.course, self._until)
+        together = zeroed(kernels.Together, (1,), self._device)
+        together.which = batch.inverse.which
+        guide = batch.guide
+        push = descents.contact_room[1]
         nodal = descents.gel_room[0], descents.contact_room[0]
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
-        before = [
-            record(kernels.aim, count, [way, trail], [total, counted]),
-            record(
-                kernels.choose,
-                (1,),
-                [self._device.array(stands, wp.vec4d), total, counted],
-                [which],
-            ),
+        begun = [trail, descents.poses, state, descents.memory]
+        starts = [
+            record(kernels.aim, count, [way, trail, together], []),
+            record(kernels.choose, (1,), [guide, together], []),
             record(
                 kernels.begin,
                 count,
-                [options.friction > 0.0, which, way, batch.straight],
-                [trail, descents.poses, state, descents.memory, push],
+                [options.friction > 0.0, guide, way, together, batch.straight, *begun],
+                [push, descents.busy],
             ),
-            record(kernels.predict, nodes, [trail], [descents.positions, *nodal]),
+            record(kernels.predict, nodes, [guide, together, trail], [descents.positions, *nodal]),
         ]
-        after = []
+        noted = [batch.floor_n, way, descents.poses, state, push, trail]
+        lands = [record(kernels.land, count, noted, [self.found])]
         if options.is_tangential:
             grip, start = descents.grip, descents.grip_start
-            before.append(self._copied(trail.active, 1, start, grip))
-            after += [self._taken(), self._copied(state.status, int(DONE), grip, start)]
-        after += [
-            record(kernels.remember, nodes, [descents.positions, state], [trail]),
-            record(
-                kernels.end,
-                count,
-                [batch.floor_n, way, descents.poses, state, push],
-                [trail, self.found],
-            ),
-            record(kernels.tick, (1,), [way.frame], []),
-        ]
-        return before, after
+            starts.append(self._copied(kernels.STARTS, start, grip))
+            lands += [self._taken(), self._copied(kernels.LANDS, grip, start)]
+        lands.append(record(kernels.remember, nodes, [descents.positions], [trail]))
+        return starts, lands
 
     def _taken(self) -> Any:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""
         batch, descents = self._batch, self._batch.descents
         made = batch.model.surface.kernels(batch.pilot.indenter)
         shape = tuple(descents.contact_room[2].shape)
-        # What is done has the status 1, as what is wanted has.
-        at = [descents.surface, descents.body, descents.state.status, descents.poses]
+        # The stage of one that has arrived is 1, as what is wanted has.
+        at = [descents.surface, descents.body, batch.trail.stage, descents.poses]
         at.append(descents.positions)
         if batch.model.contact_options.bonded:
             held = [descents.grip_start, descents.grip, *descents.hold_room]
             return self._device.record(made.hold, shape, [*at, *held], [])
         return self._device.record(made.drag, shape, [*at, descents.grip], [])
 
-    def _copied(self, wanted: Any, goal: int, given: Any, out: Any) -> Any:
+    def _copied(self, stage: int, given: Any, out: Any) -> Any:
         arrays = [given.held, given.anchors, given.loads]
         found = [out.held, out.anchors, out.loads]
         shape = tuple(given.held.shape)
-        return self._device.record(kernels.copy_grip, shape, [wanted, goal, *arrays], found)
+        return self._device.record(kernels.copy_grip, shape, [self._batch.trail.stage, stage, *arrays], found)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.batch.dense import DenseProduct
-from sim.batch.pilot import Pilot, PilotStiffness
+from sim.batch.pilot import Pilot, PilotState
 from sim.device import Device
 from sim.mesh.sparsity import SparsePattern
 from sim.solve.linear_solver import single_precision_solver
@@ -43,13 +43,13 @@ def inverses_for(pilot: Pilot, device: Device) -> FactoredInverses | DenseProduc
         )
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
         dense = list(
-            threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.stiffnesses)
+            threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
         )
     return DenseProduct(np.stack(dense), device=device)
 
 
 def dense_inverse(
-    stiffness: PilotStiffness, pattern: SparsePattern, *, pushed: bool
+    stiffness: PilotState, pattern: SparsePattern, *, pushed: bool
 ) -> NDArray[np.float32]:
     """Return the dense inverse [m/N], the indenter's height last, [dof_count + 1] squared.
 
@@ -81,7 +81,7 @@ class FactoredInverses:
         self.which: Any = wp.zeros(1, dtype=wp.int32, device="cpu")
         self._factors = [
             _Factor(pilot.model.pattern, stiffness, pushed=pilot.is_pushed)
-            for stiffness in pilot.stiffnesses
+            for stiffness in pilot.states
         ]
 
     def columns(self, count: int) -> int:
@@ -98,7 +98,7 @@ class FactoredInverses:
 class _Factor:
     """One stiffness; the indenter's height, if it is an unknown, borders the sparse part."""
 
-    def __init__(self, pattern: SparsePattern, stiffness: PilotStiffness, *, pushed: bool) -> None:
+    def __init__(self, pattern: SparsePattern, stiffness: PilotState, *, pushed: bool) -> None:
         self._solver = single_precision_solver(pattern)
         self._solver.factorise(stiffness.data)
         self._border = stiffness.border

@@ -48,25 +48,29 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PilotStiffness:
-    """The semidefinite stiffness of one state [N/m].
+class PilotState:
+    """One state, and its semidefinite stiffness [N/m].
 
     Attributes:
         data: CSR values of the upper triangle.
         border: Column of the indenter's height, shape [unknown_count].
         corner: Its diagonal entry.
         stand_m: Where on the course it is, as ``step_kernels`` has features [m], shape [4].
+        motion_m: Of the nodes from the untouched gel [m], shape [node_count, 3].
+        depth_m: Of the indenter [m].
     """
 
     data: FloatArray
     border: FloatArray
     corner: float
     stand_m: FloatArray
+    motion_m: FloatArray
+    depth_m: float
 
 
 @dataclass(slots=True)
 class Pilot:
-    """The stiffness at a few frames of one press, contact included.
+    """The state at a few frames of one press, and its stiffness, contact included.
 
     Args:
         model: The pad, on the CPU.
@@ -74,12 +78,12 @@ class Pilot:
         course: Where it goes; in frames between two that are kept it need not be.
         centre_m: Where it comes down, x and y [m].
         rotation: Indenter frame to pad frame.
-        count: Frames whose stiffness is kept, at most, evenly over the course.
+        count: Frames whose state is kept, at most, evenly over the course.
 
     Attributes:
         touch_m: Height of the indenter's tip at first touch [m].
         metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
-        stiffnesses: Of those frames.
+        states: Of those frames.
         setup_s: Time that all this took.
 
     Raises:
@@ -94,7 +98,7 @@ class Pilot:
     count: int = 8
     touch_m: float = field(init=False)
     metres: tuple[float, float] = field(init=False)
-    stiffnesses: list[PilotStiffness] = field(init=False)
+    states: list[PilotState] = field(init=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -112,7 +116,7 @@ class Pilot:
         deepest = points[-1][1]
         force = max(float(deepest.force_n[2]), 1e-300)
         self.metres = deepest.depth_m / force, deepest.contact_radius_m
-        self.stiffnesses = [self._stiffness(frame, point) for frame, point in points]
+        self.states = [self._state(frame, point) for frame, point in points]
         self.setup_s = time.perf_counter() - started
 
     @property
@@ -143,14 +147,16 @@ class Pilot:
                 "a batch does not know relaxation", remedy="leave it out, or press one by one"
             )
 
-    def _stiffness(self, frame: int, point: PathPoint) -> PilotStiffness:
+    def _state(self, frame: int, point: PathPoint) -> PilotState:
         model, state, course = self.model, point.state, self.course
         contact = point.equilibrium.touch(curved=False)
         along = course.along[frame] * (self.metres[0] if self.is_pushed else 1.0)
         turn = course.turns[frame] * self.metres[1]
-        return PilotStiffness(
+        return PilotState(
             data=model.hessian_data(state.positions, contact.stiffness, projected=True),
             border=model.pattern.unknowns(model.surface.scatter(-contact.stiffness[..., 2])),
             corner=float(contact.stiffness[..., 2, 2].sum()),
             stand_m=np.array([*course.shifts[frame], along, turn]),
+            motion_m=state.positions - model.nodes,
+            depth_m=point.depth_m,
         )

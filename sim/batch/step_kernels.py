@@ -1,7 +1,10 @@
 """Warp kernels of a step of a batch: where every environment starts from, and what it found.
 
 A step takes each environment's indenter to a pose or a load. It starts where the last three states
-lead if the step goes the same way as the ones before; else from the last one.
+lead if the step goes the same way as the ones before; else from the last one; the first starts on
+the pilot's way. Along a course an
+environment goes on to its next frame as soon as it has arrived, a few frames ahead of the slowest
+at most: they share an inverse.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ from __future__ import annotations
 import warp as wp
 
 from sim.contact.indenter_distance import Poses
-from sim.solve.descent_state import BEGIN, DONE, IDLE, RUNNING, Descent
+from sim.solve.descent_state import BEGIN, DONE, RUNNING, Descent
 from sim.solve.memory_kernels import Memory
 
 # A step goes the same way as the one before if the cosine between them is above this,
@@ -17,6 +20,15 @@ _SAME_WAY = wp.constant(wp.float64(0.9))
 # and if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
+# Frames that an environment may be ahead of the slowest.
+_AHEAD = wp.constant(2)
+_NEVER = wp.constant(2**30)
+
+# Stages of an environment.
+WAITS = wp.constant(0)
+LANDS = wp.constant(1)  # it has just arrived
+STARTS = wp.constant(2)
+GOES = wp.constant(3)
 
 
 @wp.struct
@@ -28,19 +40,36 @@ class Way:
         rotations: Indenter frame to pad frame, there.
         course: Frame by frame, shape [frame_count, environment_count]: depth [m] or force that
             pushes the whole pad [N], way along x and y [m], turn about z [rad].
-        frame: The frame that is under way, shape [1].
+        until: The frame to go to at most, shape [1].
         metres: Depth for a newton [m/N], way for a radian [m].
         copies: Of the modelled part in the whole pad.
         pushed: The force is given.
+        guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
     """
 
     tips: wp.array(dtype=wp.vec3d)
     rotations: wp.array(dtype=wp.mat33d)
     course: wp.array2d(dtype=wp.vec4d)
-    frame: wp.array(dtype=wp.int32)
+    until: wp.array(dtype=wp.int32)
     metres: wp.vec2d
     copies: wp.float64
     pushed: wp.bool
+    guided: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Guide:
+    """What the pilot did, shape [state_count, ...] each.
+
+    Attributes:
+        stands: Where on the course, every component in metres.
+        motions: Of the nodes from the untouched gel [m], shape [..., node_count].
+        depths: Of the indenter [m].
+    """
+
+    stands: wp.array(dtype=wp.vec4d)
+    motions: wp.array2d(dtype=wp.vec3d)
+    depths: wp.array(dtype=wp.float64)
 
 
 @wp.struct
@@ -49,24 +78,47 @@ class Trail:
 
     Attributes:
         active: 1 where an environment takes part in the step.
+        stage: Where it is between two frames.
+        frame: Frames that it has behind it.
         known: States that there are so far, the untouched gel included.
         shares: Of the last three states in the start of the next one, newest first.
+        lead: Share of the pilot's motion in it.
         features: Of the last three states, newest first, shape [..., 3]: along x and y, depth or
             load, turn; each in metres.
         last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the two before.
         older: Shape [..., 2, node_count].
         heights: Of the indenter's tip in the last three states [m], shape [..., 3].
-        inverse: Which inverse served last.
     """
 
     active: wp.array(dtype=wp.int32)
+    stage: wp.array(dtype=wp.int32)
+    frame: wp.array(dtype=wp.int32)
     known: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.vec3d)
+    lead: wp.array(dtype=wp.float64)
     features: wp.array2d(dtype=wp.vec4d)
     last: wp.array2d(dtype=wp.vec3d)
     older: wp.array3d(dtype=wp.vec3d)
     heights: wp.array2d(dtype=wp.float64)
-    inverse: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Together:
+    """What environments that go on have in common, shape [1] each.
+
+    Attributes:
+        total: Sum of where they go [m].
+        count: How many there are.
+        least: Frames that the slowest has behind it, while they are looked through;
+        slowest: and then.
+        which: The inverse that serves them.
+    """
+
+    total: wp.array(dtype=wp.vec4d)
+    count: wp.array(dtype=wp.int32)
+    least: wp.array(dtype=wp.int32)
+    slowest: wp.array(dtype=wp.int32)
+    which: wp.array(dtype=wp.int32)
 
 
 @wp.struct
@@ -91,13 +143,18 @@ class Found:
 
 
 @wp.func
-def feature_of(way: Way, b: wp.int32) -> wp.vec4d:
+def feature_of(way: Way, trail: Trail, b: wp.int32) -> wp.vec4d:
     """Return where an environment goes, every component in metres."""
-    goal = way.course[way.frame[0], b]
+    goal = way.course[trail.frame[b], b]
     along = goal[0]
     if way.pushed:
         along = along * way.metres[0]
     return wp.vec4d(goal[1], goal[2], along, goal[3] * way.metres[1])
+
+
+@wp.func
+def _goes_on(way: Way, trail: Trail, b: wp.int32) -> wp.bool:
+    return trail.active[b] == 1 and trail.frame[b] < way.until[0]
 
 
 @wp.kernel(enable_backward=False)
@@ -106,38 +163,37 @@ def aim(
     way: Way,
     trail: Trail,
     # Data in and out:
-    total: wp.array(dtype=wp.vec4d),
-    count: wp.array(dtype=wp.int32),
+    together: Together,
 ):
     """Sum up where the environments go; launches over [environment_count]."""
     b = wp.tid()
-    if trail.active[b] == 1:
-        wp.atomic_add(total, 0, feature_of(way, b))
-        wp.atomic_add(count, 0, 1)
+    if _goes_on(way, trail, b):
+        wp.atomic_add(together.total, 0, feature_of(way, trail, b))
+        wp.atomic_add(together.count, 0, 1)
+        wp.atomic_min(together.least, 0, trail.frame[b])
 
 
 @wp.kernel(enable_backward=False)
 def choose(
     # Model:
-    stands: wp.array(dtype=wp.vec4d),
+    guide: Guide,
     # Data in and out:
-    total: wp.array(dtype=wp.vec4d),
-    count: wp.array(dtype=wp.int32),
-    # Data out:
-    which: wp.array(dtype=wp.int32),
+    together: Together,
 ):
     """Choose the inverse that is nearest to where the environments go; launches over [1]."""
-    mean = total[0] / wp.float64(wp.max(count[0], 1))
+    mean = together.total[0] / wp.float64(wp.max(together.count[0], 1))
     best = wp.float64(1e300)
     chosen = wp.int32(0)
-    for k in range(stands.shape[0]):
-        distance = wp.length(stands[k] - mean)
+    for k in range(guide.stands.shape[0]):
+        distance = wp.length(guide.stands[k] - mean)
         if distance < best:
             best = distance
             chosen = k
-    which[0] = chosen
-    total[0] = wp.vec4d()
-    count[0] = 0
+    together.which[0] = chosen
+    together.slowest[0] = together.least[0]
+    together.total[0] = wp.vec4d()
+    together.count[0] = 0
+    together.least[0] = _NEVER
 
 
 @wp.func
@@ -171,41 +227,52 @@ def shares_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.vec3d:
 def begin(
     # Model:
     lags: wp.bool,
+    guide: Guide,
     # Data in:
-    which: wp.array(dtype=wp.int32),
     way: Way,
+    together: Together,
     straight: wp.array(dtype=wp.int32),
     # Data in and out:
     trail: Trail,
     poses: Poses,
     d: Descent,
     memory: Memory,
+    # Data out:
     push_out: wp.array(dtype=wp.vec3d),
+    busy_out: wp.array(dtype=wp.int32),
 ):
-    """Let every active environment begin its step; launches over [environment_count].
+    """Let every environment begin its step that goes on; launches over [environment_count].
 
     Where ``straight`` is 1, from the last state as it is.
     """
     b = wp.tid()
-    d.status[b] = IDLE
-    d.wanted[b] = 0
-    d.strained[b] = 0
-    d.act[b] = 0
-    d.holding[b] = 0
-    d.takes[b] = 0
-    d.learns[b] = 0
-    if trail.active[b] == 1:
-        shares = shares_of(trail, b, feature_of(way, b))
+    stage = trail.stage[b]
+    if stage == STARTS:
+        trail.stage[b] = GOES
+    if stage == LANDS:
+        trail.stage[b] = WAITS
+    near = trail.frame[b] <= together.slowest[0] + _AHEAD
+    if stage < STARTS and near and _goes_on(way, trail, b):
+        trail.stage[b] = STARTS
+        busy_out[0] = 1
+        ahead = feature_of(way, trail, b)
+        shares = shares_of(trail, b, ahead)
+        lead = wp.float64(0.0)
         if straight[0] == 1:
             shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        elif trail.known[b] == 1 and way.guided[b] == 1:
+            stand = guide.stands[together.which[0]]
+            lead = wp.max(wp.dot(ahead, stand), lead) / wp.max(wp.dot(stand, stand), _NOTHING)
+        trail.lead[b] = lead
         trail.shares[b] = shares
-        goal = way.course[way.frame[0], b]
+        goal = way.course[trail.frame[b], b]
         tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
         height = tip[2] - goal[0]
         if way.pushed:
             height = wp.float64(0.0)
             for k in range(3):
                 height += shares[k] * trail.heights[b, k]
+            height -= lead * guide.depths[together.which[0]]
             d.load[b] = goal[0] / way.copies
             d.pushed[b] = 1
         poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
@@ -214,10 +281,8 @@ def begin(
         zero = wp.float64(0.0)
         turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
         poses.rotations[b] = turn * way.rotations[b]
-        if which[0] != trail.inverse[b]:
-            trail.inverse[b] = which[0]
-            memory.counts[b] = 0
-            memory.next[b] = 0
+        memory.counts[b] = 0
+        memory.next[b] = 0
         d.status[b] = RUNNING
         d.mode[b] = BEGIN
         d.wanted[b] = 1
@@ -229,6 +294,10 @@ def begin(
         d.recorded[b] = 0
         d.holds[b] = 0
         d.attempt[b] = 0
+        d.act[b] = 0
+        d.takes[b] = 0
+        d.learns[b] = 0
+        d.holding[b] = 0
         d.touches[b] = 1
         d.gripped_at[b] = wp.float64(1e300)
         d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
@@ -237,7 +306,10 @@ def begin(
 
 @wp.kernel(enable_backward=False)
 def predict(
+    # Model:
+    guide: Guide,
     # Data in:
+    together: Together,
     trail: Trail,
     # Data out:
     positions_out: wp.array2d(dtype=wp.vec3d),
@@ -246,10 +318,11 @@ def predict(
 ):
     """Put the nodes to where a step starts; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if trail.active[b] == 1:
+    if trail.stage[b] == STARTS:
         shares = trail.shares[b]
         x = trail.last[b, n] * shares[0]
         x += trail.older[b, 0, n] * shares[1] + trail.older[b, 1, n] * shares[2]
+        x += guide.motions[together.which[0], n] * trail.lead[b]
         positions_out[b, n] = x
         elastic_out[b, n] = wp.vec3d()
         contact_out[b, n] = wp.vec3d()
@@ -278,20 +351,19 @@ def copy_grip(
 def remember(
     # Data in:
     positions: wp.array2d(dtype=wp.vec3d),
-    d: Descent,
     # Data in and out:
     trail: Trail,
 ):
     """Take over what was found; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if trail.active[b] == 1 and d.status[b] == DONE:
+    if trail.stage[b] == LANDS:
         trail.older[b, 1, n] = trail.older[b, 0, n]
         trail.older[b, 0, n] = trail.last[b, n]
         trail.last[b, n] = positions[b, n]
 
 
 @wp.kernel(enable_backward=False)
-def end(
+def land(
     # Model:
     floor: wp.float64,
     # Data in:
@@ -304,14 +376,14 @@ def end(
     # Data out:
     found: Found,
 ):
-    """Note what was found; who did not arrive takes no part in the next frame.
+    """Note what was found; who did not arrive takes no part from now on.
 
     Launches over [environment_count].
     """
     b = wp.tid()
-    at = way.frame[0]
-    found.status[at, b] = d.status[b]
-    if trail.active[b] == 1:
+    if trail.stage[b] >= STARTS and d.status[b] != RUNNING:
+        at = trail.frame[b]
+        found.status[at, b] = d.status[b]
         if d.status[b] == DONE:
             load = wp.max(d.scale[b], floor)
             found.push[at, b] = push[b]
@@ -321,16 +393,13 @@ def end(
             found.gap[at, b] = d.gap_min[b]
             trail.features[b, 2] = trail.features[b, 1]
             trail.features[b, 1] = trail.features[b, 0]
-            trail.features[b, 0] = feature_of(way, b)
+            trail.features[b, 0] = feature_of(way, trail, b)
             trail.heights[b, 2] = trail.heights[b, 1]
             trail.heights[b, 1] = trail.heights[b, 0]
             trail.heights[b, 0] = poses.tips[b][2]
             trail.known[b] = wp.min(trail.known[b] + 1, 3)
+            trail.frame[b] = at + 1
+            trail.stage[b] = LANDS
         else:
             trail.active[b] = 0
-
-
-@wp.kernel(enable_backward=False)
-def tick(frame: wp.array(dtype=wp.int32)):
-    """Go on to the next frame; launches over [1]."""
-    frame[0] = frame[0] + 1
+            trail.stage[b] = WAITS

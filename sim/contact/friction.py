@@ -90,7 +90,10 @@ def taken_hold(
     if distance < surface.distance:
         held = wp.float64(1.0)
         if start.held[b, f, q] == wp.float64(0.0):
-            held = _share_held(body, anchor, distance, surface.distance)
+            if surface.bonded:
+                anchor = local_point(body, x)
+            else:
+                held = _share_held(body, anchor, distance, surface.distance)
         _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
         # Where there is no pressure yet, a tiny one carries the direction.
         load = (wp.transpose(body.rotation) * n) * wp.max(-slope, _TINY_PA)

@@ -35,7 +35,7 @@ def test_factors_and_inverses_are_one(course: Course) -> None:
     factored, pattern = FactoredInverses(pilot), model.pattern
     count = pattern.dof_count
     rng = np.random.default_rng(3)
-    for which, stiffness in enumerate(pilot.stiffnesses):
+    for which, stiffness in enumerate(pilot.states):
         upper = pattern.upper(stiffness.data)
         whole = np.zeros((count + 1,) * 2)
         whole[:count, :count] = (upper + scipy.sparse.triu(upper, 1).T).toarray()
