@@ -100,21 +100,20 @@ class Frames:
         way = batch.way(self.course, self._until)
         together = zeroed(kernels.Together, (1,), self._device)
         together.which = batch.inverse.which
-        guide = batch.guide
         push = descents.contact_room[1]
         nodal = descents.gel_room[0], descents.contact_room[0]
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
             record(kernels.aim, count, [way, trail, together], []),
-            record(kernels.choose, (1,), [guide, together], []),
+            record(kernels.choose, (1,), [batch.guide, together], []),
             record(
                 kernels.begin,
                 count,
-                [options.friction > 0.0, guide, way, together, batch.straight, *begun],
+                [options.friction > 0.0, batch.guide, way, together, batch.straight, *begun],
                 [push, descents.busy],
             ),
-            record(kernels.predict, nodes, [guide, together, trail], [descents.positions, *nodal]),
+            record(kernels.predict, nodes, [batch.guide, trail], [descents.positions, *nodal]),
         ]
         noted = [batch.floor_n, way, descents.poses, state, push, trail]
         lands = [record(kernels.land, count, noted, [self.found])]
@@ -142,4 +141,6 @@ class Frames:
         arrays = [given.held, given.anchors, given.loads]
         found = [out.held, out.anchors, out.loads]
         shape = tuple(given.held.shape)
-        return self._device.record(kernels.copy_grip, shape, [self._batch.trail.stage, stage, *arrays], found)
+        return self._device.record(
+            kernels.copy_grip, shape, [self._batch.trail.stage, stage, *arrays], found
+        )

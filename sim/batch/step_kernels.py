@@ -1,10 +1,10 @@
 """Warp kernels of a step of a batch: where every environment starts from, and what it found.
 
-A step takes each environment's indenter to a pose or a load. It starts where the last three states
-lead if the step goes the same way as the ones before; else from the last one; the first starts on
-the pilot's way. Along a course an
-environment goes on to its next frame as soon as it has arrived, a few frames ahead of the slowest
-at most: they share an inverse.
+A step takes each environment's indenter to a pose or a load. As long as that goes the pilot's way,
+it starts with the motion that the pilot made there. Beside it, it starts where the last three
+states lead if the step goes the same way as the ones before; else from the last one. Along a course
+an environment goes on to its next frame as soon as it has arrived, a few frames ahead of the
+slowest at most: they share an inverse.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ _SAME_WAY = wp.constant(wp.float64(0.9))
 # and if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
+# A step goes the pilot's way if it is beside it by no more than this share of its length.
+_BESIDE = wp.constant(wp.float64(0.5))
 # Frames that an environment may be ahead of the slowest.
 _AHEAD = wp.constant(2)
 _NEVER = wp.constant(2**30)
@@ -73,6 +75,21 @@ class Guide:
 
 
 @wp.struct
+class Stand:
+    """A place on the pilot's way: a share of the way from the state before one to it.
+
+    Attributes:
+        state: That state; -1 for no place.
+        share: Of the way.
+        beside: How far the way is [m].
+    """
+
+    state: wp.int32
+    share: wp.float64
+    beside: wp.float64
+
+
+@wp.struct
 class Trail:
     """The last states, shape [environment_count, ...] each.
 
@@ -82,7 +99,8 @@ class Trail:
         frame: Frames that it has behind it.
         known: States that there are so far, the untouched gel included.
         shares: Of the last three states in the start of the next one, newest first.
-        lead: Share of the pilot's motion in it.
+        stand: Where on the pilot's way the step begins, if it goes that way, and
+        goal: where it ends.
         features: Of the last three states, newest first, shape [..., 3]: along x and y, depth or
             load, turn; each in metres.
         last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the two before.
@@ -95,7 +113,8 @@ class Trail:
     frame: wp.array(dtype=wp.int32)
     known: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.vec3d)
-    lead: wp.array(dtype=wp.float64)
+    stand: wp.array(dtype=Stand)
+    goal: wp.array(dtype=Stand)
     features: wp.array2d(dtype=wp.vec4d)
     last: wp.array2d(dtype=wp.vec3d)
     older: wp.array3d(dtype=wp.vec3d)
@@ -197,6 +216,45 @@ def choose(
 
 
 @wp.func
+def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
+    """Return the place on the pilot's way that is nearest to a feature."""
+    found = Stand()
+    found.beside = wp.float64(1e300)
+    before = wp.vec4d()
+    for k in range(guide.stands.shape[0]):
+        along = guide.stands[k] - before
+        share = wp.dot(feature - before, along) / wp.max(wp.dot(along, along), _NOTHING)
+        share = wp.clamp(share, wp.float64(0.0), wp.float64(1.0))
+        beside = wp.length(before + along * share - feature)
+        if beside <= found.beside:
+            found.state = k
+            found.share = share
+            found.beside = beside
+        before = guide.stands[k]
+    return found
+
+
+@wp.func
+def motion_at(guide: Guide, stand: Stand, n: wp.int32) -> wp.vec3d:
+    """Return how far a node of the pilot has gone [m]."""
+    there = guide.motions[stand.state, n]
+    before = wp.vec3d()
+    if stand.state > 0:
+        before = guide.motions[stand.state - 1, n]
+    return before + (there - before) * stand.share
+
+
+@wp.func
+def depth_at(guide: Guide, stand: Stand) -> wp.float64:
+    """Return how deep the pilot's indenter is [m]."""
+    there = guide.depths[stand.state]
+    before = wp.float64(0.0)
+    if stand.state > 0:
+        before = guide.depths[stand.state - 1]
+    return before + (there - before) * stand.share
+
+
+@wp.func
 def shares_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.vec3d:
     """Return Lagrange's shares of the last states, by the way between them."""
     one = wp.float64(1.0)
@@ -256,14 +314,17 @@ def begin(
         trail.stage[b] = STARTS
         busy_out[0] = 1
         ahead = feature_of(way, trail, b)
-        shares = shares_of(trail, b, ahead)
-        lead = wp.float64(0.0)
-        if straight[0] == 1:
-            shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
-        elif trail.known[b] == 1 and way.guided[b] == 1:
-            stand = guide.stands[together.which[0]]
-            lead = wp.max(wp.dot(ahead, stand), lead) / wp.max(wp.dot(stand, stand), _NOTHING)
-        trail.lead[b] = lead
+        shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        stand = stand_of(guide, trail.features[b, 0])
+        goal_stand = stand_of(guide, ahead)
+        beside = wp.max(stand.beside, goal_stand.beside)
+        away = beside > _BESIDE * wp.length(ahead - trail.features[b, 0])
+        if straight[0] == 1 or way.guided[b] == 0 or away:
+            stand.state = -1
+            if straight[0] == 0:
+                shares = shares_of(trail, b, ahead)
+        trail.stand[b] = stand
+        trail.goal[b] = goal_stand
         trail.shares[b] = shares
         goal = way.course[trail.frame[b], b]
         tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
@@ -272,7 +333,8 @@ def begin(
             height = wp.float64(0.0)
             for k in range(3):
                 height += shares[k] * trail.heights[b, k]
-            height -= lead * guide.depths[together.which[0]]
+            if stand.state >= 0:
+                height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
             d.load[b] = goal[0] / way.copies
             d.pushed[b] = 1
         poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
@@ -309,7 +371,6 @@ def predict(
     # Model:
     guide: Guide,
     # Data in:
-    together: Together,
     trail: Trail,
     # Data out:
     positions_out: wp.array2d(dtype=wp.vec3d),
@@ -322,7 +383,9 @@ def predict(
         shares = trail.shares[b]
         x = trail.last[b, n] * shares[0]
         x += trail.older[b, 0, n] * shares[1] + trail.older[b, 1, n] * shares[2]
-        x += guide.motions[together.which[0], n] * trail.lead[b]
+        stand = trail.stand[b]
+        if stand.state >= 0:
+            x += motion_at(guide, trail.goal[b], n) - motion_at(guide, stand, n)
         positions_out[b, n] = x
         elastic_out[b, n] = wp.vec3d()
         contact_out[b, n] = wp.vec3d()
