@@ -50,9 +50,7 @@ def grip_offset(
 
 
 @wp.func
-def _share_held(
-    body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64
-) -> wp.float64:
+def _share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
     """Return the share of a straight way after its gap fell to ``reach``.
 
     Args:

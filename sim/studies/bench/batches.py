@@ -14,6 +14,8 @@ from sim.batch.environment import BatchOptions, BatchResult, Course, Environment
 from sim.batch.pilot import Pilot, batch_model
 from sim.press import press
 from sim.scene.scene import Preset, Scene, Target
+from sim.scene.tilted_indenter import tilted
+from sim.solve.model import Model
 from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M, TimedFrames, times_of
 
 _LAUNCHES = 50
@@ -22,11 +24,12 @@ _REMEMBERED = 8
 ENVIRONMENTS = (1, 8, 60, 256, 1024)
 ENVIRONMENTS_ON_CPU = (1, 8)
 BALANCE = 1e-5
-# One for every other frame.
-PILOTS = 10
+# The pilot goes a little further than they do, and in none of their gels.
+_PILOTS_WAY = 1.05
 _PRESSES = 3
-# The environments after the first differ by so much in modulus, and are pressed so much less deep.
-_SPREAD = 0.1
+# The environments after the first differ by up to so much in modulus and Poisson's ratio, and are
+# pressed so much less deep.
+_SPREAD, _POISSON_SPREAD = 0.1, 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +140,7 @@ def measure_batches(
     counts = counts or (ENVIRONMENTS if device != "cpu" else ENVIRONMENTS_ON_CPU)
     deep = replace(scene, target=Target(depth_m=TRAVEL_M))
     course = course_of(deep, frame_count=FRAME_COUNT)
-    pilot = Pilot(batch_model(deep), deep.indenter, course, count=PILOTS)
+    pilot = pilot_for(deep, batch_model(deep), course)
     for count in counts:
         yield _row(pilot, spread(deep, course, count), exact_n=exact_n, device=device)
 
@@ -151,18 +154,35 @@ def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
 def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, Course]]:
     """Return the scene itself and others a little unlike it, always the same ones.
 
-    Gels are up to a tenth stiffer, and pressed up to a tenth less deep or hard.
+    Gels are up to a tenth stiffer, with Poisson's ratios up to 0.01 smaller, and pressed up to a
+    tenth less deep or hard.
     """
     random = np.random.default_rng(0)
     found = []
     for number in range(count):
-        stiffer, weaker = (_SPREAD * random.random() for _ in range(2)) if number else (0.0, 0.0)
+        stiffer, thinner, weaker = random.random(3) if number else np.zeros(3)
         own = tuple(
-            replace(material, young_pa=material.young_pa * (1.0 + stiffer))
+            replace(
+                material,
+                young_pa=material.young_pa * (1.0 + _SPREAD * stiffer),
+                poisson=material.poisson - _POISSON_SPREAD * thinner,
+            )
             for material in scene.materials
         )
-        found.append((Environment(materials=own), course.scaled(1.0 - weaker)))
+        found.append((Environment(materials=own), course.scaled(1.0 - _SPREAD * weaker)))
     return found
+
+
+def pilot_for(scene: Scene, model: Model, course: Course) -> Pilot:
+    """Return a pilot that keeps every frame."""
+    return Pilot(
+        model,
+        scene.indenter,
+        course.scaled(_PILOTS_WAY),
+        scene.centre_m,
+        rotation=tilted(*scene.motion.tilt_rad),
+        count=course.frame_count,
+    )
 
 
 def _row(

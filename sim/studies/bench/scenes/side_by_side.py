@@ -7,18 +7,16 @@ import time
 import numpy as np
 
 from sim.batch.environment import course_of
-from sim.batch.pilot import Pilot
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
-from sim.scene.tilted_indenter import tilted
-from sim.studies.bench.batches import PILOTS, pressed, spread
+from sim.studies.bench.batches import pilot_for, pressed, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
 from tacauchy_rig.errors import ConvergenceError
 
 
 def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
-    """Press a scene in environments that differ by up to a tenth; the first is the scene itself.
+    """Press a scene in environments a little unlike it; the first is the scene itself.
 
     Raises:
         ConfigError: A batch cannot do this scene.
@@ -27,14 +25,7 @@ def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
     started = time.perf_counter()
     model = path_for(scene, plan_effects(scene)).model
     course = course_of(scene, frame_count=FRAME_COUNT)
-    pilot = Pilot(
-        model,
-        scene.indenter,
-        course,
-        scene.centre_m,
-        rotation=tilted(*scene.motion.tilt_rad),
-        count=PILOTS,
-    )
+    pilot = pilot_for(scene, model, course)
     spent = time.process_time()
     _, results = pressed(pilot, spread(scene, course, count), device=device)
     found = min(results, key=lambda result: result.wall_s)
