@@ -107,7 +107,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if distance < surface.distance:
                 density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
-            if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+            if wp.static(grips):
                 held = grip.held[b, f, q]
                 if held > wp.float64(0.0):
                     load = grip.loads[b, f, q]
@@ -153,7 +153,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             stiffness = wp.outer(n, n) * change
             if curved:
                 stiffness += distance_curvature(here, x) * slope
-        if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
+        if wp.static(grips):
             share = grip.held[b, f, q]
             if share > wp.float64(0.0):
                 lagged = grip.loads[b, f, q]
