@@ -74,7 +74,7 @@ class Batch:
         self.device, self._device = device, Device(device)
         self.model = model = pilot.model.on(device)
         self._gel, surface, young_pa = self._own_materials()
-        self.inverse = inverses_for(pilot, self._device)
+        self.inverse = inverses_for(pilot, self._device, count=self.count)
         self.descents = Descents(
             model,
             pilot.indenter,
@@ -85,7 +85,6 @@ class Batch:
             surface=surface,
             young_share=model.young_pa / young_pa,
             keeps=True,
-            holds_max=self.options.holds_max,
         )
         self._start = start_of(
             pilot.model,
@@ -263,7 +262,18 @@ class Batch:
         self.trail = zeroed(kernels.Trail, (count,), device, heights=(count, 3), **shape)
         self._active = self.trail.active
         self.straight = device.zeros(1, wp.int32)
-        states = self.pilot.states
+        states, inverse = self.pilot.states, self.inverse
+        self.together = zeroed(
+            kernels.Together,
+            (count,),
+            device,
+            counts=(len(states),),
+            first=(len(states),),
+            blocks=inverse.blocks.shape,
+            least=(1,),
+        )
+        self.together.blocks, self.together.width = inverse.blocks, inverse.width
+        inverse.which = self.together.which
         self.guide = filled(
             kernels.Guide,
             stands=device.array(np.stack([each.stand_m for each in states]), wp.vec4d),

@@ -40,58 +40,62 @@ def padded_rows(row_count: int) -> int:
     return -(-row_count // _ROW_PADDING) * _ROW_PADDING
 
 
-def padded_columns(environment_count: int) -> int:
-    """Return an environment count that the blocks divide."""
-    width = tiling(environment_count).columns
-    return -(-environment_count // width) * width
-
-
 class DenseProduct:
     """Multiplies one of several symmetric matrices with a batch of vectors.
 
     Args:
         matrices: Shape [matrix_count, row_count, row_count].
+        count: Vectors.
 
     Attributes:
         row_count: Rows of the padded vectors.
         kind: Warp type of the vectors that it takes.
         scaled: It takes them in units of their own size.
-        which: Of the matrices, the one that serves, shape [1].
+        width: Vectors of a block, which are multiplied with one matrix.
+        blocks: That of every block, -1 for none, shape [block_count]; there are enough of them for
+            vectors that go with unlike matrices.
         unit: What the product must be multiplied with: float16 holds nothing above 65,504.
     """
 
     kind, scaled = wp.float16, True
 
-    def __init__(self, matrices: NDArray[np.float32], *, device: Device) -> None:
-        count, rows, _ = matrices.shape
+    def __init__(self, matrices: NDArray[np.float32], *, count: int, device: Device) -> None:
+        matrix_count, rows, _ = matrices.shape
+        self._tiling = tiling(count)
+        self.width = self._tiling.columns
         # At least a row more than there are: what is fixed reads it.
         self.row_count = padded_rows(rows + 1)
         self.unit = float(np.abs(matrices).max())
-        padded = np.zeros((count, self.row_count, self.row_count), dtype=np.float16)
+        padded = np.zeros((matrix_count, self.row_count, self.row_count), dtype=np.float16)
         padded[:, :rows, :rows] = matrices / self.unit
-        self.which = device.zeros(1, wp.int32)
+        full = -(-count // self.width)
+        # Each matrix leaves at most one block that is not full.
+        blocks = np.full(full + min(count, matrix_count) - 1, -1, dtype=np.int32)
+        blocks[:full] = 0
+        self.blocks: Any = device.array(blocks, wp.int32)
+        self.which: Any = None
         self._device = device
         self._matrices = device.array(packed(padded).reshape(-1), wp.float16)
 
-    def columns(self, count: int) -> int:
-        """Return how many vectors it takes at once: what its blocks divide."""
-        return padded_columns(count)
+    def columns(self, count: int) -> int:  # noqa: ARG002
+        """Return how many vectors it has room for: all of its blocks."""
+        return len(self.blocks) * self.width
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
-        """Set ``found`` to the product of the matrix with ``sources``, over ``unit``.
+        """Set ``found`` to the products of the matrices with ``sources``, over ``unit``.
 
         Args:
             asked: Not needed: all columns are multiplied.
-            sources: Float16, shape [environment_count, row_count].
+            sources: Float16, shape [column_count, row_count].
             found: Float32, the same shape.
         """
-        chosen = tiling(sources.shape[0])
+        chosen = self._tiling
         row_blocks = self.row_count // chosen.rows
-        blocks = row_blocks * (sources.shape[0] // chosen.columns)
+        blocks = row_blocks * len(self.blocks)
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,
-            inputs=[self._matrices, self.which, sources, row_blocks],
+            inputs=[self._matrices, self.blocks, sources, row_blocks],
             outputs=[found],
             block_dim=chosen.threads,
             device=self._device.name,

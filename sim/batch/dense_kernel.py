@@ -15,6 +15,8 @@ import warp as wp
 # factors agree: a lane takes eight neighbouring terms of a vector, and the matrix is packed so that
 # its lane's parts of the two fragments that go with them are a uint4 each.
 _PRODUCT = """
+    const int matrix = which.data[block / row_blocks];
+    if (matrix < 0) return;
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
     const int group = lane >> 2, member = lane & 3;
     const int row_warp = warp % ROW_WARPS, column_warp = warp / ROW_WARPS % COLUMN_WARPS;
@@ -25,7 +27,7 @@ _PRODUCT = """
     const int rows_before = 16 * ROW_TILES * row_warp;
     const int columns_before = 8 * COLUMN_TILES * column_warp;
     const uint4* packed = (const uint4*)matrices.data + lane;
-    packed += (size_t)(which.data[0] * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
+    packed += (size_t)(matrix * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
     const uint4* vectors = (const uint4*)right.data + member;
     vectors += (size_t)(first_column + columns_before + group) * (rows / 8);
     float sum[ROW_TILES][COLUMN_TILES][4];

@@ -147,7 +147,6 @@ class BatchOptions:
             indenter force, over the contact force.
         memory: Steps that are remembered.
         steps_max: Most steps for a frame.
-        holds_max: How often it is found anew where points take hold in a step.
         parts_max: Into how many parts a step is cut at most where the descent does not arrive.
     """
 
@@ -155,7 +154,6 @@ class BatchOptions:
     memory: int = 16
     steps_max: int = 200
     parts_max: int = 16
-    holds_max: int = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -98,22 +98,26 @@ class Frames:
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
         way = batch.way(self.course, self._until)
-        together = zeroed(kernels.Together, (1,), self._device)
-        together.which = batch.inverse.which
+        together = batch.together
         push = descents.contact_room[1]
         nodal = descents.gel_room[0], descents.contact_room[0]
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
-            record(kernels.aim, count, [way, trail, together], []),
-            record(kernels.choose, (1,), [batch.guide, together], []),
+            record(kernels.look, count, [way, trail, together], []),
             record(
                 kernels.begin,
                 count,
                 [options.friction > 0.0, batch.guide, way, together, batch.straight, *begun],
                 [push, descents.busy],
             ),
-            record(kernels.predict, nodes, [batch.guide, trail], [descents.positions, *nodal]),
+            record(kernels.share_out, (1,), [together], []),
+            record(
+                kernels.predict,
+                nodes,
+                [batch.guide, together, trail],
+                [state.slot, descents.positions, *nodal],
+            ),
         ]
         noted = [batch.floor_n, way, descents.poses, state, push, trail]
         lands = [record(kernels.land, count, noted, [self.found])]

@@ -26,14 +26,14 @@ from tacauchy_rig.errors import ConfigError
 _UNKNOWNS_MAX = 16_000
 
 
-def inverses_for(pilot: Pilot, device: Device) -> FactoredInverses | DenseProduct:
-    """Return a pilot's inverses in the form that suits a device.
+def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverses | DenseProduct:
+    """Return a pilot's inverses in the form that suits a device, for so many environments.
 
     Raises:
         ConfigError: There are too many unknowns for dense ones.
     """
     if not device.is_gpu:
-        return FactoredInverses(pilot)
+        return FactoredInverses(pilot, count=count)
     pattern, pushed = pilot.model.pattern, pilot.is_pushed
     if pattern.dof_count > _UNKNOWNS_MAX:
         raise ConfigError(
@@ -45,7 +45,7 @@ def inverses_for(pilot: Pilot, device: Device) -> FactoredInverses | DenseProduc
         dense = list(
             threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
         )
-    return DenseProduct(np.stack(dense), device=device)
+    return DenseProduct(np.stack(dense), count=count, device=device)
 
 
 def dense_inverse(
@@ -71,14 +71,16 @@ class FactoredInverses:
     """Sparse factors, for vectors on a processor.
 
     Attributes:
-        which: The one that serves, shape [1].
+        which: The one that serves an environment, shape [environment_count].
+        blocks: None; every environment keeps its column, which is a ``width`` of 0.
     """
 
-    kind, scaled, unit = wp.float64, False, 1.0
+    kind, scaled, unit, width = wp.float64, False, 1.0, 0
 
-    def __init__(self, pilot: Pilot) -> None:
+    def __init__(self, pilot: Pilot, *, count: int) -> None:
         self.row_count = pilot.model.pattern.dof_count + 1
-        self.which: Any = wp.zeros(1, dtype=wp.int32, device="cpu")
+        self.which: Any = wp.zeros(count, dtype=wp.int32, device="cpu")
+        self.blocks: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._factors = [
             _Factor(pilot.model.pattern, stiffness, pushed=pilot.is_pushed)
             for stiffness in pilot.states
@@ -90,9 +92,9 @@ class FactoredInverses:
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count]."""
-        factor, given, out = self._factors[self.which.numpy()[0]], sources.numpy(), found.numpy()
+        which, given, out = self.which.numpy(), sources.numpy(), found.numpy()
         for b in [] if asked is None else asked:
-            out[b] = factor.solve(given[b])
+            out[b] = self._factors[which[b]].solve(given[b])
 
 
 class _Factor:

@@ -123,21 +123,28 @@ class Trail:
 
 @wp.struct
 class Together:
-    """What environments that go on have in common, shape [1] each.
+    """How environments share the pilot's inverses.
+
+    An inverse multiplies some vectors at once: those whose environments it serves lie in columns
+    beside each other, in blocks of a width.
 
     Attributes:
-        total: Sum of where they go [m].
-        count: How many there are.
-        least: Frames that the slowest has behind it, while they are looked through;
-        slowest: and then.
-        which: The inverse that serves them.
+        which: Inverse that serves an environment, shape [environment_count].
+        rank: Of the environment among those that it serves, likewise.
+        counts: Environments that an inverse serves, shape [state_count].
+        first: Their first column, likewise.
+        blocks: Inverse of every block of columns, -1 for none, shape [block_count].
+        width: Columns of a block; 0 where every environment keeps its own column.
+        least: Frames that the slowest environment has behind it, shape [1].
     """
 
-    total: wp.array(dtype=wp.vec4d)
-    count: wp.array(dtype=wp.int32)
-    least: wp.array(dtype=wp.int32)
-    slowest: wp.array(dtype=wp.int32)
     which: wp.array(dtype=wp.int32)
+    rank: wp.array(dtype=wp.int32)
+    counts: wp.array(dtype=wp.int32)
+    first: wp.array(dtype=wp.int32)
+    blocks: wp.array(dtype=wp.int32)
+    width: wp.int32
+    least: wp.array(dtype=wp.int32)
 
 
 @wp.struct
@@ -177,42 +184,49 @@ def _goes_on(way: Way, trail: Trail, b: wp.int32) -> wp.bool:
 
 
 @wp.kernel(enable_backward=False)
-def aim(
+def look(
     # Data in:
     way: Way,
     trail: Trail,
     # Data in and out:
     together: Together,
 ):
-    """Sum up where the environments go; launches over [environment_count]."""
+    """Find the slowest that goes on; launches over [environment_count]."""
     b = wp.tid()
     if _goes_on(way, trail, b):
-        wp.atomic_add(together.total, 0, feature_of(way, trail, b))
-        wp.atomic_add(together.count, 0, 1)
         wp.atomic_min(together.least, 0, trail.frame[b])
 
 
-@wp.kernel(enable_backward=False)
-def choose(
-    # Model:
-    guide: Guide,
-    # Data in and out:
-    together: Together,
-):
-    """Choose the inverse that is nearest to where the environments go; launches over [1]."""
-    mean = together.total[0] / wp.float64(wp.max(together.count[0], 1))
+@wp.func
+def _nearest(guide: Guide, feature: wp.vec4d) -> wp.int32:
+    """Return the pilot's state that is nearest to a feature."""
     best = wp.float64(1e300)
     chosen = wp.int32(0)
     for k in range(guide.stands.shape[0]):
-        distance = wp.length(guide.stands[k] - mean)
+        distance = wp.length(guide.stands[k] - feature)
         if distance < best:
             best = distance
             chosen = k
-    together.which[0] = chosen
-    together.slowest[0] = together.least[0]
-    together.total[0] = wp.vec4d()
-    together.count[0] = 0
+    return chosen
+
+
+@wp.kernel(enable_backward=False)
+def share_out(together: Together):
+    """Give the inverses columns, one after the other; launches over [1]."""
     together.least[0] = _NEVER
+    block = wp.int32(0)
+    for k in range(together.counts.shape[0]):
+        together.first[k] = block * together.width
+        last = block
+        if together.width > 0:
+            last = block + (together.counts[k] + together.width - 1) / together.width
+        while block < last:
+            together.blocks[block] = k
+            block += 1
+        together.counts[k] = 0
+    while block < together.blocks.shape[0]:
+        together.blocks[block] = -1
+        block += 1
 
 
 @wp.func
@@ -309,11 +323,12 @@ def begin(
         trail.stage[b] = GOES
     if stage == LANDS:
         trail.stage[b] = WAITS
-    near = trail.frame[b] <= together.slowest[0] + _AHEAD
+    near = trail.frame[b] <= together.least[0] + _AHEAD
     if stage < STARTS and near and _goes_on(way, trail, b):
         trail.stage[b] = STARTS
         busy_out[0] = 1
         ahead = feature_of(way, trail, b)
+        together.which[b] = _nearest(guide, ahead)
         shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
         stand = stand_of(guide, trail.features[b, 0])
         goal_stand = stand_of(guide, ahead)
@@ -354,7 +369,6 @@ def begin(
         d.steps[b] = 0
         d.since[b] = 0
         d.recorded[b] = 0
-        d.holds[b] = 0
         d.attempt[b] = 0
         d.act[b] = 0
         d.takes[b] = 0
@@ -364,6 +378,8 @@ def begin(
         d.gripped_at[b] = wp.float64(1e300)
         d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
         push_out[b] = wp.vec3d()
+    if d.status[b] == RUNNING:
+        together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
 
 
 @wp.kernel(enable_backward=False)
@@ -371,14 +387,18 @@ def predict(
     # Model:
     guide: Guide,
     # Data in:
+    together: Together,
     trail: Trail,
     # Data out:
+    slot_out: wp.array(dtype=wp.int32),
     positions_out: wp.array2d(dtype=wp.vec3d),
     elastic_out: wp.array2d(dtype=wp.vec3d),
     contact_out: wp.array2d(dtype=wp.vec3d),
 ):
     """Put the nodes to where a step starts; launches over [environment_count, node_count]."""
     b, n = wp.tid()
+    if n == 0 and together.width > 0:
+        slot_out[b] = together.first[together.which[b]] + together.rank[b]
     if trail.stage[b] == STARTS:
         shares = trail.shares[b]
         x = trail.last[b, n] * shares[0]

@@ -247,10 +247,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
             if scaled:
                 scale = wp.float64(1.0) / d.residual[b]
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                sources_out[b, row] = sources_out.dtype(scale * vectors.direction[b, row])
-        elif scaled:
-            for row in range(thread, dof_count + 1, wp.block_dim()):
-                sources_out[b, row] = sources_out.dtype(0.0)
+                sources_out[d.slot[b], row] = sources_out.dtype(scale * vectors.direction[b, row])
 
     @wp.kernel(**made)
     def turn(
@@ -283,7 +280,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = wp.float64(0.0)
                 if act == SOLVE:
-                    r = scale * wp.float64(found[b, row])
+                    r = scale * wp.float64(found[d.slot[b], row])
                 elif row == dof_count:
                     r = -wp.sign(vectors.gradient[b, row]) * limits.tip_step
                 if row == dof_count and d.pushed[b] == 0:

@@ -186,7 +186,6 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
             if residual <= wp.max(due, _asked(d, b)):
                 d.act[b] = HOLD
                 d.mode[b] = HELD
-                d.holds[b] = d.holds[b] + 1
                 d.holding[b] = 1
                 return
     note_residual(d.residuals[b], residual)

@@ -42,8 +42,6 @@ class Limits:
         tip_step: Longest way of an indenter that touches nothing [m].
         energy_scale: E times the volume [J].
         lags: Points hold on with a lagged pressure.
-        holds_max: Where points took hold in a step is found anew so often; then it stays. Stiff
-            friction may draw it after the gel slowly; left, it changes forces by up to 0.3 %.
         keeps: There is no other factor: one that asks for it forgets what it learnt, and goes on.
         patience_steps: With a factor, after which it is renewed where the residual is still
         patience_shares: more than this share of the contact force.
@@ -53,7 +51,6 @@ class Limits:
     tip_step: wp.float64
     energy_scale: wp.float64
     lags: wp.bool
-    holds_max: wp.int32
     keeps: wp.bool
     patience_steps: wp.vec3i
     patience_shares: wp.vec3d
@@ -69,8 +66,7 @@ class Descent:
         act: What is done next.
         wanted: 1 where contact is to be evaluated; ``strained`` where the gel is, which stays as it
             is where points are held anew.
-        holding: 1 where points are held anew, 2 where those that are held stay where they are;
-            ``holds`` counts them.
+        holding: 1 where points are held anew.
         learns: 1 where the step that was accepted is remembered; ``takes`` where any is accepted.
         pushed: 1 where the indenter is pushed with ``load`` [N], and its height is an unknown.
         touches: 1 where the factored gel holds the indenter.
@@ -80,6 +76,7 @@ class Descent:
         steps: Taken; ``steps_max`` at most, ``since`` the last factor.
         tries: Of the step under way.
         evaluations: Of the forces.
+        slot: Where the inverse finds what it is asked for.
         recorded: Residuals, the last of which are ``residuals`` [N], shape [..., 6].
         relative: Residual that is enough, over the contact force; ``floor`` is always enough [N].
         gap_least: Smallest gap that a state may end with [m].
@@ -103,7 +100,6 @@ class Descent:
     wanted: wp.array(dtype=wp.int32)
     strained: wp.array(dtype=wp.int32)
     holding: wp.array(dtype=wp.int32)
-    holds: wp.array(dtype=wp.int32)
     takes: wp.array(dtype=wp.int32)
     learns: wp.array(dtype=wp.int32)
     pushed: wp.array(dtype=wp.int32)
@@ -116,6 +112,7 @@ class Descent:
     since: wp.array(dtype=wp.int32)
     tries: wp.array(dtype=wp.int32)
     evaluations: wp.array(dtype=wp.int32)
+    slot: wp.array(dtype=wp.int32)
     recorded: wp.array(dtype=wp.int32)
     residuals: wp.array2d(dtype=wp.float64)
     load: wp.array(dtype=wp.float64)

@@ -76,7 +76,6 @@ class Descents:
         surface: What may be touched of them, as ``ContactSurface.of`` gives it, likewise.
         young_share: E that the inverse is of over theirs, shape [environment_count].
         keeps: The inverse is never made anew.
-        holds_max: How often it is found anew where points take hold in a step; None is always.
 
     Raises:
         ConfigError: More steps are to be remembered than kernels have room for.
@@ -103,7 +102,6 @@ class Descents:
         surface: Any = None,
         young_share: FloatArray | None = None,
         keeps: bool = False,
-        holds_max: int | None = None,
     ) -> None:
         if memory > LONGEST:
             raise ConfigError(
@@ -119,6 +117,7 @@ class Descents:
             [model.young_pa], [model.contact_options.friction]
         )
         self.state = zeroed(kernels.Descent, (count,), device, residuals=(count, 6))
+        self.state.slot.assign(np.arange(count, dtype=np.int32))
         names = vars(kernels.Descent)["vars"]
         # On the CPU these views share the device's memory, and are made once.
         self._views = (
@@ -144,7 +143,6 @@ class Descents:
             tip_step=_TIP_STEP_SHARE * model.height_m,
             energy_scale=model.energy_scale_j,
             lags=model.contact_options.friction > 0.0,
-            holds_max=_NEVER if holds_max is None else holds_max,
             keeps=keeps,
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
             patience_shares=wp.vec3d(*(share for _, share in patience)),
@@ -207,7 +205,6 @@ class Descents:
             steps=0,
             since=0,
             recorded=0,
-            holds=0,
             gripped_at=np.inf,
             grip_change=np.inf if self._limits.lags else 0.0,
             **numbers,
@@ -388,5 +385,6 @@ def zeroed(structure: Any, shape: tuple[int, ...], device: Device, **others: Any
     """Return a structure of zeros, its arrays of one shape but for the named ones."""
     made = structure()
     for name, member in structure.vars.items():
-        setattr(made, name, device.zeros(others.get(name, shape), member.type.dtype))
+        if isinstance(member.type, wp.array):
+            setattr(made, name, device.zeros(others.get(name, shape), member.type.dtype))
     return made
