@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
@@ -18,6 +19,8 @@ from tacauchy_rig.errors import ConvergenceError
 # Pardiso's phases, and its error for a negative or zero pivot.
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_POSITIVE_DEFINITE = -4
+# Places of its arguments, from 0: how many vectors, their right sides, and the solutions.
+_VECTOR_COUNT, _RIGHT = 10, 13
 # Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
 _UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
 # The same for single precision: no scaling, rows from 0. Second is the order of elimination:
@@ -45,7 +48,7 @@ class LinearSolver(Protocol):
         ...
 
     def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, shape [dof_count]."""
+        """Solve with the last factor, shape [dof_count], or many at once [count, dof_count]."""
         ...
 
 
@@ -131,7 +134,7 @@ class SuperLuSolver:
 
     def solve(self, right_side: FloatArray) -> FloatArray:
         """Solve with the last factor, shape [dof_count]."""
-        return np.asarray(self._factor.solve(right_side))
+        return np.asarray(self._factor.solve(right_side.T).T)
 
 
 def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
@@ -178,14 +181,19 @@ class SinglePrecisionPardiso:
         self._run(_FACTORISE)
 
     def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, shape [dof_count]."""
-        self._right[:] = right_side
-        self._run(_SOLVE)
-        return self._found.astype(np.float64)
+        """Solve with the last factor, as ``LinearSolver`` says."""
+        if right_side.ndim == 1:
+            self._right[:] = right_side
+            self._run(_SOLVE)
+            return self._found.astype(np.float64)
+        right = right_side.astype(np.float32, order="C")
+        found = np.empty_like(right)
+        self._run(_SOLVE, right, found)
+        return found.astype(np.float64)
 
-    def _run(self, phase: int) -> None:
+    def _run(self, phase: int, *vectors: NDArray[np.float32]) -> None:
         take_threads(self._library, len(self._found))
-        self._call(phase)
+        self._call(phase, *vectors)
         if self._error.value == _NOT_POSITIVE_DEFINITE:
             raise NotPositiveDefiniteError("negative pivot")
         if self._error.value != 0:
@@ -220,6 +228,12 @@ class _Call:
             ctypes.byref(error),
         )
 
-    def __call__(self, phase: int) -> None:
+    def __call__(self, phase: int, *vectors: NDArray[np.float32]) -> None:
         self._phase.value = phase
-        self._function(*self._arguments)
+        arguments = list(self._arguments)
+        if vectors:  # other than those that are kept
+            arguments[_VECTOR_COUNT] = ctypes.byref(ctypes.c_int32(len(vectors[0])))
+            arguments[_RIGHT : _RIGHT + 2] = (
+                each.ctypes.data_as(ctypes.c_void_p) for each in vectors
+            )
+        self._function(*arguments)

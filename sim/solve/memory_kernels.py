@@ -27,6 +27,7 @@ _PRODUCTS = f"""
     const int lane = threadIdx.x & 31, warps = blockDim.x >> 5;
     for (int i = threadIdx.x >> 5; i < count; i += warps) {{
         double sum = 0.0;
+        #pragma unroll 8
         for (int r = lane; r < rows; r += 32) sum += of[(size_t)i * rows + r] * v[r];
         for (int o = 16; o > 0; o >>= 1) sum += __shfl_down_sync(0xffffffffu, sum, o);
         if (lane == 0) out[i] = sum;
@@ -50,6 +51,7 @@ _SUM = f"""
     __syncthreads();
     for (int r = threadIdx.x; r < rows; r += blockDim.x) {{
         double sum = v[r];
+        #pragma unroll 8
         for (int i = 0; i < count; ++i) sum += share[i] * of[(size_t)i * rows + r];
         v[r] = sum;
     }}

@@ -32,7 +32,7 @@ def test_factors_and_inverses_are_one(course: Course) -> None:
     """Both undo the pilot's stiffness, with the indenter's height where that is an unknown."""
     model = batch_model(_SCENE, refinement=0.5)
     pilot = Pilot(model, _SCENE.indenter, course, count=2)
-    factored, pattern = FactoredInverses(pilot), model.pattern
+    factored, pattern = FactoredInverses(pilot, count=2), model.pattern
     count = pattern.dof_count
     rng = np.random.default_rng(3)
     for which, stiffness in enumerate(pilot.states):

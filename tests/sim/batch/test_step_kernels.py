@@ -1,0 +1,25 @@
+"""How environments share the pilot's inverses."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from sim.batch import step_kernels as kernels
+from sim.device import Device
+from sim.solve.descents import zeroed
+
+_CPU = Device("cpu")
+
+
+def test_every_inverse_has_columns_of_its_own() -> None:
+    """Blocks of 8: three environments take one, none takes none, and nine take two."""
+    together = zeroed(
+        kernels.Together, (12,), _CPU, counts=(3,), first=(3,), blocks=(5,), least=(1,)
+    )
+    together.width = 8
+    together.counts.assign(np.array([3, 0, 9], dtype=np.int32))
+    wp.launch(kernels.share_out, 1, inputs=[together], device="cpu")
+    assert together.blocks.numpy().tolist() == [0, 2, 2, -1, -1]
+    assert together.first.numpy()[[0, 2]].tolist() == [0, 8]
+    assert not together.counts.numpy().any()
