@@ -105,11 +105,10 @@ class Batch:
         """Put environments back to the untouched gel; None is all of them."""
         chosen = np.arange(self.count) if which is None else np.asarray(which, dtype=np.intp)
         trail, model, start = self.trail, self.pilot.model, self._start
-        free = model.surface.free_grip()
         for b in chosen:
-            self.descents.place(
-                int(b), model.nodes, tip=start.tips_m[b], rotation=start.rotations[b]
-            )
+            tip, rotation = start.tips_m[b], start.rotations[b]
+            self.descents.place(int(b), model.nodes, tip=tip, rotation=rotation)
+            free = model.surface.free_grip(model.nodes, tip, rotation)
             if free is not None:
                 self.descents.hold(int(b), free, start=free)
         for array, value in (

@@ -62,13 +62,22 @@ class ContactSurface:
         """Rest area of every contact point [m^2], shape [face_count, point_count]."""
         return on_host(self._surface.areas)
 
-    def free_grip(self) -> Grip | None:
-        """Return the memory of a surface that nothing has touched; None if nothing is kept."""
+    def free_grip(
+        self, positions: FloatArray, tip: FloatArray, rotation: FloatArray
+    ) -> Grip | None:
+        """Return the memory of a surface that nothing has touched; None if nothing is kept.
+
+        Args:
+            positions: Nodes [m], shape [node_count, 3].
+            tip: The indenter's [m], shape [3], and its
+            rotation: To the pad's frame, shape [3, 3].
+        """
         if not self._options.is_tangential:
             return None
+        points = self._pad.reference.face_values @ positions[self._pad.faces]
         return Grip(
             held=np.zeros(self._shape),
-            anchors=np.zeros((*self._shape, 3)),
+            anchors=(points - tip) @ rotation,
             loads=np.zeros((*self._shape, 3)),
         )
 

@@ -97,11 +97,12 @@ class Model:
 
     def rest_state(self, *, tip: FloatArray, rotation: FloatArray | None = None) -> State:
         """Return the undeformed state with the indenter's tip at ``tip`` [m]."""
+        turned = np.eye(3) if rotation is None else np.array(rotation, dtype=np.float64)
         return State(
             positions=self.nodes.copy(),
             tip=np.array(tip, dtype=np.float64),
-            rotation=np.eye(3) if rotation is None else np.array(rotation, dtype=np.float64),
-            grip=self.surface.free_grip(),
+            rotation=turned,
+            grip=self.surface.free_grip(self.nodes, tip, turned),
         )
 
     def hessian_data(
