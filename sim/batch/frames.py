@@ -56,8 +56,12 @@ class Frames:
 
     @property
     def paced(self) -> bool:
-        """An environment does not wait for the others; it has to where frames are watched."""
-        return self._batch.count > _FEW and not self._batch.watchers
+        """An environment does not wait for the others; it has to where frames are watched.
+
+        On a processor there is nothing to gain: who waits costs nothing there.
+        """
+        many = self._device.is_gpu and self._batch.count > _FEW
+        return many and not self._batch.watchers
 
     def results(self) -> dict[str, Any]:
         """Return what was found, on the host, by the names of ``step_kernels.Found``."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Course, Environment, course_of
+from sim.batch.frames import Frames
 from sim.batch.pilot import Pilot, batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
@@ -112,6 +113,22 @@ def test_an_indenter_beside_the_pilots_place() -> None:
     assert found.force_n[-1, 0] == pytest.approx(path.advance(0.3e-3).force_n, rel=1e-6, abs=1e-8)
     assert found.force_n[-1, 0, 2] == pytest.approx(found.force_n[-1, 1, 2], rel=1e-3)
     assert found.force_n[-1, 0, 0] == pytest.approx(-found.force_n[-1, 1, 0], rel=5e-2)
+
+
+def test_who_need_not_wait_finds_the_same(
+    model: Model, pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each at its own pace, environments arrive where they do in step with each other."""
+    shares = np.linspace(0.7, 1.0, 5)
+    soft = [replace(_SCENE.material, young_pa=share * _SCENE.material.young_pa) for share in shares]
+    batch = Batch(pilot, [Environment(materials=(each,)) for each in soft], options=_EXACT)
+    courses = [_COURSE.scaled(float(share)) for share in shares]
+    together = batch.press(courses)
+    monkeypatch.setattr(Frames, "paced", True)
+    again = Batch(pilot, batch.environments, options=_EXACT).press(courses)
+    assert not again.failed.any()
+    assert again.force_n == pytest.approx(together.force_n, rel=1e-6, abs=1e-9)
+    assert again.depth_m == pytest.approx(together.depth_m, rel=1e-12)
 
 
 _KINDS = {
