@@ -115,6 +115,7 @@ class Batch:
             (trail.known, np.int32(1)),
             (trail.shares, np.array([1.0, 0.0, 0.0])),
             (trail.features, np.zeros((3, 4))),
+            (trail.stand, np.zeros((), dtype=trail.stand.numpy().dtype)),
             (trail.last, model.nodes),
             (trail.older, np.stack([model.nodes] * 2)),
         ):

@@ -103,19 +103,20 @@ class Frames:
         trail, state, count = batch.trail, descents.state, (batch.count,)
         way = batch.way(self.course, self._until)
         together = batch.together
+        most = max(batch.count, len(together.counts))
         push = descents.contact_room[1]
         nodal = descents.gel_room[0], descents.contact_room[0]
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
-            record(kernels.look, count, [way, trail, together], []),
+            record(kernels.look, (most,), [way, trail, together], []),
             record(
                 kernels.begin,
                 count,
                 [options.friction > 0.0, batch.guide, way, together, batch.straight, *begun],
                 [push, descents.busy],
             ),
-            record(kernels.share_out, (1,), [together], []),
+            record(kernels.share_out, (len(together.counts),), [together], []),
             record(
                 kernels.predict,
                 nodes,

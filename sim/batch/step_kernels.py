@@ -79,14 +79,16 @@ class Stand:
     """A place on the pilot's way: a share of the way from the state before one to it.
 
     Attributes:
-        state: That state; -1 for no place.
+        state: That state.
         share: Of the way.
         beside: How far the way is [m].
+        nearest: The pilot's state that is nearest.
     """
 
     state: wp.int32
     share: wp.float64
     beside: wp.float64
+    nearest: wp.int32
 
 
 @wp.struct
@@ -99,8 +101,9 @@ class Trail:
         frame: Frames that it has behind it.
         known: States that there are so far, the untouched gel included.
         shares: Of the last three states in the start of the next one, newest first.
-        stand: Where on the pilot's way the step begins, if it goes that way, and
-        goal: where it ends.
+        follows: 1 where the step goes the pilot's way, from
+        stand: where it is nearest to the last state, to
+        goal: where it is nearest to the next.
         features: Of the last three states, newest first, shape [..., 3]: along x and y, depth or
             load, turn; each in metres.
         last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the two before.
@@ -113,6 +116,7 @@ class Trail:
     frame: wp.array(dtype=wp.int32)
     known: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.vec3d)
+    follows: wp.array(dtype=wp.int32)
     stand: wp.array(dtype=Stand)
     goal: wp.array(dtype=Stand)
     features: wp.array2d(dtype=wp.vec4d)
@@ -191,42 +195,37 @@ def look(
     # Data in and out:
     together: Together,
 ):
-    """Find the slowest that goes on; launches over [environment_count]."""
+    """Find the slowest that goes on; launches over what is more, environments or inverses."""
     b = wp.tid()
-    if _goes_on(way, trail, b):
-        wp.atomic_min(together.least, 0, trail.frame[b])
-
-
-@wp.func
-def _nearest(guide: Guide, feature: wp.vec4d) -> wp.int32:
-    """Return the pilot's state that is nearest to a feature."""
-    best = wp.float64(1e300)
-    chosen = wp.int32(0)
-    for k in range(guide.stands.shape[0]):
-        distance = wp.length(guide.stands[k] - feature)
-        if distance < best:
-            best = distance
-            chosen = k
-    return chosen
+    if b < together.counts.shape[0]:
+        together.counts[b] = 0
+    if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
+        if _goes_on(way, trail, b):
+            wp.atomic_min(together.least, 0, trail.frame[b])
 
 
 @wp.kernel(enable_backward=False)
 def share_out(together: Together):
-    """Give the inverses columns, one after the other; launches over [1]."""
-    together.least[0] = _NEVER
-    block = wp.int32(0)
-    for k in range(together.counts.shape[0]):
-        together.first[k] = block * together.width
-        last = block
-        if together.width > 0:
-            last = block + (together.counts[k] + together.width - 1) / together.width
-        while block < last:
-            together.blocks[block] = k
-            block += 1
-        together.counts[k] = 0
-    while block < together.blocks.shape[0]:
+    """Give the inverses columns, one after the other; launches over them."""
+    k = wp.tid()
+    before = wp.int32(0)
+    whole = wp.int32(0)
+    own = wp.int32(0)
+    if together.width > 0:
+        for other in range(together.counts.shape[0]):
+            blocks = (together.counts[other] + together.width - 1) / together.width
+            whole += blocks
+            if other < k:
+                before += blocks
+            if other == k:
+                own = blocks
+    together.first[k] = before * together.width
+    for block in range(before, before + own):
+        together.blocks[block] = k
+    for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
         together.blocks[block] = -1
-        block += 1
+    if k == 0:
+        together.least[0] = _NEVER
 
 
 @wp.func
@@ -234,9 +233,15 @@ def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
     """Return the place on the pilot's way that is nearest to a feature."""
     found = Stand()
     found.beside = wp.float64(1e300)
+    best = wp.float64(1e300)
     before = wp.vec4d()
     for k in range(guide.stands.shape[0]):
-        along = guide.stands[k] - before
+        stand = guide.stands[k]
+        along = stand - before
+        apart = wp.length_sq(stand - feature)
+        if apart < best:
+            best = apart
+            found.nearest = k
         share = wp.dot(feature - before, along) / wp.max(wp.dot(along, along), _NOTHING)
         share = wp.clamp(share, wp.float64(0.0), wp.float64(1.0))
         beside = wp.length(before + along * share - feature)
@@ -244,7 +249,7 @@ def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
             found.state = k
             found.share = share
             found.beside = beside
-        before = guide.stands[k]
+        before = stand
     return found
 
 
@@ -328,17 +333,16 @@ def begin(
         trail.stage[b] = STARTS
         busy_out[0] = 1
         ahead = feature_of(way, trail, b)
-        together.which[b] = _nearest(guide, ahead)
         shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
-        stand = stand_of(guide, trail.features[b, 0])
+        stand = trail.stand[b]
         goal_stand = stand_of(guide, ahead)
+        together.which[b] = goal_stand.nearest
         beside = wp.max(stand.beside, goal_stand.beside)
         away = beside > _BESIDE * wp.length(ahead - trail.features[b, 0])
-        if straight[0] == 1 or way.guided[b] == 0 or away:
-            stand.state = -1
-            if straight[0] == 0:
-                shares = shares_of(trail, b, ahead)
-        trail.stand[b] = stand
+        follows = straight[0] == 0 and way.guided[b] == 1 and not away
+        if straight[0] == 0 and not follows:
+            shares = shares_of(trail, b, ahead)
+        trail.follows[b] = wp.where(follows, 1, 0)
         trail.goal[b] = goal_stand
         trail.shares[b] = shares
         goal = way.course[trail.frame[b], b]
@@ -348,7 +352,7 @@ def begin(
             height = wp.float64(0.0)
             for k in range(3):
                 height += shares[k] * trail.heights[b, k]
-            if stand.state >= 0:
+            if follows:
                 height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
             d.load[b] = goal[0] / way.copies
             d.pushed[b] = 1
@@ -403,9 +407,8 @@ def predict(
         shares = trail.shares[b]
         x = trail.last[b, n] * shares[0]
         x += trail.older[b, 0, n] * shares[1] + trail.older[b, 1, n] * shares[2]
-        stand = trail.stand[b]
-        if stand.state >= 0:
-            x += motion_at(guide, trail.goal[b], n) - motion_at(guide, stand, n)
+        if trail.follows[b] == 1:
+            x += motion_at(guide, trail.goal[b], n) - motion_at(guide, trail.stand[b], n)
         positions_out[b, n] = x
         elastic_out[b, n] = wp.vec3d()
         contact_out[b, n] = wp.vec3d()
@@ -481,6 +484,7 @@ def land(
             trail.heights[b, 1] = trail.heights[b, 0]
             trail.heights[b, 0] = poses.tips[b][2]
             trail.known[b] = wp.min(trail.known[b] + 1, 3)
+            trail.stand[b] = trail.goal[b]
             trail.frame[b] = at + 1
             trail.stage[b] = LANDS
         else:

@@ -27,7 +27,13 @@ from sim.contact.friction import (
     taken_hold,
     tangential_contact,
 )
-from sim.contact.indenter_distance import Poses, distance_curvature, posed, signed_distance
+from sim.contact.indenter_distance import (
+    Poses,
+    distance_curvature,
+    nearby_gap,
+    posed,
+    signed_distance,
+)
 from sim.device import CPU_FLAGS
 
 
@@ -101,7 +107,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         if wanted[b] == 1:
             x = surface_point(surface, positions[b], f, q)
             here = posed(body, poses, b)
-            distance, n = signed_distance(here, x)
+            distance, n = nearby_gap(here, x)
             density = wp.float64(0.0)
             v = wp.vec3d()
             if distance < surface.distance:

@@ -11,11 +11,11 @@ the anchor, not from the last time step: a point that sticks does not creep, how
 taken. Pressure p and normal are lagged: they are refreshed whenever the residual has become small,
 until they stand still. Where u exceeds s, the anchor is then dragged along to that distance.
 
-A point that comes to touch within a step takes hold where its gap fell to d_hat on a straight way, so
-that gel running in under an edge is gripped from the start. Its anchor is where it was free, and only
-the share c of the way that is left counts: u is c times the offset from there, at an energy of 1 / c.
-That is the same force as from an anchor on the way, but what is lagged is c, not a place that would
-run after the point. When the step has ended, the place is the anchor.
+A point that comes to touch within a step takes hold where its gap fell to d_hat on a straight way,
+so that gel running in under an edge is gripped from the start. Its anchor is where it was free, and
+only the share c of the way that is left counts: u is c times the offset from there, at an energy of
+1 / c. That is the same force as from an anchor on the way, but what is lagged is c, not a place
+that would run after the point. When the step has ended, the place is the anchor.
 """
 
 from __future__ import annotations

@@ -11,7 +11,12 @@ from typing import Any
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.contact.triangle_distance import DeviceSurface, surface_distance, uploaded_surface
+from sim.contact.triangle_distance import (
+    DeviceSurface,
+    nearby_distance,
+    surface_distance,
+    uploaded_surface,
+)
 from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 
@@ -146,6 +151,20 @@ def signed_distance(body: Body, x: wp.vec3d):
 def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
     """Return the gap [m], positive outside, and its gradient in the pad's frame."""
     gap, n = surface_distance(body.surface, local_point(body, x))
+    return gap, body.rotation * n
+
+
+@wp.func
+def nearby_gap(body: Body, x: wp.vec3d):
+    """Return the gap [m] and its gradient; far from a body of triangles too small a gap."""
+    gap, n = signed_distance(body, x)
+    return gap, n
+
+
+@wp.func  # type: ignore[no-redef]
+def nearby_gap(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
+    """Return the gap [m] and its gradient; far from a body of triangles too small a gap."""
+    gap, n = nearby_distance(body.surface, local_point(body, x))
     return gap, body.rotation * n
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from sim.device import Device, filled
@@ -20,6 +21,8 @@ _FACE = wp.constant(0)
 _EDGE = wp.constant(1)
 _VERTEX = wp.constant(4)
 _MOVES_MAX = wp.constant(16)
+# Of the surface's size: farther than this from its box, the distance to the box will do.
+_FAR_SHARE = wp.constant(wp.float64(0.02))
 
 
 @wp.struct
@@ -28,11 +31,13 @@ class DeviceSurface:
 
     Attributes:
         tree: Identifier of the ``wp.Mesh``, whose coordinates are (x - centre) * per_size.
+        half: Half the extents of its box.
     """
 
     tree: wp.uint64
     centre: wp.vec3d
     per_size: wp.float64
+    half: wp.vec3d
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)
@@ -51,8 +56,12 @@ def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
     kinds = dict.fromkeys(("vertices", "face_normals", "vertex_normals"), wp.vec3d)
     kinds |= dict.fromkeys(("faces", "neighbours", "ring_starts", "ring_faces"), wp.int32)
     arrays = {name: on_device.array(getattr(source, name), kind) for name, kind in kinds.items()}
-    per_size, middle = 1.0 / size, wp.vec3d(*centre)
-    return filled(DeviceSurface, tree=tree.id, centre=middle, per_size=per_size, **arrays), tree
+    placed = {
+        "centre": wp.vec3d(*centre),
+        "half": wp.vec3d(*(np.abs(source.vertices - centre).max(axis=0))),
+        "per_size": 1.0 / size,
+    }
+    return filled(DeviceSurface, tree=tree.id, **placed, **arrays), tree
 
 
 @wp.struct
@@ -141,10 +150,24 @@ def surface_distance(surface: DeviceSurface, p: wp.vec3d):
             n = wp.normalize(
                 n + surface.face_normals[surface.neighbours[found.face, found.feature - _EDGE]]
             )
-        away = p - found.point
+        left = p - found.point
         distance = wp.sqrt(found.squared)
-        if wp.dot(away, n) < wp.float64(0.0):
+        if wp.dot(left, n) < wp.float64(0.0):
             distance = -distance
         if found.squared > wp.float64(1.0e-30):
-            n = away / distance
+            n = left / distance
+    return distance, n
+
+
+@wp.func
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
+    """Return the same; far from the surface the distance to its box, which is less."""
+    away = p - surface.centre
+    beside = away - wp.max(-surface.half, wp.min(surface.half, away))
+    distance = wp.length(beside)
+    n = beside
+    if distance * surface.per_size > _FAR_SHARE:
+        n = beside / distance
+    else:
+        distance, n = surface_distance(surface, p)
     return distance, n

@@ -115,9 +115,7 @@ def test_an_indenter_beside_the_pilots_place() -> None:
     assert found.force_n[-1, 0, 0] == pytest.approx(-found.force_n[-1, 1, 0], rel=5e-2)
 
 
-def test_who_need_not_wait_finds_the_same(
-    model: Model, pilot: Pilot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each at its own pace, environments arrive where they do in step with each other."""
     shares = np.linspace(0.7, 1.0, 5)
     soft = [replace(_SCENE.material, young_pa=share * _SCENE.material.young_pa) for share in shares]
