@@ -38,6 +38,8 @@ from sim.solve.descents import Descents, zeroed
 from sim.solve.equilibrium import EXTENSIONS
 from tacauchy_rig.errors import ConfigError
 
+# Frames that an environment may be ahead of the slowest: more of them need more inverses at once.
+_AHEAD = 2
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
 
@@ -273,6 +275,7 @@ class Batch:
             least=(1,),
         )
         self.together.blocks, self.together.width = inverse.blocks, inverse.width
+        self.together.ahead = _AHEAD
         inverse.which = self.together.which
         self.guide = filled(
             kernels.Guide,

@@ -22,8 +22,6 @@ _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
 # A step goes the pilot's way if it is beside it by no more than this share of its length.
 _BESIDE = wp.constant(wp.float64(0.5))
-# Frames that an environment may be ahead of the slowest.
-_AHEAD = wp.constant(2)
 _NEVER = wp.constant(2**30)
 
 # Stages of an environment.
@@ -140,6 +138,7 @@ class Together:
         blocks: Inverse of every block of columns, -1 for none, shape [block_count].
         width: Columns of a block; 0 where every environment keeps its own column.
         least: Frames that the slowest environment has behind it, shape [1].
+        ahead: Frames that one may be ahead of it.
     """
 
     which: wp.array(dtype=wp.int32)
@@ -149,6 +148,7 @@ class Together:
     blocks: wp.array(dtype=wp.int32)
     width: wp.int32
     least: wp.array(dtype=wp.int32)
+    ahead: wp.int32
 
 
 @wp.struct
@@ -328,7 +328,7 @@ def begin(
         trail.stage[b] = GOES
     if stage == LANDS:
         trail.stage[b] = WAITS
-    near = trail.frame[b] <= together.least[0] + _AHEAD
+    near = trail.frame[b] <= together.least[0] + together.ahead
     if stage < STARTS and near and _goes_on(way, trail, b):
         trail.stage[b] = STARTS
         busy_out[0] = 1

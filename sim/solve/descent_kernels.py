@@ -240,9 +240,9 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                 wait_for_all()
                 products_with(memory.steps, vectors.gradient, count, b, memory.products)
             first_loop(memory, b)
-            for row in range(thread, dof_count + 1, wp.block_dim()):
-                vectors.direction[b, row] = -vectors.gradient[b, row]
-            add_all(memory.changes, memory.shares, count, b, vectors.direction)
+            down = wp.float64(-1.0)
+            gradient = vectors.gradient
+            add_all(memory.changes, memory.shares, count, b, down, gradient, vectors.direction)
             scale = wp.float64(1.0)
             if scaled:
                 scale = wp.float64(1.0) / d.residual[b]
@@ -290,7 +290,9 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
             if act == SOLVE:
                 products_with(memory.changes, vectors.direction, count, b, memory.products)
                 second_loop(memory, b)
-                add_all(memory.steps, memory.shares, count, b, vectors.direction)
+                as_is = wp.float64(1.0)
+                direction = vectors.direction
+                add_all(memory.steps, memory.shares, count, b, as_is, direction, direction)
             part = wp.vec2d()
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = vectors.direction[b, row]

@@ -24,13 +24,24 @@ _PRODUCTS = f"""
     const double* v = vector.data + (size_t)b * rows;
     double* out = products.data + (size_t)b * products.shape[1];
 #if defined(__CUDA_ARCH__)
+    // Few products are shared out, so that every warp has a part of one.
+    __shared__ double found[32];
     const int lane = threadIdx.x & 31, warps = blockDim.x >> 5;
-    for (int i = threadIdx.x >> 5; i < count; i += warps) {{
+    const int parts = max(1, warps / max(1, count));
+    const int part = (threadIdx.x >> 5) % parts;
+    for (int i = (threadIdx.x >> 5) / parts; i < count; i += max(1, warps / parts)) {{
         double sum = 0.0;
         #pragma unroll 8
-        for (int r = lane; r < rows; r += 32) sum += of[(size_t)i * rows + r] * v[r];
+        for (int r = lane + 32 * part; r < rows; r += 32 * parts)
+            sum += of[(size_t)i * rows + r] * v[r];
         for (int o = 16; o > 0; o >>= 1) sum += __shfl_down_sync(0xffffffffu, sum, o);
-        if (lane == 0) out[i] = sum;
+        if (lane == 0) found[i * parts + part] = sum;
+    }}
+    __syncthreads();
+    if (threadIdx.x < count) {{
+        double sum = 0.0;
+        for (int p = 0; p < parts; ++p) sum += found[threadIdx.x * parts + p];
+        out[threadIdx.x] = sum;
     }}
     __syncthreads();
 #else
@@ -46,17 +57,19 @@ _PRODUCTS = f"""
 _SUM = f"""
     {_AT}
     const double* share = shares.data + (size_t)b * shares.shape[1];
+    const double* from = base.data + (size_t)b * rows;
     double* v = vector.data + (size_t)b * rows;
 #if defined(__CUDA_ARCH__)
     __syncthreads();
     for (int r = threadIdx.x; r < rows; r += blockDim.x) {{
-        double sum = v[r];
+        double sum = sign * from[r];
         #pragma unroll 8
         for (int i = 0; i < count; ++i) sum += share[i] * of[(size_t)i * rows + r];
         v[r] = sum;
     }}
     __syncthreads();
 #else
+    for (int r = 0; r < rows; ++r) v[r] = sign * from[r];
     for (int i = 0; i < count; ++i) {{
         const float* row = of + (size_t)i * rows;
         const double c = share[i];
@@ -92,9 +105,11 @@ def add_all(
     shares: wp.array2d(dtype=wp.float64),
     count: wp.int32,
     b: wp.int32,
+    sign: wp.float64,
+    base: wp.array2d(dtype=wp.float64),
     vector: wp.array2d(dtype=wp.float64),
 ):
-    """Add shares of the first ``count`` of a ring to an environment's vector."""
+    """Set an environment's vector to shares of the first ``count`` of a ring and a base."""
 
 
 @wp.struct

@@ -60,6 +60,9 @@ def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
     The batch is reset.
     """
     parts = {}
+    blocks = batch.together.blocks
+    one_serves = np.arange(len(blocks)) * batch.together.width < batch.count
+    blocks.assign(np.where(one_serves, 0, -1).astype(np.int32))
     for name, launch in batch.descents.launches.items():
         batch.reset()
         batch.descents.pretend_to_step(remembered=_REMEMBERED)
@@ -142,7 +145,8 @@ def measure_batches(
     course = course_of(deep, frame_count=FRAME_COUNT)
     pilot = pilot_for(deep, batch_model(deep), course)
     for count in counts:
-        yield _row(pilot, spread(deep, course, count), exact_n=exact_n, device=device)
+        chosen = spread(deep, course, count, poisson=0.0)
+        yield _row(pilot, chosen, exact_n=exact_n, device=device)
 
 
 def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
@@ -151,11 +155,16 @@ def exact_force(scene: Scene, *, preset: Preset = Preset.ACCURATE) -> float:
     return float(press(deep).force_n[2])
 
 
-def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, Course]]:
+def spread(
+    scene: Scene, course: Course, count: int, *, poisson: float = _POISSON_SPREAD
+) -> list[tuple[Environment, Course]]:
     """Return the scene itself and others a little unlike it, always the same ones.
 
     Gels are up to a tenth stiffer, with Poisson's ratios up to 0.01 smaller, and pressed up to a
     tenth less deep or hard.
+
+    Args:
+        poisson: How much smaller Poisson's ratios are at most.
     """
     random = np.random.default_rng(0)
     found = []
@@ -165,7 +174,7 @@ def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, 
             replace(
                 material,
                 young_pa=material.young_pa * (1.0 + _SPREAD * stiffer),
-                poisson=material.poisson - _POISSON_SPREAD * thinner,
+                poisson=material.poisson - poisson * thinner,
             )
             for material in scene.materials
         )
