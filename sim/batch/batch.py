@@ -38,8 +38,8 @@ from sim.solve.descents import Descents, zeroed
 from sim.solve.equilibrium import EXTENSIONS
 from tacauchy_rig.errors import ConfigError
 
-# Frames that an environment may be ahead of the slowest: more of them need more inverses at once.
-_AHEAD = 2
+# How far apart the inverses may be that serve at once: reading them takes a GPU most of a step.
+_AHEAD = 1
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
 
@@ -272,7 +272,8 @@ class Batch:
             counts=(len(states),),
             first=(len(states),),
             blocks=inverse.blocks.shape,
-            least=(1,),
+            slowest=(1,),
+            lowest=(1,),
         )
         self.together.blocks, self.together.width = inverse.blocks, inverse.width
         self.together.ahead = _AHEAD

@@ -109,7 +109,7 @@ class Frames:
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
-            record(kernels.look, (most,), [way, trail, together], []),
+            record(kernels.look, (most,), [batch.guide, way, trail, together], []),
             record(
                 kernels.begin,
                 count,

@@ -137,8 +137,9 @@ class Together:
         first: Their first column, likewise.
         blocks: Inverse of every block of columns, -1 for none, shape [block_count].
         width: Columns of a block; 0 where every environment keeps its own column.
-        least: Frames that the slowest environment has behind it, shape [1].
-        ahead: Frames that one may be ahead of it.
+        slowest: Frames that the slowest environment has behind it, shape [1].
+        lowest: The first of the inverses that are needed, likewise.
+        ahead: Who is not the slowest needs an inverse that is so many after it at most.
     """
 
     which: wp.array(dtype=wp.int32)
@@ -147,7 +148,8 @@ class Together:
     first: wp.array(dtype=wp.int32)
     blocks: wp.array(dtype=wp.int32)
     width: wp.int32
-    least: wp.array(dtype=wp.int32)
+    slowest: wp.array(dtype=wp.int32)
+    lowest: wp.array(dtype=wp.int32)
     ahead: wp.int32
 
 
@@ -188,23 +190,6 @@ def _goes_on(way: Way, trail: Trail, b: wp.int32) -> wp.bool:
 
 
 @wp.kernel(enable_backward=False)
-def look(
-    # Data in:
-    way: Way,
-    trail: Trail,
-    # Data in and out:
-    together: Together,
-):
-    """Find the slowest that goes on; launches over what is more, environments or inverses."""
-    b = wp.tid()
-    if b < together.counts.shape[0]:
-        together.counts[b] = 0
-    if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
-        if _goes_on(way, trail, b):
-            wp.atomic_min(together.least, 0, trail.frame[b])
-
-
-@wp.kernel(enable_backward=False)
 def share_out(together: Together):
     """Give the inverses columns, one after the other; launches over them."""
     k = wp.tid()
@@ -225,7 +210,8 @@ def share_out(together: Together):
     for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
         together.blocks[block] = -1
     if k == 0:
-        together.least[0] = _NEVER
+        together.slowest[0] = _NEVER
+        together.lowest[0] = _NEVER
 
 
 @wp.func
@@ -301,6 +287,32 @@ def shares_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.vec3d:
 
 
 @wp.kernel(enable_backward=False)
+def look(
+    # Model:
+    guide: Guide,
+    # Data in:
+    way: Way,
+    # Data in and out:
+    trail: Trail,
+    together: Together,
+):
+    """Find the slowest that goes on, and the first inverse that is needed.
+
+    Launches over what is more, environments or inverses.
+    """
+    b = wp.tid()
+    if b < together.counts.shape[0]:
+        together.counts[b] = 0
+    if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
+        if _goes_on(way, trail, b):
+            if trail.stage[b] < STARTS:
+                trail.goal[b] = stand_of(guide, feature_of(way, trail, b))
+            goal = trail.goal[b]
+            wp.atomic_min(together.slowest, 0, trail.frame[b])
+            wp.atomic_min(together.lowest, 0, goal.nearest)
+
+
+@wp.kernel(enable_backward=False)
 def begin(
     # Model:
     lags: wp.bool,
@@ -328,14 +340,16 @@ def begin(
         trail.stage[b] = GOES
     if stage == LANDS:
         trail.stage[b] = WAITS
-    near = trail.frame[b] <= together.least[0] + together.ahead
+    goal_stand = trail.goal[b]
+    near = goal_stand.nearest <= together.lowest[0] + together.ahead
+    if trail.frame[b] <= together.slowest[0]:
+        near = wp.bool(True)
     if stage < STARTS and near and _goes_on(way, trail, b):
         trail.stage[b] = STARTS
         busy_out[0] = 1
         ahead = feature_of(way, trail, b)
         shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
         stand = trail.stand[b]
-        goal_stand = stand_of(guide, ahead)
         together.which[b] = goal_stand.nearest
         beside = wp.max(stand.beside, goal_stand.beside)
         away = beside > _BESIDE * wp.length(ahead - trail.features[b, 0])
@@ -343,7 +357,6 @@ def begin(
         if straight[0] == 0 and not follows:
             shares = shares_of(trail, b, ahead)
         trail.follows[b] = wp.where(follows, 1, 0)
-        trail.goal[b] = goal_stand
         trail.shares[b] = shares
         goal = way.course[trail.frame[b], b]
         tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))

@@ -15,7 +15,14 @@ _CPU = Device("cpu")
 def test_every_inverse_has_columns_of_its_own() -> None:
     """Blocks of 8: three environments take one, none takes none, and nine take two."""
     together = zeroed(
-        kernels.Together, (12,), _CPU, counts=(3,), first=(3,), blocks=(5,), least=(1,)
+        kernels.Together,
+        (12,),
+        _CPU,
+        counts=(3,),
+        first=(3,),
+        blocks=(5,),
+        slowest=(1,),
+        lowest=(1,),
     )
     together.width = 8
     together.counts.assign(np.array([3, 0, 9], dtype=np.int32))
