@@ -39,9 +39,8 @@ def _ask(memory: Memory, gradient: wp.array2d(dtype=wp.float64), out: wp.array2d
     b = wp.tid()
     products_with(memory.steps, gradient, memory.counts[b], b, memory.products)
     first_loop(memory, b)
-    for row in range(gradient.shape[1]):
-        out[b, row] = -gradient[b, row]
-    add_all(memory.changes, memory.shares, memory.counts[b], b, out)
+    down = wp.float64(-1.0)
+    add_all(memory.changes, memory.shares, memory.counts[b], b, down, gradient, out)
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -49,7 +48,7 @@ def _answer(memory: Memory, out: wp.array2d(dtype=wp.float64)):
     b = wp.tid()
     products_with(memory.changes, out, memory.counts[b], b, memory.products)
     second_loop(memory, b)
-    add_all(memory.steps, memory.shares, memory.counts[b], b, out)
+    add_all(memory.steps, memory.shares, memory.counts[b], b, wp.float64(1.0), out, out)
 
 
 def _two_loops(
