@@ -53,6 +53,11 @@ def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
     return _pressed(bare, ratio)
 
 
+def forget() -> None:
+    """Forget every coarse press, so that the next ones are timed."""
+    _pressed.cache_clear()
+
+
 class CoarsePath:
     """A scene's path on longer edges, pushed from force to force.
 

@@ -31,22 +31,25 @@ PRESET_TOLERANCE = {
 }
 # What another output may be off by, over F_z's: fields scatter more than their sums.
 _FIELDS_OVER_FORCE = 2.0
+_SUMS = {Output.FORCE, Output.DEPTH}
 # Share of a press's time that leaving an effect out saves, and share that one more coarse press
 # costs; medians of drawn scenes (`tacauchy-rig effects-check --random`). Small strains save
 # nothing.
 _SAVES = {Effect.FRICTION: 0.5, Effect.GRAVITY: 0.08, Effect.VISCOELASTICITY: 0.08}
 _COSTS = {
     Preset.FAST: 0.15,
-    Preset.BALANCED: 0.1,
+    Preset.BALANCED: 0.06,
     Preset.ACCURATE: 0.02,
     Preset.REFERENCE: 0.01,
 }
-# A fine press's difference is at most so many times that of its one rung. With two rungs it is the
-# finer one's and what the two are apart.
-_ONE_RUNG = 2.0
-# A straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure: where mu is so
-# many tolerances, trying would only confirm that it is needed.
-_GRIPS = 5.0
+# A fine press's difference is at most so many times that of its one rung, which sees the slip in a
+# contact less sharply: 1.5 times in F_z, 3.2 times in a field's motion were the most in 60 drawn
+# presses. With two rungs it is the finer one's and what the two are apart.
+_ONE_RUNG, _ONE_RUNG_FIELDS = 2.0, 4.0
+# Trying would only confirm that friction is needed where mu is so many tolerances of shear or
+# markers: a straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure, and a
+# plan doubles what it finds.
+_GRIPS = 1.0
 _KEPT = 256
 # A tolerance that is none; it keeps quotients finite.
 _NOTHING = 1e-30
@@ -82,9 +85,8 @@ def output_tolerances(scene: Scene) -> dict[Output, float]:
     given = dict(scene.output_tolerances)
     sought = Output.FORCE if scene.target.force_n is None else Output.DEPTH
     asked = {sought, Output.FORCE, *scene.outputs, *given}
-    scale = {Output.FORCE: 1.0, Output.DEPTH: 1.0}
     return {
-        output: given.get(output, scale.get(output, _FIELDS_OVER_FORCE) * force)
+        output: given.get(output, force if output in _SUMS else _FIELDS_OVER_FORCE * force)
         for output in Output
         if output in asked
     }
@@ -145,7 +147,7 @@ def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output,
     costs = {
         output: fine[output] + abs(fine[output] - coarse[output])
         if len(found) > 1
-        else _ONE_RUNG * fine[output]
+        else (_ONE_RUNG if output in _SUMS else _ONE_RUNG_FIELDS) * fine[output]
         for output in plan.tolerances
     }
     return costs, spent

@@ -17,7 +17,7 @@ from sim.scene.scene import ContactMode, Motion, Output, Preset, Scene, Target
 _FRICTIONLESS, _BONDED = 0.35, 0.05
 _BALL, _SHARP = 0.55, 0.15
 _FORCED, _OFF_CENTRE, _MOVED, _TILTED = 0.25, 0.3, 0.25, 0.2
-_LAYERED, _LOSSY, _ASKED = 0.2, 0.3, 0.4
+_LAYERED, _LOSSY, _ASKED, _FAST = 0.2, 0.3, 0.4, 0.8
 # Ranges: logarithmic ones are of sizes, even ones of shares.
 _HEIGHT_M, _HALF_M = (2e-3, 8e-3), (9e-3, 13e-3)
 _YOUNG_PA, _POISSON = (0.03e6, 1e6), (0.3, 0.499)
@@ -61,7 +61,7 @@ def drawn_scene(seed: int, number: int) -> Scene:
         duration_s=_log(rng, (_QUICK_S if is_free else _STILL_S, _SLOW_S)),
         outputs=frozenset(output for output in Output if rng.random() < _ASKED),
         tolerance=_log(rng, _TOLERANCE),
-        preset=Preset.FAST,
+        preset=Preset.FAST if rng.random() < _FAST else Preset.BALANCED,
     )
     if rng.random() >= _FORCED:
         return scene
@@ -84,6 +84,7 @@ def described(scene: Scene) -> str:
     }
     return ", ".join(
         (
+            scene.preset.value,
             describe(scene.indenter),
             f"to {goal} of {height * 1e3:.2g} mm",
             f"nu {scene.material.poisson:.3g}",
