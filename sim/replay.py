@@ -17,7 +17,7 @@ from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
 from sim.scene.indenter import Indenter, describe
-from sim.scene.scene import Drive, Preset, Scene, Target
+from sim.scene.scene import Drive, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force, push_to_force
@@ -54,7 +54,12 @@ def replay_scene(
         ConfigError: No preset keeps the tolerance.
     """
     target = Target(force_n=max([0.0, *forces_n]))
-    asked = {"drive": drive, "preset": preset, "force_tolerance_n": tolerance_n}
+    asked = {
+        "drive": drive,
+        "preset": preset,
+        "force_tolerance_n": tolerance_n,
+        "outputs": frozenset(Output),
+    }
     scene = sensor.scene(indenter, target, **asked)
     return scene if tolerance is None else keeping(scene, tolerance)
 

@@ -14,7 +14,7 @@ class SceneTerms:
     """The words of a press: each field is the value of the option of its name.
 
     Attributes:
-        output: What is asked for besides the force; no option of every command.
+        output: What is asked for besides force and depth; no option of every command.
     """
 
     indenter: str

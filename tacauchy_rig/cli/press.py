@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.scene.material import LawName, Material
-from sim.scene.scene import Scene
+from sim.scene.scene import Output, Scene
 from sim.scene.scene_terms import SceneTerms
 from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, show_table, write_json
@@ -47,6 +47,7 @@ def press(
     terms: SceneTerms,
     device: DeviceOption = "cpu",
     estimate_error: EstimateErrorOption = True,
+    output: OutputOption = None,
     json_file: JsonFile = None,
     out: PressFolder = None,
 ) -> None:
@@ -55,7 +56,8 @@ def press(
     from sim.press import press as simulate_press
     from sim.press_command import scene_of
 
-    scene = scene_of(terms)
+    # What is written is asked for.
+    scene = scene_of(replace(terms, output=tuple(output or ()) if out is None else tuple(Output)))
     if terms.law == LawName.PAPER_EQ4:
         _warn_of_rest_stress(scene.material)
     result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
