@@ -68,6 +68,7 @@ class Case:
         within: Share of that radius up to which it is.
         is_round: Symmetry about the axis is judged.
         starts_free: Pressed without friction, as the solution is, which acts only from then on.
+        presets: Those that it is judged on.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Case:
     within: float = 1.0
     is_round: bool = True
     starts_free: bool = False
+    presets: tuple[Preset, ...] = tuple(ALLOWED)
 
 
 def _layer(scene: Scene) -> BondedLayers:
@@ -215,6 +217,8 @@ CASES = (
         compared=_turned_punch,
         within=_FINITE_SHARE,
         starts_free=True,
+        # A whole turn of preset accurate's mesh takes longer than all the others together.
+        presets=(Preset.BALANCED,),
     ),
 )
 
@@ -224,17 +228,17 @@ def measure_pressure(*, presets: tuple[Preset, ...] = tuple(ALLOWED)) -> Table:
     return _measured([case for case in CASES if not case.starts_free], presets, "pressures")
 
 
-def measure_shear(*, presets: tuple[Preset, ...] = tuple(ALLOWED)) -> Table:
+def measure_shear() -> Table:
     """Press and move what has an exact shear."""
-    return _measured([case for case in CASES if case.starts_free], presets, "shears")
+    return _measured([case for case in CASES if case.starts_free], tuple(ALLOWED), "shears")
 
 
 def _measured(cases: Sequence[Case], presets: Sequence[Preset], prose: str) -> Table:
-    """Press every case on every preset, and on a coarser mesh of the first one for the order."""
+    """Press every case on its presets, and on a coarser mesh of the first one for the order."""
     rows: list[dict[str, Cell]] = []
     passed = True
     for case in cases:
-        for preset in presets:
+        for preset in (each for each in case.presets if each in presets):
             scene = replace(scene_from(case.words), preset=preset)
             row, met = row_of(case, scene)
             if preset is presets[0]:
