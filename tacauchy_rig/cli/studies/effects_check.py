@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.scene.scene import Effect
-from tacauchy_rig.cli.options import Jobs, JsonFile
+from tacauchy_rig.cli.options import JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
-from tacauchy_rig.errors import ConfigError, RigError
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
     from sim.studies.effects_check.check import EffectCase, EffectCheck
@@ -29,12 +31,16 @@ def effects_check(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Write the page there.")
     ] = None,
-    jobs: Jobs = 1,
+    limit: Annotated[
+        str, typer.Option("--limit", help="A scene that takes longer is left, and named.")
+    ] = "60s",
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
-    from tacauchy_rig.side_by_side import side_by_side
+    from sim.studies.effects_check.check import check_effects
+    from sim.studies.processes import OwnProcess, ProcessFailedError
 
+    limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit")
     chosen = _drawn(seed, random) if random else _chosen(only or [])
     if list_only:
         for case in chosen:
@@ -43,20 +49,23 @@ def effects_check(
     checks: list[EffectCheck] = []
     failed: dict[str, str] = {}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
-    for case, found in side_by_side(_checked, chosen, jobs=jobs):
-        if isinstance(found, str):
-            failed[case.name] = found
-            complain(f"{case.name:22} not pressed: {found}")
-        else:
-            checks.append(found)
-            say(_line(found))
-        # After every scene, so that Ctrl-C leaves what was found until then.
-        if out is not None and checks:
-            write_text(out, _page(checks, failed, f"{command} --out {out}"))
-        write_json(
-            json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
-        )
-    _summarise(checks)
+    with OwnProcess() as beside:
+        for case in chosen:
+            try:
+                found = beside.call(partial(check_effects, case), limit_s=limit_s)
+            except ProcessFailedError as error:
+                failed[case.name] = f"{error.message} ({case.shows})"
+                complain(f"{case.name:22} not pressed: {error.message}")
+            else:
+                checks.append(found)
+                say(_line(found))
+            # After every scene, so that Ctrl-C leaves what was found until then.
+            if out is not None and checks:
+                write_text(out, _page(checks, failed, f"{command} --limit {limit} --out {out}"))
+            write_json(
+                json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
+            )
+    _summarise(checks, failed)
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
 
 
@@ -81,16 +90,6 @@ def _drawn(seed: int, count: int) -> list[EffectCase]:
     return [EffectCase(f"{k}", described(scene), scene) for k, scene in enumerate(scenes)]
 
 
-def _checked(case: EffectCase) -> EffectCheck | str:
-    """Return what a scene showed, or why it cannot be pressed with everything on."""
-    from sim.studies.effects_check.check import check_effects
-
-    try:
-        return check_effects(case)
-    except RigError as error:
-        return error.message
-
-
 def _line(check: EffectCheck) -> str:
     verdict = "ok" if check.passed else "MISSED"
     output, share = check.worst
@@ -102,9 +101,11 @@ def _line(check: EffectCheck) -> str:
     return f"{text} (no inertia: {check.apart})" if check.apart else text
 
 
-def _summarise(checks: Sequence[EffectCheck]) -> None:
+def _summarise(checks: Sequence[EffectCheck], failed: dict[str, str]) -> None:
     from sim.studies.effects_check.check import kept_by_output, time_saved
 
+    if failed:
+        say(f"{len(failed)} scenes not pressed: {', '.join(failed)}")
     if not checks:
         return
     for output, (kept, count, worst) in kept_by_output(checks).items():

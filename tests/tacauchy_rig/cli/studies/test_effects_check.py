@@ -44,6 +44,13 @@ def test_scenes_are_drawn_with_a_seed() -> None:
     assert len(listed[0].splitlines()) == 3
 
 
+def test_a_scene_that_takes_too_long_is_left_and_named() -> None:
+    """Nothing is lost in silence."""
+    done = CliRunner().invoke(app, ["effects-check", "--only", "by force", "--limit", "1 ms"])
+    assert "1 scenes not pressed: by force" in done.stdout
+    assert "not done after 0.001 s" in done.stderr
+
+
 def test_an_unknown_scene_is_refused() -> None:
     """The message offers those that there are."""
     done = CliRunner().invoke(app, ["effects-check", "--only", "nothing"])
