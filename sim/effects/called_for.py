@@ -9,7 +9,7 @@ from sim.effects.effect_plan import EffectPlan, PlannedEffect
 from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
-from sim.scene.scene import ContactMode, Effect, Preset, Scene
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import ConfigError
 
 _SELF_CONTACT_DEPTH_SHARE = 0.6
@@ -36,7 +36,9 @@ def everything(scene: Scene) -> EffectPlan:
         on, reason = decide(scene)
         # What leaves finite strain out is the law that was asked for.
         asked = effect is Effect.FINITE_STRAIN and not on
-        rows[effect] = PlannedEffect(effect=effect, on=on, reason=reason, costs={}, asked=asked)
+        # What is not there costs nothing; what the rest would, nobody has tried yet.
+        costs: dict[Output, float] | None = None if on else {}
+        rows[effect] = PlannedEffect(effect=effect, on=on, reason=reason, costs=costs, asked=asked)
     for effect, on in scene.effects:
         called = rows[effect]
         if on and not called.on and effect in _CANNOT_BE_ADDED:
