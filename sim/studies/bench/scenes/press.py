@@ -7,6 +7,7 @@ commit's solver can be timed with it: its imports are those of the checkout on P
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import math
 import resource
@@ -18,7 +19,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
-from sim.effects.scene_path import path_for
 from sim.error.tolerance import keeping, parse_tolerance
 from sim.press import measure
 from sim.press_command import scene_from
@@ -28,6 +28,8 @@ from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.errors import ConfigError, RigError
 
+# Where a commit has what lays a scene's path.
+_HOMES = ("sim.effects.scene_path", "sim.press")
 FRAME_COUNT = 20
 # The least of so many presses counts, if they do not take longer than this together [s].
 _REPEATS, _ENOUGH_S = 3, 6.0
@@ -37,6 +39,17 @@ _WARM_SHARE = 0.1
 _GRACE_S = 5
 # The preset where none promises a tolerance: the first whose usual error is within it.
 _UNPROMISED = ((0.03, Preset.FAST), (0.01, Preset.BALANCED), (0.0, Preset.ACCURATE))
+
+
+def path_for(scene: Scene, plan: Any, **options: Any) -> LoadingPath:
+    """Return a scene's path, of whichever commit this is.
+
+    Raises:
+        ConfigError: The scene cannot be built.
+    """
+    home = next(name for name in _HOMES if importlib.util.find_spec(name) is not None)
+    path: LoadingPath = importlib.import_module(home).path_for(scene, plan, **options)
+    return path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
