@@ -18,7 +18,12 @@ from tacauchy_rig.registry import Kind, names, unknown
 _Own = ParamSpec("_Own")
 
 OutputOption = Annotated[
-    list[Output] | None, typer.Option("--output", help="What else is asked for; may be repeated.")
+    list[Output] | None,
+    typer.Option(
+        "--output",
+        metavar="OUTPUT",
+        help=f"What else is asked for, of {', '.join(Output)}; may be repeated.",
+    ),
 ]
 DeviceOption = Annotated[
     str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")

@@ -22,10 +22,10 @@ def _section(place: str) -> Callable[[], Table]:
 
 SECTIONS: dict[str, Callable[[], Table]] = {
     "punch": _section("bonded_layer:measure_punch"),
-    "pressure": _section("surface_fields:measure_pressure"),
-    "shear": _section("surface_fields:measure_shear"),
     "disc": _section("disc:measure"),
     "hertz": _section("bonded_layer:measure_ball"),
+    "pressure": _section("surface_fields:measure_pressure"),
+    "shear": _section("surface_fields:measure_shear"),
     "real-press": _section("real_press:measure"),
     "orders": _section("convergence:measure"),
     "rim-order": _section("convergence:measure_rim"),
