@@ -87,8 +87,10 @@ class PardisoSolver:
         self._run(_FACTORISE, self._zero)
 
     def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, shape [dof_count]."""
-        return self._run(_SOLVE, right_side)
+        """Solve with the last factor, as ``LinearSolver`` says."""
+        if right_side.ndim == 1:
+            return self._run(_SOLVE, right_side)
+        return np.stack([self._run(_SOLVE, each) for each in right_side])
 
     def _run(self, phase: int, right_side: FloatArray) -> FloatArray:
         take_threads(self._pardiso.libmkl, len(self._zero))

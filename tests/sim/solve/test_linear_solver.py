@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from sim.mesh.sparsity import SparsePattern, sparse_pattern
-from sim.solve.linear_solver import NotPositiveDefiniteError, single_precision_solver
+from sim.solve.linear_solver import (
+    LinearSolver,
+    NotPositiveDefiniteError,
+    SuperLuSolver,
+    linear_solver,
+    single_precision_solver,
+)
 
 
 @pytest.fixture
@@ -48,3 +56,16 @@ def test_an_indefinite_matrix_is_refused(pattern: SparsePattern) -> None:
     solver.factorise(data)
     found = solver.solve(np.ones(pattern.dof_count))
     np.testing.assert_allclose(dense @ found, 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("make", [linear_solver, single_precision_solver, SuperLuSolver])
+def test_many_at_once_are_each_alone(
+    pattern: SparsePattern, make: Callable[[SparsePattern], LinearSolver]
+) -> None:
+    """And the matrix undoes them."""
+    solver, (data, dense) = make(pattern), matrix(pattern, 4.0)
+    solver.factorise(data)
+    right = np.random.default_rng(1).standard_normal((5, pattern.dof_count))
+    found = solver.solve(right)
+    np.testing.assert_allclose(found @ dense, right, atol=1e-5)
+    np.testing.assert_allclose(found, [solver.solve(each) for each in right], atol=1e-6)
