@@ -30,6 +30,7 @@ from sim.batch.environment import (
 from sim.batch.frames import Frames
 from sim.batch.inverses import inverses_for
 from sim.batch.pilot import Pilot
+from sim.batch.pilots_way import Guide
 from sim.device import Device, filled, on_host
 from sim.fields.stress import StressProjection, SurfaceStress
 from sim.material.elastic_body import element_constants
@@ -279,7 +280,7 @@ class Batch:
         self.together.ahead = _AHEAD
         inverse.which = self.together.which
         self.guide = filled(
-            kernels.Guide,
+            Guide,
             stands=device.array(np.stack([each.stand_m for each in states]), wp.vec4d),
             motions=device.array(np.stack([each.motion_m for each in states]), wp.vec3d),
             depths=device.array(np.array([each.depth_m for each in states]), wp.float64),
