@@ -7,21 +7,26 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sim.arrays import FloatArray
-from sim.optics.calibrate.scale.dot_grid import find_dots
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 GreyArray = NDArray[np.uint8]
 _ENLARGE = 3
 _SMALLEST_IMAGE_PX = 1200
+# Noise is smoothed away before dots are looked for, at thresholds so many grey levels apart.
+_SMOOTHING_PX, _LEVEL_STEP = 1.0, 3
+_SMALLEST_DOT_PX2 = 6.0
+# Times the grid's step, below the 1.41 of diagonals: a dot so near to it would be of the grid.
+_NEIGHBOUR = 1.3
 _EXAMPLES = {
     "charuco": "charuco:columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50",
     "aruco": "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50",
@@ -44,41 +49,43 @@ class TargetPoints:
     wanted: int
 
 
-class ScaleTarget(Protocol):
-    """A flat target of known size."""
-
-    def find(self, image: GreyArray) -> TargetPoints:
-        """Return the points that a grey image shows; none where it shows no target."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardTarget(ABC):
-    """A board of ArUco markers, as OpenCV knows it."""
+class ScaleTarget(ABC):
+    """A flat target of known size."""
 
     columns: int
     rows: int
+
+    @abstractmethod
+    def find(self, image: GreyArray) -> TargetPoints:
+        """Return the points that a grey image shows; none where it shows no target."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardTarget(ScaleTarget):
+    """A board of ArUco markers, as OpenCV knows it."""
+
     dictionary: str = "4X4_50"
 
     @abstractmethod
     def board(self) -> cv2.aruco.Board:
-        """Return OpenCV's description of the board, in units of its own."""
+        """Return OpenCV's description of the board, in metres."""
 
     @abstractmethod
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:
-        """Return corners as OpenCV finds them, their numbers, the unit [m], and the whole count."""
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
+        """Return corners as OpenCV finds them, their numbers, and how many there should be."""
 
     def find(self, image: GreyArray) -> TargetPoints:
         """Return the board's points that a grey image shows."""
         board = self.board()
         large, factor = _enlarged(image)
-        corners, found, unit_m, wanted = self.detected(board, large)
+        corners, found, wanted = self.detected(board, large)
         known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
         if known is None or pixels is None:
-            return _nothing(wanted)
+            known, pixels = np.empty((0, 3)), np.empty((0, 2))
         middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
         return TargetPoints(
-            positions_m=(known.reshape(-1, 3)[:, :2].astype(np.float64) - middle) * unit_m,
+            positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
             pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
             wanted=wanted,
         )
@@ -91,15 +98,23 @@ class CharucoTarget(BoardTarget):
     square_m: float
     marker_m: float
 
-    def board(self) -> cv2.aruco.CharucoBoard:
-        """Return OpenCV's description of the board, in units of one square."""
-        size, share = (self.columns, self.rows), self.marker_m / self.square_m
-        return cv2.aruco.CharucoBoard(size, 1.0, share, _dictionary(self.dictionary))
+    def __post_init__(self) -> None:
+        if not self.marker_m < self.square_m:
+            raise ConfigError(
+                f"--target charuco: marker {self.marker_m * 1e3:g} mm is not smaller than square "
+                f"{self.square_m * 1e3:g} mm",
+                remedy="give both as printed",
+            )
 
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:
+    def board(self) -> cv2.aruco.CharucoBoard:
+        """Return OpenCV's description of the board, in metres."""
+        size, markers = (self.columns, self.rows), _dictionary(self.dictionary)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, markers)
+
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
         """Find the inner corners of the chessboard."""
         corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
-        return corners, found, self.square_m, (self.columns - 1) * (self.rows - 1)
+        return corners, found, (self.columns - 1) * (self.rows - 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,39 +125,60 @@ class ArucoTarget(BoardTarget):
     gap_m: float
 
     def board(self) -> cv2.aruco.GridBoard:
-        """Return OpenCV's description of the grid, in units of one marker."""
-        size, share = (self.columns, self.rows), self.gap_m / self.marker_m
-        return cv2.aruco.GridBoard(size, 1.0, share, _dictionary(self.dictionary))
+        """Return OpenCV's description of the grid, in metres."""
+        size, markers = (self.columns, self.rows), _dictionary(self.dictionary)
+        return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, markers)
 
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, float, int]:  # noqa: ARG002
+    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
         """Find the four corners of every marker."""
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        detector = cv2.aruco.ArucoDetector(_dictionary(self.dictionary), parameters)
+        detector = cv2.aruco.ArucoDetector(board.getDictionary(), parameters)
         corners, found, _ = detector.detectMarkers(image)
-        return corners, found, self.marker_m, 4 * self.columns * self.rows
+        return corners, found, 4 * self.columns * self.rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DotTarget:
+class DotTarget(ScaleTarget):
     """Regular grid of dots; which way round it lies is taken to be the nearest to the image's."""
 
-    columns: int
-    rows: int
     pitch_m: float
 
     def find(self, image: GreyArray) -> TargetPoints:
-        """Return the centres of all dots, or none."""
-        wanted = self.columns * self.rows
-        pixels = find_dots(image, columns=self.columns, rows=self.rows)
-        if pixels is None:
-            return _nothing(wanted)
+        """Return the centres of all dots, dark or bright, or none."""
+        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), dtype=np.uint8)
+        for shown in (smooth, 255 - smooth):
+            pixels = self._grid(shown)
+            if len(pixels):
+                break
         j, i = np.mgrid[: self.rows, : self.columns].astype(np.float64)
-        places = np.stack([i.ravel(), j.ravel()], axis=1)
-        middle = 0.5 * (np.array([self.columns, self.rows]) - 1.0)
-        return TargetPoints(
-            positions_m=(places - middle) * self.pitch_m, pixels=pixels, wanted=wanted
-        )
+        places = np.stack([i.ravel(), j.ravel()], axis=1) * self.pitch_m
+        known = (places - places.mean(axis=0))[: len(pixels)]
+        return TargetPoints(positions_m=known, pixels=pixels, wanted=len(places))
+
+    def _grid(self, image: GreyArray) -> FloatArray:
+        """Return the centres of dark dots row by row [px]; none unless they are just this grid."""
+        settings = cv2.SimpleBlobDetector.Params()
+        settings.minArea = _SMALLEST_DOT_PX2
+        settings.maxArea = image.size / (self.columns * self.rows)
+        settings.minDistBetweenBlobs = 1.0
+        settings.minThreshold, settings.maxThreshold = _LEVEL_STEP, 255
+        settings.thresholdStep = _LEVEL_STEP
+        detector = cv2.SimpleBlobDetector.create(settings)
+        size = (self.columns, self.rows)
+        seen, centres = cv2.findCirclesGrid(image, size, blobDetector=detector)
+        if not seen or centres is None:
+            return np.empty((0, 2))
+        grid = centres.reshape(self.rows, self.columns, 2).astype(np.float64)
+        along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if self.rows == self.columns and abs(along[0]) < abs(down[0]):
+            grid, along, down = grid.swapaxes(0, 1), down, along
+        grid = grid[:: 1 if down[1] > 0.0 else -1, :: 1 if along[0] > 0.0 else -1]
+        pixels = grid.reshape(-1, 2)
+        dots = np.array([dot.pt for dot in detector.detect(image)])
+        step = _NEIGHBOUR * np.linalg.norm(along) / (self.columns - 1)
+        beside = cKDTree(pixels).query(dots)[0] < step
+        return pixels if np.count_nonzero(beside) == len(pixels) else np.empty((0, 2))
 
 
 def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPoints:
@@ -161,9 +197,7 @@ def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPo
         mirrored = target.find(np.ascontiguousarray(image[:, ::-1]))
         if len(mirrored.pixels) > len(found.pixels):
             flipped = (image.shape[1] - 1.0, 0.0) + mirrored.pixels * (-1.0, 1.0)
-            found = TargetPoints(
-                positions_m=mirrored.positions_m, pixels=flipped, wanted=mirrored.wanted
-            )
+            found = replace(mirrored, pixels=flipped)
     if 2 * len(found.pixels) < found.wanted:
         raise ConfigError(
             f"{name} shows {len(found.pixels)} of the target's {found.wanted} points",
@@ -185,15 +219,11 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 def _enlarged(image: GreyArray) -> tuple[GreyArray, int]:
     """Enlarge small images: the detectors want markers of more pixels than a 320 x 240 gives."""
     factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
-    size = (image.shape[1] * factor, image.shape[0] * factor)
-    enlarged = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
+    enlarged = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     return np.asarray(enlarged, dtype=np.uint8), factor
 
 
-def _nothing(wanted: int) -> TargetPoints:
-    return TargetPoints(positions_m=np.empty((0, 2)), pixels=np.empty((0, 2)), wanted=wanted)
-
-
+_COUNTS = ("columns", "rows")
 _KINDS: dict[str, tuple[Callable[..., ScaleTarget], tuple[str, ...]]] = {
     "charuco": (CharucoTarget, ("square", "marker")),
     "aruco": (ArucoTarget, ("marker", "gap")),
@@ -214,7 +244,7 @@ def parse_target(text: str) -> ScaleTarget:
         )
     made, lengths = _KINDS[kind]
     given = dict(part.partition("=")[::2] for part in terms.split(",") if part)
-    needed = {"columns", "rows", *lengths}
+    needed = {*_COUNTS, *lengths}
     optional = set() if kind == "dots" else {"dictionary"}
     wrong = sorted((needed - set(given)) | (set(given) - needed - optional))
     if wrong:
@@ -222,15 +252,9 @@ def parse_target(text: str) -> ScaleTarget:
             f"--target {kind}: missing or unknown: {', '.join(wrong)}",
             remedy=f"write {_EXAMPLES[kind]}",
         )
-    counts = {key: _count(given[key], f"--target {key}") for key in ("columns", "rows")}
-    sizes = {f"{key}_m": _length(given[key], f"--target {key}") for key in lengths}
-    if kind == "charuco" and not sizes["marker_m"] < sizes["square_m"]:
-        raise ConfigError(
-            f"--target charuco: marker {given['marker']} is not smaller than square "
-            f"{given['square']}",
-            remedy="give both as printed",
-        )
-    return made(**counts, **sizes, **{key: given[key] for key in optional & set(given)})
+    numbers: dict[str, Any] = {key: _count(given[key], f"--target {key}") for key in _COUNTS}
+    numbers |= {f"{key}_m": _length(given[key], f"--target {key}") for key in lengths}
+    return made(**numbers, **{key: given[key] for key in optional & set(given)})
 
 
 def _count(text: str, field: str) -> int:

@@ -109,6 +109,14 @@ def test_missing_dot_is_refused() -> None:
         find_target(DOTS, image, name="dots.png")
 
 
+def test_a_grid_of_more_dots_is_refused() -> None:
+    """A part of a larger grid is not taken for the grid that was asked for."""
+    printed = printed_dots(columns=8, rows=5, pitch_m=1.6e-3, radius_m=4e-4)
+    image = photograph(printed, _camera(), blur_px=0.3, noise=1.0)
+    with pytest.raises(ConfigError, match="0 of the target's 35 points"):
+        find_target(DOTS, image, name="dots.png")
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
