@@ -36,7 +36,7 @@ class OwnProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self.end()
 
     def call(self, function: Callable[[], Result], *, limit_s: float) -> Result:
         """Return what a function gives that the other process can import.
@@ -48,12 +48,12 @@ class OwnProcess:
         try:
             calls.send((function, limit_s))
             if not calls.poll(limit_s):
-                self._end()
+                self.end()
                 raise ProcessFailedError(f"not done after {limit_s:g} s")
             result, failure = calls.recv()
         except (EOFError, OSError) as error:
             process.join(_GRACE_S)
-            self._end()
+            self.end()
             raise ProcessFailedError(
                 f"its process ended with status {process.exitcode} and no result"
             ) from error
@@ -62,8 +62,8 @@ class OwnProcess:
         found: Result = result
         return found
 
-    def _end(self) -> None:
-        """Kill the process and those that it started."""
+    def end(self) -> None:
+        """Kill the process and those that it started; the next call starts another."""
         if self._running is None:
             return
         calls, process = self._running

@@ -18,7 +18,7 @@ class Part(StrEnum):
 
 
 class Peer(StrEnum):
-    """Other engines that can be measured beside the batches."""
+    """Other engines that can press the scenes beside ours."""
 
     LIBUIPC = "libuipc"
 

@@ -11,7 +11,6 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.bench.batches import (
-    BALANCE,
     ENVIRONMENTS_ON_CPU,
     BatchRow,
     batch_device,
@@ -21,8 +20,7 @@ from sim.studies.bench.batches import (
 from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
 from sim.studies.bench.frames import TRAVEL_M
 from sim.studies.bench.growth import GrowthRow, growth
-from sim.studies.bench.part import Part, Peer
-from sim.studies.bench.peer.comparison import PeerRow, measure_libuipc, why_no_libuipc
+from sim.studies.bench.part import Part
 from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
 from sim.studies.bench.start import StartRow, measure_start
@@ -49,7 +47,6 @@ class Benchmark:
     """
 
     batches: tuple[BatchRow, ...] = ()
-    peers: tuple[PeerRow, ...] = ()
     rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
@@ -65,7 +62,6 @@ def run_bench(
     *,
     parts: Collection[Part] = tuple(Part),
     against: Preset = Preset.ACCURATE,
-    peer: Peer | None = None,
     on_progress: Progress = lambda _text: None,
 ) -> Benchmark:
     """Measure everything that this machine can.
@@ -76,7 +72,6 @@ def run_bench(
         forces_n: Of the replay [N].
         parts: What to measure; the scenes are measured apart, ``sim.studies.bench.scenes``.
         against: Whose force at the end of the travel is taken for exact.
-        peer: Run the batches' press by this engine too, after the batches.
 
     Raises:
         ConvergenceError: A press does not go through.
@@ -99,10 +94,14 @@ def run_bench(
         if part in parts:
             on_progress(part.value)
             rows[name] += measure()
-    if Part.BATCHES in parts or peer is not None:
+    if Part.BATCHES in parts:
         on_progress(f"F_z with preset {against}")
         exact_n = exact_force(scene, preset=against)
-        _side_by_side(rows, scene, exact_n, parts, peer, on_progress)
+        device = batch_device()
+        on_progress(f"batches on {device}")
+        for row in measure_batches(scene, device=device, exact_n=exact_n):
+            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
+            rows["batches"].append(row)
     rows["absent"] += _missing_gpu(parts)
     return Benchmark(**{name: tuple(found) for name, found in rows.items()})
 
@@ -113,32 +112,6 @@ def _missing_gpu(parts: Collection[Part]) -> list[str]:
         return []
     asked = [what for part, what in _NO_GPU.items() if part in parts]
     return [f"{what}, which is done on a GPU: there is none here" for what in asked]
-
-
-def _side_by_side(
-    rows: defaultdict[str, list[Any]],
-    scene: Scene,
-    exact_n: float,
-    parts: Collection[Part],
-    peer: Peer | None,
-    on_progress: Progress,
-) -> None:
-    """Measure batches, and the peer after them."""
-    device = batch_device()
-    without = "" if peer is None else why_no_libuipc(scene, device=device)
-    if without:
-        on_progress(f"not measured: {without}")
-        rows["absent"].append(without)
-    if Part.BATCHES in parts:
-        on_progress(f"batches on {device}")
-        for row in measure_batches(scene, device=device, exact_n=exact_n):
-            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
-            rows["batches"].append(row)
-    if peer is not None and not without:
-        on_progress(f"libuipc on {device}")
-        for found in measure_libuipc(scene, exact_n=exact_n, balance=BALANCE):
-            on_progress(f"  {found.summary}")
-            rows["peers"].append(found)
 
 
 def _warm_up(scene: Scene) -> None:

@@ -8,7 +8,6 @@ from functools import partial
 from sim.studies.bench.batches import BALANCE, BatchRow
 from sim.studies.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
-from sim.studies.bench.peer.comparison import peer_table
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
@@ -33,7 +32,6 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _batches: found.batches,
         _stress: found.batches,
         _launches: found.batches,
-        lambda found: peer_table(found.batches, found.peers): found.peers,
         _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,

@@ -34,8 +34,8 @@ _Peer = Annotated[
     Peer | None,
     typer.Option(
         "--peer",
-        help="Run the batches' press by this engine too, on the same GPU after ours, with its "
-        "force and balance beside its time; libuipc comes with pip install pyuipc.",
+        help="Of the scenes: press them by this engine too, on the same GPU after ours, alone and "
+        "in 60 environments or as many as are asked for; libuipc comes with pip install pyuipc.",
     ),
 ]
 _Only = Annotated[
@@ -115,6 +115,7 @@ def bench(
             only=only,
             tolerances=tuple(tolerances or ("5%",)),
             device=device,
+            peer=peer,
             environments=tuple(environments or ()),
             reference=reference,
             against=against,
@@ -124,7 +125,7 @@ def bench(
         bench_scenes(asked, out=out, json_file=json_file if wanted == [Part.SCENES] else None)
     others = [part for part in wanted if part is not Part.SCENES]
     if others:
-        _bench_parts(out, sensor, indenter, others, peer, json_file, is_all=parts is None)
+        _bench_parts(out, sensor, indenter, others, json_file, is_all=parts is None)
 
 
 def _bench_parts(
@@ -132,7 +133,6 @@ def _bench_parts(
     sensor: str,
     indenter: str,
     parts: Sequence[Part],
-    peer: Peer | None,
     json_file: Path | None,
     *,
     is_all: bool,
@@ -154,7 +154,6 @@ def _bench_parts(
         replay_images(gel),
         load_config(None).config.protocol.force_targets,
         parts=parts,
-        peer=peer,
         on_progress=lambda text: complain(f"  {text}"),
     )
     tables = bench_tables(found)
@@ -175,7 +174,6 @@ def _bench_parts(
             [
                 f"tacauchy-rig bench --sensor {sensor} --indenter {indenter}",
                 *(f"--part {part}" for part in parts if not is_all),
-                *([f"--peer {peer}"] if peer else []),
                 f"--out {out}",
             ]
         ),

@@ -8,15 +8,17 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from sim.error.tolerance import parse_tolerance
-from sim.studies.bench.part import REFERENCE_FILE
+from sim.studies.bench.part import REFERENCE_FILE, Peer
+from sim.studies.bench.peer.rows import BESIDE_PEER, press_in_peer, refuse_without_libuipc
+from sim.studies.bench.peer.table import peer_tables
 from sim.studies.bench.scenes.catalogue import BenchScene, all_scenes, select_scenes
 from sim.studies.bench.scenes.figure import draw_scenes
-from sim.studies.bench.scenes.own_process import Order, commit
+from sim.studies.bench.scenes.own_process import Order, SceneRow, commit
 from sim.studies.bench.scenes.references import (
     measure_references,
     read_references,
 )
-from sim.studies.bench.scenes.suite import SceneBench, press_all, side_by_side
+from sim.studies.bench.scenes.suite import SceneBench, press_all, said, side_by_side
 from sim.studies.bench.scenes.tables import scene_tables, way
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.page import criteria_page
@@ -31,6 +33,7 @@ class ScenesAsked:
     only: str
     tolerances: tuple[str, ...]
     device: str
+    peer: Peer | None
     environments: tuple[int, ...]
     reference: bool
     against: Path | None
@@ -38,10 +41,15 @@ class ScenesAsked:
     limit_s: float
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """Environments of every batch; beside another engine there are some."""
+        return self.environments or (() if self.peer is None else BESIDE_PEER)
+
+    @property
     def orders(self) -> list[Order]:
         """Every way to press: alone by each tolerance, or in each batch."""
         alone = [Order(tolerance=each, device=self.device) for each in self.tolerances]
-        batches = [Order(environments=count, device=self.device) for count in self.environments]
+        batches = [Order(environments=count, device=self.device) for count in self.counts]
         return [replace(each, limit_s=self.limit_s) for each in batches or alone]
 
     def command(self, out: Path) -> str:
@@ -51,6 +59,7 @@ class ScenesAsked:
         for name, values in (("tolerance", self.tolerances), ("environments", self.environments)):
             words += [word for value in values for word in (f"--{name}", str(value))]
         words += ["--device", self.device] if self.device != Order().device else []
+        words += ["--peer", self.peer] if self.peer else []
         words += ["--reference"] if self.reference else []
         words += ["--against", str(self.against)] if self.against else []
         words += ["--compare", self.compare] if self.compare else []
@@ -67,8 +76,10 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
     scenes = select_scenes(asked.only)
     for text in asked.tolerances:
         parse_tolerance(text, field="--tolerance")
+    if asked.peer is not None:
+        refuse_without_libuipc(asked.device)
     found = _measured(asked, scenes, out)
-    tables = scene_tables(found)
+    tables = [*peer_tables(found), *scene_tables(found)]
     for table in tables:
         show_table(table)
     command = asked.command(out)
@@ -115,9 +126,20 @@ def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> Sc
         found = list(side_by_side(scenes, order, asked.compare, on_progress=complain))
         groups.append(tuple(pair.new for pair in found))
         pairs += found
+    peers: tuple[tuple[SceneRow, ...], ...] = ()
+    if asked.peer is not None:
+        complain(f"scenes, {asked.peer}")
+        peers = press_in_peer(
+            scenes, asked.counts, limit_s=asked.limit_s, on_progress=_say_peers_row
+        )
     return SceneBench(
         groups=tuple(groups),
+        peers=peers,
         references=references,
         compared=asked.compare or "",
         pairs=tuple(pairs),
     )
+
+
+def _say_peers_row(row: SceneRow) -> None:
+    complain(f"  {row.scene}, {way(row)}: {said(row)}")

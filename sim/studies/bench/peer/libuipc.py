@@ -1,9 +1,9 @@
 """A libuipc scene of pads side by side, each beneath its own rigid indenter.
 
 libuipc moves a rigid body towards where it should be by a spring. Ours is stiff enough that the
-force of a press shortens a millimetre of travel by half a micrometre; the tip's true height is read
-back all the same. Gravity, friction and velocities are off, the gel has next to no mass, and gel
-does not touch gel.
+force of a press shortens a millimetre of travel by half a micrometre; the tip's true place is read
+back all the same. Gravity and velocities are off, the gel has next to no mass, and gel does not
+touch gel.
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ _STEEL_KG_M3 = 8000.0
 # Of the spring that moves an indenter [N/m], and of the indenter itself [Pa].
 _DRIVE_N_M = 1e7
 _RIGID_PA = 1e10
-# Of the kinds of pairs that libuipc knows, those of normal contact.
-_NORMAL = "+N"
-_LIFT_FRAMES = 5
+# Indenters go back through every fourth of their poses.
+_LIFT_STRIDE = 4
 _NEWTON = "newton_iterations"
 _LIMITS = {"hit_newton_limit": "Newton", "hit_line_search_limit": "a line search"}
-# No further press is timed after so much time [s].
-_ENOUGH_S = 40.0
+# No further press is timed after so much time [s], as of ours.
+_ENOUGH_S = 6.0
 
 
 class PeerWorld:
@@ -43,7 +42,7 @@ class PeerWorld:
     Attributes:
         gel: The pads' geometry.
         bodies: The indenters' geometry.
-        target_m: Heights of the tips that the next frame goes to [m], shape [count].
+        aims: Transforms that the next frame goes to, in the pads' frames, shape [count, 4, 4].
     """
 
     def __init__(self, task: PeerTask, *, folder: str, backend: str = "cuda") -> None:
@@ -54,7 +53,7 @@ class PeerWorld:
         self.uipc.Logger.set_level(self.uipc.Logger.Level.Error)
         self.uipc.Timer.disable_all()
         self.task = task
-        self.target_m = np.full(task.count, task.touch_m)
+        self.aims = task.start
         scene = self.uipc.Scene(self._settings())
         gel, body = self._gel(), self._bodies()
         self._contact(scene, gel, body)
@@ -75,9 +74,9 @@ class PeerWorld:
         """The pads' geometry as it was last retrieved."""
         return self._slots[0].geometry()
 
-    def go_to(self, tips_m: FloatArray) -> None:
-        """Compute one frame: the tips go to these heights [m]."""
-        self.target_m[:] = tips_m
+    def go_to(self, poses: FloatArray) -> None:
+        """Compute one frame: the indenters go to these poses, shape [count, 4, 4]."""
+        self.aims = poses
         self.world.advance()
 
     def close(self) -> None:
@@ -90,12 +89,13 @@ class PeerWorld:
         return dict(self.engine.frame_stats())
 
     def read(self) -> tuple[FloatArray, FloatArray]:
-        """Return nodes in their pad's frame [m], [count, node_count, 3], and tips' heights [m]."""
+        """Return nodes [count, node_count, 3] and tips [count, 3] in their pad's frame [m]."""
         self.world.retrieve()
-        count = self.task.count
+        count, origins = self.task.count, self.task.origins_m
         nodes = np.array(self.uipc.view(self.gel.positions())).reshape(count, -1, 3)
         transforms = np.array(self.uipc.view(self._slots[1].geometry().transforms()))
-        return nodes - self.task.origins_m[:, None], transforms.reshape(count, 4, 4)[:, 2, 3]
+        tips = transforms.reshape(count, 4, 4)[:, :3, 3]
+        return nodes - origins[:, None], tips - origins
 
     def _settings(self) -> dict[str, Any]:
         settings = self.uipc.Scene.default_config()
@@ -104,7 +104,11 @@ class PeerWorld:
             {
                 "dt": FRAME_S,
                 "gravity": [[0.0], [0.0], [0.0]],
-                "contact": {"d_hat": self.task.distance_m, "friction": {"enable": 0}},
+                "contact": {
+                    "d_hat": self.task.distance_m,
+                    "eps_velocity": self.task.slip_m / FRAME_S,
+                    "friction": {"enable": int(self.task.friction > 0.0)},
+                },
                 "sanity_check": {"mode": "quiet"},
             },
         )
@@ -117,14 +121,14 @@ class PeerWorld:
         step = len(task.nodes) * np.arange(task.count)
         nodes = (task.nodes + task.origins_m[:, None]).reshape(-1, 3)
         tets = (task.tets + step[:, None, None]).reshape(-1, 4)
-        gel = geometry.tetmesh(nodes, tets.astype(np.int32))
+        gel = geometry.tetmesh(nodes, np.ascontiguousarray(tets, dtype=np.int32))
         geometry.label_surface(gel)
         geometry.label_triangle_orient(gel)
-        moduli = constitution.ElasticModuli.youngs_poisson(float(task.young_pa[0]), task.poisson)
+        moduli = constitution.ElasticModuli.lame(task.bulk_pa[0, 0], task.shear_pa[0, 0])
         constitution.StableNeoHookean().apply_to(gel, moduli, _GEL_KG_M3)
-        stiffer = np.repeat(task.young_pa / task.young_pa[0], len(task.tets))
-        for name in ("mu", "lambda"):
-            view(gel.tetrahedra().find(name))[:] *= stiffer
+        # It names the law's two constants as Lame's, which they are not, and keeps them by element.
+        for name, values in (("mu", task.shear_pa), ("lambda", task.bulk_pa)):
+            view(gel.tetrahedra().find(name))[:] = values.reshape(-1)
         fixed = view(gel.vertices().find(self.uipc.builtin.is_fixed))
         fixed[:] = np.tile(task.clamped, task.count).astype(fixed.dtype)
         view(gel.vertices().find(self.uipc.builtin.is_dynamic))[:] = 0
@@ -136,7 +140,9 @@ class PeerWorld:
             self._parts["geometry"],
             self._parts["constitution"],
         )
-        body = geometry.trimesh(task.body_vertices, task.body_faces.astype(np.int32))
+        # It reads memory as it lies.
+        faces = np.ascontiguousarray(task.body_faces, dtype=np.int32)
+        body = geometry.trimesh(np.ascontiguousarray(task.body_vertices), faces)
         geometry.label_surface(body)
         constitution.AffineBodyConstitution().apply_to(body, _RIGID_PA, _STEEL_KG_M3)
         mass_kg = _STEEL_KG_M3 * float(body.meta().find("volume").view()[0])
@@ -144,18 +150,22 @@ class PeerWorld:
         constitution.SoftTransformConstraint().apply_to(body, np.array([strength, strength]))
         body.instances().resize(task.count)
         self.uipc.view(body.instances().find(self.uipc.builtin.is_dynamic))[:] = 0
-        transforms = self.uipc.view(body.transforms())
-        transforms[:] = np.eye(4)
-        transforms[:, :3, 3] = task.origins_m
-        transforms[:, 2, 3] = task.touch_m
+        self.uipc.view(body.transforms())[:] = self._placed(task.start)
         return body
+
+    def _placed(self, poses: FloatArray) -> FloatArray:
+        """Return poses in the pads' frames in that of the scene, shape [count, 4, 4]."""
+        found = poses.copy()
+        found[:, :3, 3] += self.task.origins_m
+        return found
 
     def _contact(self, scene: Any, gel: Any, body: Any) -> None:
         table = scene.contact_tabular()
-        table.default_model(0.0, self.task.resistance, False)
+        friction, resistance = self.task.friction, self.task.resistance
+        table.default_model(0.0, resistance, False)
         elements = [table.create(name) for name in ("gel", "indenter")]
         for one, other, is_on in ((0, 0, False), (0, 1, True), (1, 1, False)):
-            table.insert(elements[one], elements[other], 0.0, self.task.resistance, is_on)
+            table.insert(elements[one], elements[other], friction, resistance, is_on)
         for element, geometry in zip(elements, (gel, body), strict=True):
             element.apply_to(geometry)
 
@@ -164,10 +174,7 @@ class PeerWorld:
         instances = info.geo_slots()[0].geometry().instances()
         view, names = self.uipc.view, self.uipc.builtin
         view(instances.find(names.is_constrained))[:] = 1
-        aims = view(instances.find(names.aim_transform))
-        aims[:] = np.eye(4)
-        aims[:, :3, 3] = self.task.origins_m
-        aims[:, 2, 3] = self.target_m
+        view(instances.find(names.aim_transform))[:] = self._placed(self.aims)
 
 
 def _merge(settings: dict[str, Any], other: dict[str, Any]) -> None:
@@ -183,8 +190,7 @@ def contact_forces(world: PeerWorld) -> FloatArray | None:
     """Return the force on every node [N], shape [count, node_count, 3]; None if there is no way.
 
     libuipc keeps the gradient of its last assembly, that of energy times the square of a frame's
-    time, at the positions from which the last Newton step started. After a frame in which nothing
-    moves, with one step only, these are the positions that the frame before it ended with.
+    time, at the positions from which the last Newton step started.
     """
     core, geometry = (importlib.import_module(f"uipc.{name}") for name in ("core", "geometry"))
     feature = world.world.features().find(core.ContactSystemFeature)
@@ -194,8 +200,6 @@ def contact_forces(world: PeerWorld) -> FloatArray | None:
     found = np.zeros((count * node_count, 3))
     first = _first_vertex(world)
     for kind in feature.contact_primitive_types():
-        if not kind.endswith(_NORMAL):
-            continue
         pairs = geometry.Geometry()
         feature.contact_gradient(kind, pairs)
         vertices, gradients = (pairs.instances().find(name) for name in ("i", "grad"))
@@ -232,63 +236,60 @@ def press_in_libuipc(task: PeerTask, *, folder: str, backend: str = "cuda") -> P
 
 def _pressed(world: PeerWorld, started: float) -> PeerFound:
     task = world.task
-    heights = task.touch_m - task.depths_m
-    frames = _warm_up(world, heights)
+    frames = _warm_up(world)
     set_up_s = time.perf_counter() - started
-    times: list[float] = []
-    while len(times) < task.press_count and (not times or sum(times) < _ENOUGH_S):
-        _lift(world, heights)
-        times.append(_timed(world, heights))
+    times: list[tuple[float, float]] = []
+    while len(times) < task.press_count and sum(wall for wall, _ in times) < _ENOUGH_S:
+        _lift(world)
+        times.append(_timed(world))
     positions, tips = world.read()
-    world.go_to(heights[-1])
-    world.world.sync()
     problems = _limits(frames)
-    still = _counts([world.frame_facts()], _NEWTON)
-    if any(steps > 1 for steps in still):
-        problems.append(f"the frame that stands still took {still[0]} Newton steps")
-    contact = contact_forces(world)
-    if contact is None:
-        problems.append("it does not say its contact forces")
+    if not task.friction:
+        # Where nothing moves, with one step only, the gradient is that of the frame before. What
+        # rubs would be let go there.
+        world.go_to(task.poses[-1])
+        world.world.sync()
+        still = _counts([world.frame_facts()], _NEWTON)
+        if any(steps > 1 for steps in still):
+            problems.append(f"the frame that stands still took {still[0]} Newton steps")
     return PeerFound(
-        version=str(world.uipc.__version__),
         set_up_s=set_up_s,
         press_s=tuple(times),
         newton_iterations=_counts(frames, _NEWTON),
-        linear_iterations=_counts(frames, "linear_solver_iterations"),
         positions=positions,
         tips_m=tips,
-        contact_n=contact,
+        contact_n=contact_forces(world),
         problems=tuple(problems),
     )
 
 
-def _warm_up(world: PeerWorld, heights: FloatArray) -> list[dict[str, Any]]:
+def _warm_up(world: PeerWorld) -> list[dict[str, Any]]:
     """Press once, and return what libuipc says of every frame."""
     found = []
-    for tips in heights:
-        world.go_to(tips)
+    for poses in world.task.poses:
+        world.go_to(poses)
         _check(world)
         found.append(world.frame_facts())
     return found
 
 
-def _timed(world: PeerWorld, heights: FloatArray) -> float:
-    """Return the time of a press [s]."""
+def _timed(world: PeerWorld) -> tuple[float, float]:
+    """Return the time of a press, of the wall and of the processor [s]."""
     world.world.sync()
-    started = time.perf_counter()
-    for tips in heights:
-        world.go_to(tips)
+    wall, cpu = time.perf_counter(), time.process_time()
+    for poses in world.task.poses:
+        world.go_to(poses)
     world.world.sync()
-    spent = time.perf_counter() - started
+    found = time.perf_counter() - wall, time.process_time() - cpu
     _check(world)
-    return spent
+    return found
 
 
-def _lift(world: PeerWorld, heights: FloatArray) -> None:
-    deepest, touch = heights[-1], world.task.touch_m
-    for share in np.linspace(0.0, 1.0, _LIFT_FRAMES + 1)[1:]:
-        world.go_to(deepest + share * (touch - deepest))
-    world.go_to(np.full(world.task.count, touch))
+def _lift(world: PeerWorld) -> None:
+    """Go back the way that the indenters came; the second frame at first touch lets gel rest."""
+    task = world.task
+    for poses in (*task.poses[-1 - _LIFT_STRIDE :: -_LIFT_STRIDE], task.start, task.start):
+        world.go_to(poses)
 
 
 def _counts(frames: Sequence[dict[str, Any]], name: str) -> tuple[int, ...]:

@@ -1,75 +1,53 @@
-"""A batch's scene as libuipc is given it, and what the presses that come back are worth.
+"""A scene as libuipc is given it, and what the presses that come back are worth.
 
-libuipc has linear tetrahedra only. The gel's law is the same in both engines, so the gel's forces
-follow from the positions alone: at the clamped base they are the reaction; at every other node they
-and those of contact should vanish together.
+libuipc has linear tetrahedra only, no planes of symmetry, and moves bodies by their place: it gets
+our tetrahedra of the whole pad made linear, and goes the depths that our own press of the scene
+goes. The gel's law is the same in both engines, so the gel's forces follow from the positions
+alone: at the clamped base they are the reaction.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import warp as wp
 
-from sim.arrays import FloatArray, IntArray
-from sim.batch.environment import Environment, course_of
-from sim.contact.state import ContactOptions
-from sim.material.laws.tangent import law
-from sim.mesh.elements import ElementOrder, quadratic_nodes
-from sim.mesh.tet_mesh import TetMesh, oriented
-from sim.scene.indenter import Cylinder
+from sim.arrays import FloatArray
+from sim.batch.environment import Course, Environment, course_of
+from sim.device import Device, on_host
+from sim.effects.plan import plan_effects
+from sim.effects.presets import build_model
+from sim.effects.scene_path import path_for
+from sim.material.elastic_body import element_constants
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
-from sim.scene.scene import Scene
-from sim.scene.tilted_indenter import cylinder_triangles
-from sim.scene.triangle_surface import closed_surface
-from sim.solve.load_steps.first_touch import touch_height
+from sim.scene.scene import ContactMode, Effect, Scene
+from sim.scene.tilted_indenter import cylinder_triangles, tilted
+from sim.scene.triangle_surface import TriangleSurface, closed_surface
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import spread
-from sim.studies.bench.frames import FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.peer.task import PeerFound, PeerTask, PeerTolerance
+from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, moves, pressing_frames
 from tacauchy_rig.errors import ConfigError
 
-# The parts of a quadratic tetrahedron: four at its corners, four around the line from the middle of
-# edge 02 to that of edge 13. Node order is that of sim/mesh/elements.py.
-_PARTS = (
-    (0, 4, 6, 7),
-    (1, 5, 4, 8),
-    (2, 6, 5, 9),
-    (3, 7, 9, 8),
-    (6, 8, 4, 5),
-    (6, 8, 5, 9),
-    (6, 8, 9, 7),
-    (6, 8, 7, 4),
-)
-_BODY_SECTORS = 64
-_STEPS = 4
+# Of a round body: a ball of 10 mm is up to 2.5 um flatter than it should be where it touches.
+_SECTORS, _BALL_RINGS, _FILLET_RINGS = 64, 32, 8
 # Every node beneath the indenter carries its share of the force at a gap of 0.6 d_hat, where the
 # barrier's force is this times kappa d_hat^3.
 _BARRIER_FORCE = 2.93
-_TOP_SHARE = 0.9
-
-
-class PeerMesh(StrEnum):
-    """Which of our mesh's points the peer's linear tetrahedra stand on."""
-
-    CORNERS = "same tetrahedra, linear"
-    NODES = "same nodes, linear"
-
-
-def linear_mesh(whole: TetMesh, kind: PeerMesh) -> TetMesh:
-    """Return linear tetrahedra on the corners, or on all nodes, of a pad's quadratic ones.
-
-    Args:
-        whole: The pad without symmetry.
-    """
-    if kind is PeerMesh.CORNERS:
-        return whole
-    nodes, elements = quadratic_nodes(whole.vertices, whole.tets)
-    parts: IntArray = np.concatenate([elements[:, list(part)] for part in _PARTS])
-    name = f"{whole.name}, each tetrahedron in eight"
-    return oriented(TetMesh(vertices=nodes, tets=parts, name=name))
+# Of the pad's height: what lies no deeper below the highest node there may be beneath an indenter.
+_TOP_SHARE = 0.1
+# What linear elements of the whole pad differ by from what a scene is pressed with.
+_LINEAR_AND_WHOLE = (
+    (Effect.SYMMETRY, False),
+    (Effect.LOCKING_FREE_ELEMENT, False),
+    (Effect.FINITE_STRAIN, True),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,153 +55,178 @@ class PeerPad:
     """A scene as libuipc is given it.
 
     Attributes:
-        scene: Its gel is of one material.
-        whole: The batch's model of the pad, without symmetry.
-        kind: Of the peer's mesh.
-        model: Ours on the peer's mesh.
+        model: Ours on linear tetrahedra of the whole pad.
+        course: Where the indenter goes, by depth.
+        touch_m: Height of its tip at first touch [m].
+        resistance: libuipc's kappa [Pa/m^2].
+        stiffness_n_m: dF_z / d(depth) of our press in the last frame that goes down [N/m].
     """
 
     scene: Scene
-    cylinder: Cylinder
-    whole: Model
-    kind: PeerMesh
     model: Model
+    body: TriangleSurface
+    course: Course
+    touch_m: float
+    resistance: float
+    stiffness_n_m: float
 
-    def task(self, *, count: int, tolerance: PeerTolerance, load_n: float) -> PeerTask:
-        """Return the presses of the batch's first environments.
-
-        Args:
-            load_n: About the force at their end [N].
-        """
-        model, distance_m = self.model, self.whole.contact_options.distance_m
-        triangles = cylinder_triangles(self.cylinder, sectors=_BODY_SECTORS)
-        surface = closed_surface(*triangles, name="cylinder")
-        course = course_of(self.scene, frame_count=FRAME_COUNT)
-        chosen = spread(self.scene, course, count)
-        beneath = np.hypot(*model.nodes[:, :2].T) < self.cylinder.radius_m
-        beneath &= model.nodes[:, 2] > _TOP_SHARE * model.height_m
+    def task(self, *, count: int, tolerance: PeerTolerance) -> PeerTask:
+        """Return presses in the environments of ``spread``."""
+        chosen = spread(self.scene, self.course, count)
+        law_pa = on_host(self.gel([each for each, _ in chosen]).parameters)
+        poses = np.stack([self._poses(course.goals) for _, course in chosen], axis=1)
         return PeerTask(
-            nodes=model.nodes,
-            tets=model.elements,
-            clamped=model.clamped,
-            young_pa=np.array([_young_pa(each) for each, _ in chosen]),
-            poisson=self.scene.material.poisson,
-            depths_m=np.stack([each.along for _, each in chosen], axis=1),
-            body_vertices=surface.vertices,
-            body_faces=surface.faces,
-            touch_m=touch_height(
-                self.whole,
-                self.cylinder,
-                self.whole.nodes,
-                centre_m=(0.0, 0.0),
-                rotation=np.eye(3),
-            ),
-            distance_m=distance_m,
-            resistance=load_n / int(beneath.sum()) / (_BARRIER_FORCE * distance_m**3),
+            nodes=self.model.nodes,
+            tets=self.model.elements,
+            clamped=self.model.clamped,
+            shear_pa=law_pa[..., 0],
+            bulk_pa=law_pa[..., 1],
+            start=np.repeat(self._poses(np.zeros((1, 4))), count, axis=0),
+            poses=poses,
+            body_vertices=self.body.vertices,
+            body_faces=self.body.faces,
+            distance_m=self.model.contact_options.distance_m,
+            resistance=self.resistance,
+            friction=self.model.contact_options.friction,
+            slip_m=self.model.contact_options.slip_m,
             tolerance=tolerance,
         )
 
-    def our_force(self) -> float:
-        """Return F_z at the end of the travel by our solver on the peer's mesh [N].
+    def gel(self, environments: Sequence[Environment]) -> Any:
+        """Return the elements of environments on our model."""
+        mesh = self.model.mesh
+        return self.model.gel.of(
+            [element_constants(mesh, each.materials or ()) for each in environments]
+        )
 
-        Raises:
-            ConvergenceError: The gel cannot be pressed that far.
-        """
-        path = LoadingPath(self.model, self.cylinder)
-        points = [path.advance(TRAVEL_M * step / _STEPS) for step in range(1, _STEPS + 1)]
-        return float(points[-1].force_n[2])
+    def _poses(self, goals: FloatArray) -> FloatArray:
+        """Return transforms [m], shape [frame_count, 4, 4], at depths, shifts and turns."""
+        down, x, y, turn = goals.T
+        found = np.tile(np.eye(4), (len(goals), 1, 1))
+        about_z = np.tile(np.eye(3), (len(goals), 1, 1))
+        about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turn)
+        about_z[:, 1, 0] = np.sin(turn)
+        about_z[:, 0, 1] = -about_z[:, 1, 0]
+        found[:, :3, :3] = about_z @ tilted(*self.scene.motion.tilt_rad)
+        centre_x, centre_y = self.scene.centre_m
+        found[:, :3, 3] = np.column_stack([centre_x + x, centre_y + y, self.touch_m - down])
+        return found
 
 
-def peer_pad(scene: Scene, whole: Model, kind: PeerMesh) -> PeerPad:
-    """Mesh a scene's pad for libuipc.
-
-    Args:
-        whole: The batch's model of the pad, without symmetry.
+def peer_pad(scene: Scene) -> PeerPad:
+    """Press a scene by our solver, and mesh its pad for libuipc.
 
     Raises:
-        ConfigError: The indenter is no cylinder.
+        ConfigError: libuipc cannot do this scene.
+        ConvergenceError: Nor can our solver.
     """
-    if not isinstance(scene.indenter, Cylinder):
-        raise ConfigError("libuipc is given cylinders only here", remedy="press a cylinder")
+    _refuse(scene)
+    plan = plan_effects(scene)
+    path = path_for(scene, plan)
+    points = [move(path) for move in moves(scene)]
+    linear = replace(scene, effects=(*scene.effects, *_LINEAR_AND_WHOLE))
+    model = build_model(linear, plan=plan_effects(linear))
+    course = course_of(scene, frame_count=FRAME_COUNT)
     return PeerPad(
         scene=scene,
-        cylinder=scene.indenter,
-        whole=whole,
-        kind=kind,
-        model=Model(
-            linear_mesh(whole.mesh, kind),
-            order=ElementOrder.P1,
-            law=law(LawName.STABLE_NEO_HOOKEAN),
-            young_pa=scene.material.young_pa,
-            poisson=scene.material.poisson,
-            contact_options=ContactOptions(distance_m=whole.contact_options.distance_m),
+        model=model,
+        body=triangles(scene.indenter),
+        course=replace(
+            course, depths_m=np.array([point.depth_m for point in points]), loads_n=None
         ),
+        touch_m=path.touch_m,
+        resistance=_resistance(model, path, points[-1]),
+        stiffness_n_m=points[pressing_frames(scene) - 1].stiffness_n_m,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PeerBalance:
-    """Forces of the last frame.
+def _refuse(scene: Scene) -> None:
+    lacking = {
+        "unbounded plates": isinstance(scene.indenter, Plane),
+        "bonded contact": scene.contact is ContactMode.BONDED,
+        "relaxation": any(material.relaxation for material in scene.materials),
+        "other laws than stable Neo-Hookean": any(
+            material.law != LawName.STABLE_NEO_HOOKEAN for material in scene.materials
+        ),
+    }
+    for what, is_needed in lacking.items():
+        if is_needed:
+            raise ConfigError(f"libuipc has no {what}", remedy="leave this scene to ours")
 
-    Attributes:
-        force_n: F_z of the first environment: reaction of the base [N].
-        imbalance: Base reaction against libuipc's contact force, over the latter, the largest; not
-            a number where libuipc does not say its contact force.
-        residual: Norm of the unbalanced force over the contact force, the largest; likewise.
-        inner_residual: The same over the nodes that contact does not push: it tells what the
-            engines' laws and iterations differ by from what contact makes of it.
-        gap_m: The smallest height of the indenter's underside above a node of the gel [m].
-        depth_error_m: By how much the indenter went too deep, the largest of either sign [m].
+
+def triangles(indenter: Indenter) -> TriangleSurface:
+    """Return an indenter as libuipc is given it.
+
+    Raises:
+        ConfigError: It is a plane.
     """
+    if isinstance(indenter, Plane):
+        raise ConfigError("a plane has no end", remedy="press a body")
+    if not isinstance(indenter, Cylinder | Sphere):
+        return indenter.surface
+    rings = _FILLET_RINGS
+    if isinstance(indenter, Sphere):
+        # A cylinder whose end is as round as it can be.
+        indenter = Cylinder(diameter_m=indenter.diameter_m, fillet_m=indenter.radius_m)
+        rings = _BALL_RINGS
+    return closed_surface(
+        *cylinder_triangles(indenter, sectors=_SECTORS, fillet_rings=rings), name="indenter"
+    )
 
-    force_n: float
-    imbalance: float
-    residual: float
-    inner_residual: float
-    gap_m: float
-    depth_error_m: float
+
+def _resistance(model: Model, path: LoadingPath, last: PathPoint) -> float:
+    """Return kappa that leaves the gel at 0.6 d_hat from the indenter, on average [Pa/m^2]."""
+    nodes = model.nodes[np.unique(model.faces)]
+    beneath = nodes[np.hypot(*(nodes[:, :2] - path.centre_m).T) < last.contact_radius_m]
+    count = int((beneath[:, 2] > beneath[:, 2].max() - _TOP_SHARE * model.height_m).sum())
+    distance_m = model.contact_options.distance_m
+    return float(last.force_n[2]) / count / (_BARRIER_FORCE * distance_m**3)
 
 
-def _young_pa(environment: Environment) -> float:
-    """Return E of an environment's one material [Pa]."""
-    (material,) = environment.materials or ()
-    return material.young_pa
-
-
-def peer_balance(pad: PeerPad, task: PeerTask, found: PeerFound) -> PeerBalance:
+def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
     """Judge the last frame of every environment.
 
-    Args:
-        task: Of the pad; its first environment has the pad's own gel.
+    Returns:
+        Force and depth of the first environment, and the largest imbalance: base reaction against
+        libuipc's contact force, over the latter; not a number where libuipc does not say that.
     """
-    model = pad.model
-    forces, imbalances, residuals, inner_residuals, gaps = [], [], [], [], []
-    for number, positions in enumerate(found.positions):
-        stiffer = task.young_pa[number] / task.young_pa[0]
-        elastic = stiffer * model.gel.gradient(positions)
-        base_n = float(elastic[task.clamped, 2].sum())
-        forces.append(base_n)
-        gaps.append(_gap(pad, positions, float(found.tips_m[number])))
-        if found.contact_n is not None:
-            contact = found.contact_n[number]
-            pushed_n = max(float(np.linalg.norm(contact.sum(axis=0))), 1e-300)
-            imbalances.append(abs(base_n + float(contact[:, 2].sum())) / pushed_n)
-            unbalanced = (elastic - contact)[~task.clamped]
-            residuals.append(float(np.linalg.norm(unbalanced)) / pushed_n)
-            inside = ~contact[~task.clamped].any(axis=1)
-            inner_residuals.append(float(np.linalg.norm(unbalanced[inside])) / pushed_n)
-    wrong_m = task.touch_m - task.depths_m[-1] - found.tips_m
-    return PeerBalance(
-        force_n=forces[0],
-        imbalance=max(imbalances, default=float("nan")),
-        residual=max(residuals, default=float("nan")),
-        inner_residual=max(inner_residuals, default=float("nan")),
-        gap_m=min(gaps),
-        depth_error_m=float(wrong_m[np.argmax(np.abs(wrong_m))]),
+    chosen = [each for each, _ in spread(pad.scene, pad.course, task.count)]
+    base_n = _elastic(pad, chosen, found.positions)[:, task.clamped].sum(axis=1)
+    balance = float("nan")
+    if found.contact_n is not None:
+        contact_n = found.contact_n.sum(axis=1)
+        size_n = np.maximum(np.linalg.norm(contact_n, axis=1), np.finfo(float).tiny)
+        balance = float((np.linalg.norm(base_n + contact_n, axis=1) / size_n).max())
+    wall_s, cpu_s = min(found.press_s)
+    x, y, z = base_n[0]
+    return ScenePress(
+        preset=task.tolerance.name,
+        edges=1.0 / pad.scene.refinement,
+        promised=False,
+        tet_count=len(task.tets),
+        unknown_count=pad.model.pattern.dof_count,
+        setup_s=found.set_up_s,
+        wall_s=wall_s,
+        cpu_s=cpu_s,
+        iterations=sum(found.newton_iterations),
+        force_n=(float(x), float(y), float(z)),
+        moment_nm=None,
+        depth_m=pad.touch_m - float(found.tips_m[0, 2]),
+        stiffness_n_m=pad.stiffness_n_m,
+        balance=balance,
     )
 
 
-def _gap(pad: PeerPad, positions: FloatArray, tip_m: float) -> float:
-    surface = positions[np.unique(pad.model.faces)]
-    above = tip_m + pad.cylinder.lower_surface(surface[:, 0], surface[:, 1]) - surface[:, 2]
-    return float(above.min())
+def _elastic(
+    pad: PeerPad, environments: Sequence[Environment], positions: FloatArray
+) -> FloatArray:
+    """Return the gradient of the elastic energy [N], shape [count, node_count, 3]."""
+    device, gel = Device(pad.model.device), pad.model.gel
+    room = gel.room(len(environments))
+    gel.recorded(
+        device.array(np.ones(len(environments)), wp.int32),
+        device.array(positions, wp.vec3d),
+        room,
+        gel=pad.gel(environments),
+    ).launch()
+    return np.asarray(on_host(room[0]))

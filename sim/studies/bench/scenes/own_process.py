@@ -57,6 +57,8 @@ class SceneRow:
     Attributes:
         tolerance: What its setting was chosen for; empty where it was given.
         press: None where ``failure`` says why.
+        engine: Which one, and how strictly it solves; empty is ours.
+        remark: What else is to be said of it.
     """
 
     scene: str
@@ -65,6 +67,8 @@ class SceneRow:
     environments: int | None
     press: ScenePress | None
     failure: str = ""
+    engine: str = ""
+    remark: str = ""
 
     @property
     def setting(self) -> str:

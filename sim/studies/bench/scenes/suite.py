@@ -30,11 +30,13 @@ class SceneBench:
     Attributes:
         groups: The rows of every way to press: tolerance, device, environments.
         references: By the scene's name.
+        peers: The rows of every way in which another engine pressed.
         compared: Commit that ``pairs`` are of; empty for none.
     """
 
     groups: tuple[tuple[SceneRow, ...], ...] = ()
     references: dict[str, Reference] = field(default_factory=dict)
+    peers: tuple[tuple[SceneRow, ...], ...] = ()
     compared: str = ""
     pairs: tuple[Pair, ...] = ()
 
@@ -57,7 +59,7 @@ def press_all(
     rows = []
     for scene in scenes:
         row = pressed(scene, order)
-        on_progress(f"  {scene.name}: {_said(row)}")
+        on_progress(f"  {scene.name}: {said(row)}")
         rows.append(row)
     return tuple(rows)
 
@@ -77,7 +79,7 @@ def side_by_side(
                 for _ in range(_TURNS)
             ]
             pair = Pair(old=_least(old for old, _ in turns), new=_least(new for _, new in turns))
-            on_progress(f"  {scene.name}: {_said(pair.old)} before, {_said(pair.new)} now")
+            on_progress(f"  {scene.name}: {said(pair.old)} before, {said(pair.new)} now")
             yield pair
 
 
@@ -86,5 +88,9 @@ def _least(rows: Iterator[SceneRow]) -> SceneRow:
     return min((row for row in known if row.press), key=lambda row: row.spent_s, default=known[0])
 
 
-def _said(row: SceneRow) -> str:
-    return row.failure or f"{row.frames_per_s:.1f} frames/s"
+def said(row: SceneRow) -> str:
+    """Return a row in a few words."""
+    if row.press is None:
+        return row.failure
+    force, balance = row.press.force_n[2], row.press.balance
+    return f"{row.frames_per_s:.1f} frames/s, F_z {force:.4f} N, balance {balance:.0e}"

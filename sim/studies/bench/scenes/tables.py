@@ -36,7 +36,8 @@ def way(row: SceneRow | Order) -> str:
     many = {None: "alone", 1: "1 environment"}.get(
         row.environments, f"{row.environments} environments"
     )
-    parts = [row.device, many]
+    engine = row.engine if isinstance(row, SceneRow) else ""
+    parts = [engine or row.device, many]
     if row.tolerance and row.environments is None:
         parts.append(f"tolerance {row.tolerance}")
     return ", ".join(parts)
