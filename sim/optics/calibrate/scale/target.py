@@ -22,11 +22,11 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 GreyArray = NDArray[np.uint8]
 _ENLARGE = 3
 _SMALLEST_IMAGE_PX = 1200
-# Noise is smoothed away before dots are looked for, at thresholds so many grey levels apart.
-_SMOOTHING_PX, _LEVEL_STEP = 1.0, 3
-_SMALLEST_DOT_PX2 = 6.0
-# Times the grid's step, below the 1.41 of diagonals: a dot so near to it would be of the grid.
-_NEIGHBOUR = 1.3
+# Noise is smoothed away before dots are looked for, by thresholds [grey levels]: between, a step.
+_SMOOTHING_PX, _LEVELS, _LEVEL_STEP = 1.0, (5, 250), 3
+_SMALLEST_DOT_PX = 2.5  # its side
+# A dot of this share of the grid's dots' size, and so many of its steps off, would be of the grid.
+_LEAST_SIZE, _NEIGHBOUR = 0.7, (0.7, 1.3)
 _EXAMPLES = {
     "charuco": "charuco:columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50",
     "aruco": "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50",
@@ -159,10 +159,10 @@ class DotTarget(ScaleTarget):
     def _grid(self, image: GreyArray) -> FloatArray:
         """Return the centres of dark dots row by row [px]; none unless they are just this grid."""
         settings = cv2.SimpleBlobDetector.Params()
-        settings.minArea = _SMALLEST_DOT_PX2
+        settings.minArea = _SMALLEST_DOT_PX**2
         settings.maxArea = image.size / (self.columns * self.rows)
-        settings.minDistBetweenBlobs = 1.0
-        settings.minThreshold, settings.maxThreshold = _LEVEL_STEP, 255
+        settings.minDistBetweenBlobs = _SMALLEST_DOT_PX
+        settings.minThreshold, settings.maxThreshold = _LEVELS
         settings.thresholdStep = _LEVEL_STEP
         detector = cv2.SimpleBlobDetector.create(settings)
         size = (self.columns, self.rows)
@@ -175,10 +175,13 @@ class DotTarget(ScaleTarget):
             grid, along, down = grid.swapaxes(0, 1), down, along
         grid = grid[:: 1 if down[1] > 0.0 else -1, :: 1 if along[0] > 0.0 else -1]
         pixels = grid.reshape(-1, 2)
-        dots = np.array([dot.pt for dot in detector.detect(image)])
-        step = _NEIGHBOUR * np.linalg.norm(along) / (self.columns - 1)
-        beside = cKDTree(pixels).query(dots)[0] < step
-        return pixels if np.count_nonzero(beside) == len(pixels) else np.empty((0, 2))
+        # A dot as large as these, about a step beside one of them, is of a larger grid.
+        dots = detector.detect(image)
+        places, sizes = np.array([dot.pt for dot in dots]), np.array([dot.size for dot in dots])
+        large = sizes > _LEAST_SIZE * np.median(sizes[cKDTree(places).query(pixels)[1]])
+        away = cKDTree(pixels).query(places)[0] / np.linalg.norm(along) * (self.columns - 1)
+        beside = large & (away > _NEIGHBOUR[0]) & (away < _NEIGHBOUR[1])
+        return np.empty((0, 2)) if beside.any() else pixels
 
 
 def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPoints:
