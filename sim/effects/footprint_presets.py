@@ -87,7 +87,6 @@ def footprint_mesh(
     Args:
         symmetry: By which a part of a box stands for the whole; None meshes the whole.
         shares: Rising shares of the local height at which layers meet.
-        refinement: Make every edge this many times shorter.
 
     Raises:
         ConfigError: The indenter stands beside the pad, or fTetWild cannot fill it as asked.
@@ -110,9 +109,6 @@ def refined_under(
     scene: Scene, base: TetMesh, touched: Footprint, *, refinement: float = 1.0
 ) -> TetMesh:
     """Return a coarse mesh of a scene's pad, or of its part, refined where it is touched.
-
-    Args:
-        refinement: Make every edge this many times shorter.
 
     Raises:
         ConfigError: An element became too flat.

@@ -154,7 +154,6 @@ def build_model(
     Args:
         plan: Effects to include; None includes all that the scene has.
         refinement: Make every edge this many times shorter than the scene does.
-        mesh: Take this mesh instead of the preset's.
 
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
@@ -195,7 +194,6 @@ def mesh_for(
     """Return the mesh of a scene's preset; ``mesh_choice`` says of which kind it is.
 
     Args:
-        symmetric: Mesh a part where symmetry allows.
         refinement: Make every edge this many times shorter; preset paper has but one mesh.
         resolution: Take these numbers for a revolved mesh instead of the preset's.
     """

@@ -64,7 +64,6 @@ def prony_series(
     """Collect the terms of a gel's materials; None where nothing relaxes.
 
     Args:
-        terms: Of each material.
         material_of: Which material each tetrahedron is of, shape [element_count].
 
     Raises:
@@ -86,9 +85,7 @@ class Relaxation:
     Until ``begin_step`` the gel answers with its slow modulus and remembers nothing.
 
     Args:
-        law: The model's law.
         gel: The model's ``GelArrays``, of which ``stiffening`` and ``history`` are kept.
-        series: The terms.
         positions: The nodes when nothing was remembered [m], shape [node_count, 3].
     """
 

@@ -39,7 +39,6 @@ def revolved_mesh(
 
     Args:
         centre_m: Axis of revolution, x and y [m], inside the pad.
-        sector_count: Sectors of a full turn.
         symmetry: Planes through the axis that mirror pad and press, of which half or a quarter is
             meshed; None for all on which the axis lies.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.

@@ -30,11 +30,6 @@ def cache_folder() -> Path:
 def stored_mesh(label: str, key: str, make: Callable[[], TetMesh]) -> TetMesh:
     """Return a mesh that was shipped or made before, else make and keep it.
 
-    Args:
-        label: Readable part of the file's name.
-        key: See ``mesh_key``.
-        make: Meshes the pad.
-
     Raises:
         RecordError: The stored file is damaged.
     """

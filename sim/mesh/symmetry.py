@@ -66,7 +66,6 @@ class WholeSurface:
     """The node numbering of the whole surface.
 
     Args:
-        symmetry: By which the part stands for the whole.
         rest: Nodes of the part at rest [m], shape [node_count, 3].
 
     Attributes:

@@ -212,7 +212,6 @@ def pad_surface(
     A pad from a file keeps its triangles.
 
     Args:
-        pad: The pad.
         spacing_m: About how far apart points of the top lie [m].
         interface_shares: Shares of the local height at which a sheet cuts the pad.
 

@@ -34,9 +34,7 @@ class SurfaceImages:
 
     Args:
         model: The pad; its nodes are what positions are of.
-        indenter: In its own frame.
         sensor: Camera, pad, markers, and what is not given below.
-        count: Environments.
         samples: Of a pixel, both ways; replays take 2.
         background: No-contact frame without markers, RGB, uint8, shape [height, width, 3]; evenly
             grey by default.
@@ -117,9 +115,6 @@ class SurfaceImages:
         """Return column and row of the markers [px], Warp float32, shape [count, marker_count, 2].
 
         They are in the order of ``marker_places``; none where the sensor's file has none.
-
-        Args:
-            positions: As in ``images``.
         """
         self._refuse_unfit(positions)
         moved = self._points.displacement(positions)

@@ -86,7 +86,6 @@ def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
     """Return the lowest height of a surface over points of the plan, inf beside it, shape [count].
 
     Args:
-        surface: Any unit.
         plan: Shape [count, 2].
     """
     device = Device("cpu")

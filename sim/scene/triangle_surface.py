@@ -185,13 +185,7 @@ def is_mirrored(surface: TriangleSurface, axis: int) -> bool:
 
 
 def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the lowest height of a surface over points of the plan, inf beside it.
-
-    Args:
-        surface: Any unit.
-        x: Any shape.
-        y: Shape that broadcasts with that of ``x``.
-    """
+    """Return the lowest height over points of the plan, of one shape together; inf beside it."""
     from sim.scene.triangle_rays import lowest_heights  # noqa: PLC0415 - Warp, where rays are cast
 
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))

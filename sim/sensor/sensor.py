@@ -115,7 +115,6 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
     """Read a sensor file's text.
 
     Args:
-        origin: Names it in messages.
         folder: Where the path of a pad's surface starts; None is the current folder.
 
     Raises:

@@ -67,8 +67,6 @@ def calibrate_optics(
     """Fit model, circles, light and no-contact frame by turns.
 
     Args:
-        presses: Images with labelled circles.
-        scene: Camera, no-contact frame and gel profile.
         rounds: How often circles are nudged and the model is fitted again.
 
     Raises:
@@ -108,8 +106,6 @@ def fit_model(
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
     Args:
-        placed: The presses.
-        scene: Camera, no-contact frame and gel.
         known: An earlier model, where the search starts; without one the camera is taken to be
             linear and the ridge is the usual one.
         blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
@@ -183,11 +179,6 @@ def averaged_no_contact(
 
     One frame has a camera's noise of one or two grey levels in every pixel, which a rendering over
     it would repeat; each press shows most of the gel as well, once its light and skirt are off.
-
-    Args:
-        placed: The presses.
-        model: Explains the skirts.
-        scene: Holds the frame that was taken without contact.
 
     Returns:
         Grey levels, shape [height, width, 3].

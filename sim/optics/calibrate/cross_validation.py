@@ -60,11 +60,6 @@ def check_presses(
 ) -> tuple[CheckScores, list[RenderedPress]]:
     """Score a calibration on presses that it has not seen.
 
-    Args:
-        presses: With labelled circles.
-        calibration: From other presses.
-        scene: With the no-contact frame that the scores are compared with.
-
     Returns:
         Scores, and each press as rendered (nudged circle).
 
@@ -88,11 +83,6 @@ def cross_validate(
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
 
     Args:
-        presses: With labelled circles.
-        scene: With the no-contact frame that the scores are compared with.
-        fit: Makes a calibration of some presses.
-        folds: How many.
-        jobs: Fits at a time.
         on_fold: Told the number of each fold that is done, from 0; the last is of all presses.
 
     Returns:
@@ -201,8 +191,6 @@ def score_presses(
     """Score renderings against the real presses.
 
     Args:
-        rendered: At least one press.
-        scene: Holds the no-contact frame that the renderings are compared with.
         light_matched: Add each frame's light before comparing.
     """
     changes, errors, similarities, floors = [], [], [], []

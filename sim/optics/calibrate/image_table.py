@@ -18,7 +18,6 @@ def read_image_table(
 
     Args:
         what: What the table is of, for messages.
-        numbers: Names of the columns.
 
     Returns:
         Of each line: where it stands, for messages; the image's name; its numbers.

@@ -20,10 +20,6 @@ def press_image(found: Calibration, circle: Circle) -> FloatArray:
     """Return a press over the no-contact frame [grey levels], shape [height, width, 3].
 
     Shadows and colours change the light, the lens blurs it, and the camera's response shows it.
-
-    Args:
-        found: The calibration.
-        circle: Of the contact.
     """
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)

@@ -58,10 +58,6 @@ def calibrate_and_check(
 ) -> OpticsResult:
     """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
 
-    Args:
-        request: What it is made of.
-        on_step: Told what was done, and as which step of how many.
-
     Raises:
         ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
         ConvergenceError: The simulated ball press finds no equilibrium.

@@ -36,8 +36,6 @@ def calibrate_presses(
     """Fit colours, shadows where the sensor's file says that there are any, and the blur.
 
     Args:
-        presses: Images with labelled circles.
-        scene: Camera, no-contact frame and gel.
         shadows: Lamps of the sensor's file that cast some; None is a sensor that shows none.
         blurred: Find the camera's blur; who only wants the circles is spared that.
 
@@ -77,10 +75,6 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     Lens, sensor and JPEG spread each point of the gel over its neighbours; a ball shows it where
     its contact ends. The model, fitted to the same images, takes up a part of a blur, and blur a
     part of the model's error: this is what makes renderings agree best, no measurement of a lens.
-
-    Args:
-        placed: Presses that the calibration was fitted to.
-        found: The calibration.
     """
     misfit = np.zeros(len(_TRIED_PX))
     scene = found.scene

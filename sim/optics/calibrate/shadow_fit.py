@@ -54,8 +54,6 @@ def calibrate_with_shadows(
     strong one from a sharp weak one.
 
     Args:
-        presses: Images with labelled circles.
-        scene: Camera, no-contact frame and gel.
         nominal: The lamps of the sensor's file, where the search starts.
 
     Raises:

@@ -27,11 +27,6 @@ def nominal_photometric(
 
     With tilt t the cosine is cos(elevation) t.d + sin(elevation) sqrt(1 - |t|^2); the root is
     expanded to fourth order. Lamps on every side keep the gel lit, so shadows are left out.
-
-    Args:
-        lamps: Lamps of the sensor.
-        gain: Factor on all colours.
-        source: Said in the provenance.
     """
     exponents = polynomial_exponents(tilt_degree=4, position_degree=0)
     row = {(int(a), int(b)): i for i, (a, b, _, _, _) in enumerate(exponents)}

@@ -214,10 +214,6 @@ def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
 def normalised_positions(height: int, width: int) -> Float32Array:
     """Return u, v over columns and rows, -1 and 1 in the middle of the first and last pixel.
 
-    Args:
-        height: Rows of the image.
-        width: Columns of the image.
-
     Returns:
         Shape [2, height * width].
     """

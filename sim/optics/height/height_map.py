@@ -52,8 +52,6 @@ def height_maps(
     indenter, from where depth counts, and no pixel lies above it.
 
     Args:
-        surface: Deformed surface and indenter.
-        geometry: Pixels.
         contact_gap_m: Largest gap between gel and indenter that counts as touching [m]; not less
             than the gap that the contact solver leaves.
         pad: Whose top the mesh stands for; edges are chords of a domed top, and the nodes in their

@@ -91,7 +91,6 @@ class Canvas:
 
     Attributes:
         nodes: The model's and those that cutting adds [m].
-        places: Radius, turn and height of nodes between rays.
         slopes: Of the indenter at the nodes.
         sums: Slope of the gel at the nodes times a weight, and the weight.
         states: Of the nodes, see ``TOUCHES`` and what follows.
@@ -103,7 +102,6 @@ class Canvas:
     """
 
     nodes: wp.array2d(dtype=wp.vec3d)
-    places: wp.array2d(dtype=wp.vec3d)
     slopes: wp.array2d(dtype=wp.vec2d)
     sums: wp.array2d(dtype=wp.vec3d)
     states: wp.array2d(dtype=wp.int32)
@@ -122,17 +120,15 @@ def take_nodes(gel: Gel, positions: wp.array2d(dtype=wp.vec3d), canvas: Canvas):
     canvas.nodes[env, i] = x + wp.vec3d(wp.float64(0.0), wp.float64(0.0), gel.lifts[i])
 
 
-@wp.kernel(enable_backward=False)
-def place_on_rings(gel: Gel, canvas: Canvas):
-    """Find radius, turn and height of the nodes between rays."""
-    env, i = wp.tid()
-    node = gel.between[i]
+@wp.func
+def _ring_place(gel: Gel, canvas: Canvas, env: int, node: int):
+    """Return radius about the axis, turn since rest and height of a node."""
     x = canvas.nodes[env, node]
     dx, dy = x[0] - gel.axis[0], x[1] - gel.axis[1]
     turned = wp.atan2(dy, dx) - gel.angle[node]
     whole = wp.float64(2.0 * wp.pi)
     turned = turned - whole * wp.floor((turned + wp.float64(wp.pi)) / whole)
-    canvas.places[env, i] = wp.vec3d(wp.sqrt(dx * dx + dy * dy), turned, x[2])
+    return wp.vec3d(wp.sqrt(dx * dx + dy * dy), turned, x[2])
 
 
 @wp.kernel(enable_backward=False)
@@ -141,7 +137,8 @@ def round_nodes(gel: Gel, canvas: Canvas):
     env, i = wp.tid()
     place = wp.vec3d()
     for k in range(gel.counts[i]):
-        place += gel.weights[gel.weight_starts[i] + k] * canvas.places[env, gel.starts[i] + k]
+        between = _ring_place(gel, canvas, env, gel.between[gel.starts[i] + k])
+        place += gel.weights[gel.weight_starts[i] + k] * between
     node = gel.on_rays[i]
     angle = gel.angle[node] + place[1]
     x = gel.axis[0] + place[0] * wp.cos(angle)

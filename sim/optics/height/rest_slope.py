@@ -16,7 +16,6 @@ def pad_slopes(pad: Pad, places_m: FloatArray) -> FloatArray:
     """Return dz/dx and dz/dy of the top at rest, zero beside the pad, shape [..., 2].
 
     Args:
-        pad: The pad.
         places_m: x, y [m], shape [..., 2].
     """
     x, y, step = places_m[..., 0], places_m[..., 1], _STEP_M

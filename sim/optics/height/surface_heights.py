@@ -22,7 +22,6 @@ from sim.optics.height.node_kernel import (
     close_gaps,
     mark_edges,
     mark_steep,
-    place_on_rings,
     round_nodes,
     take_nodes,
 )
@@ -49,13 +48,10 @@ class SurfaceHeights:
     Args:
         top: What of the gel is seen, at rest.
         indenter: The body, or what of it bounds the gel.
-        geometry: Pixels.
-        count: Surfaces.
         standoff_m: How far off the indenter the gel lies where it touches [m]: what lies within
             that of it is what bounds the gel.
         contact_gap_m: Largest gap between gel and what bounds it that counts as touching [m].
         pad: Whose top the mesh stands for; None takes the mesh for the pad.
-        device: Warp's name of it.
 
     Attributes:
         rest_m: Height of the unloaded surface [m], a Warp array of float64, shape
@@ -139,8 +135,7 @@ class SurfaceHeights:
             ("nodes", "slopes", "sums", "states"), (count, nodes)
         )
         shapes |= dict.fromkeys(("heights", "pressed"), (count, pixels))
-        shapes |= {"places": (count, _length(gel.between)), "steep": (count, len(gel.faces))}
-        shapes |= {"covered": (count,), "rest": (pixels,)}
+        shapes |= {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
         return self._device.room(Canvas, shapes)
 
     def _draw_rest(self, top: TopSurface) -> None:
@@ -165,7 +160,6 @@ class SurfaceHeights:
         count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
         launch(take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
         if _length(gel.on_rays):
-            launch(place_on_rings, (count, len(gel.between)), [gel], [canvas])
             launch(round_nodes, (count, len(gel.on_rays)), [gel], [canvas])
         if self._is_quadratic:
             launch(mark_steep, canvas.steep.shape, [gel], [canvas])

@@ -99,7 +99,6 @@ def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> Floa
     """Return the height of the indenter's underside over pad points.
 
     Args:
-        surface: Indenter and pose.
         x: Pad x [m], any shape.
         y: Pad y [m], same shape.
 

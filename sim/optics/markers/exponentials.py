@@ -47,7 +47,6 @@ class FotsMarkers:
 
         Args:
             places: Markers at rest [m], shape [n, 2].
-            scene: What presses to a depth, moves and turns.
         """
         arm = places - np.asarray(scene.centre_m)
         depth_m, motion = scene.target.depth_m or 0.0, scene.motion

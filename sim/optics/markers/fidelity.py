@@ -63,9 +63,6 @@ def compare_marker_fidelities(
 
     Args:
         scene: A press to a depth, with friction where a motion needs it.
-        motions: By name; all of them are fitted together.
-        grid: The markers.
-        geometry: Camera, for the tracking.
 
     Raises:
         ConvergenceError: A motion finds no equilibrium.

@@ -21,10 +21,7 @@ class MaterialPoints:
     """Points of a gel's surface, on one device, in as many environments as there are positions.
 
     Args:
-        top: The surface at rest.
         points: x, y at rest [m], shape [n, 2].
-        count: Environments.
-        device: Warp's name of it.
 
     Raises:
         ConfigError: A point lies beside the surface.
@@ -62,7 +59,6 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
     """Interpolate the displacement of the surface at material points.
 
     Args:
-        surface: At rest and deformed.
         points: x, y at rest [m], shape [n, 2].
 
     Returns:

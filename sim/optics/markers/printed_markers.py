@@ -55,7 +55,6 @@ class PrintedMarkers:
         Args:
             image: RGB, uint8, shape [height, width, 3].
             displacement_m: Of each marker along the pad's x and y [m], shape [n, 2].
-            geometry: Pixels.
         """
         moved = geometry.to_pixels(self.places_m + displacement_m)
         size = 2 * int(np.ceil(self.reach_px)) + 3
@@ -80,8 +79,6 @@ def printed_markers(
 
     Args:
         frame: RGB, uint8, shape [height, width, 3].
-        grid: Where the sensor's file says that they are.
-        geometry: Pixels.
 
     Raises:
         ConfigError: Markers are there, but not where the file says.
@@ -167,7 +164,6 @@ def draw_markers(
         image: RGB, uint8, shape [height, width, 3].
         places: Centres of the dots on the pad [m], shape [n, 2].
         radius_m: Radius of the dots [m].
-        geometry: Pixels.
 
     Returns:
         Image of the same shape, with edges softened over one pixel.

@@ -41,9 +41,6 @@ def track_markers(
     """Find the markers in both frames and pair each with its nearest, both ways.
 
     Args:
-        rest: Frame without contact, RGB or grey.
-        loaded: Frame with contact, likewise.
-        geometry: Pixels.
         radius_m: Radius of the markers [m].
 
     Raises:

@@ -46,8 +46,6 @@ class TactileRenderer:
     Args:
         background: No-contact frame, RGB, shape [height, width, 3].
         rest_height: Height map of the unloaded gel [m], shape [height, width].
-        model: Colour of a surface.
-        geometry: Pixels.
         shadows: Lamps that the dent hides; None where the sensor shows no shadows.
         samples: Into how many samples each pixel is divided both ways: a pixel gathers the light
             of its whole area, which at a sharp rim no single point stands for. Height maps are

@@ -32,7 +32,6 @@ class HiddenLamp:
     Args:
         lamp: The lamp; its colour does not count.
         softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
-        geometry: Of the samples.
         dent: Unloaded minus loaded height [m], on a device, shape [count, height, width].
         lanes: Values of a block.
         highest: Room for a value a step and ray, such as another lamp has; None takes new one.
@@ -120,10 +119,8 @@ def darkening(
     """Return the light taken away [grey levels, not positive], shape [3, height, width].
 
     Args:
-        shadows: The lamps.
         indentation_m: Unloaded minus loaded height [m], of the geometry's size.
         tilt: Of the loaded gel, shape [2, ...] of the same.
-        geometry: Pixels.
     """
     taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
     for lamp in shadows.lamps:
@@ -146,7 +143,6 @@ def lost_share(
         bulge: Unloaded minus loaded height [m], shape [height, width].
         tilt: Of the loaded gel, shape [2, height, width].
         lamp: Its colour does not count.
-        geometry: Pixels.
         softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
     """
     device = Device("cpu")

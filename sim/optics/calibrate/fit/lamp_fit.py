@@ -41,8 +41,6 @@ def fit_terms(
     """Find the lamps that explain the samples best beside the polynomial.
 
     Args:
-        samples: Pixels of all presses.
-        lamp_count: How many lamps.
         aspect: Height of the image over its width.
         pixel_m: Length of the gel that a pixel sees: a bend sharper than that is not seen [m].
         start: Lamps to begin from; None searches all around.

@@ -40,11 +40,9 @@ def fit_photometric(
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
 
     Args:
-        presses: The pixels of each press.
         exponents: Terms of the model, shape [term_count, 5].
         features: Values of polynomial and terms for each press, where they are known already.
         ridge: Weight on the coefficients' squares, per sample; None lets presses choose it.
-        terms: Lamps and creases beside the polynomial.
         response: Of the camera, through which the samples' colours were taken back to light.
         reference: Level of the no-contact frame that their changes were brought to, if they were.
 
@@ -124,7 +122,6 @@ def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> fl
 
     Args:
         places: Evenly spaced; the lowest misfit is neither at the first nor at the last.
-        misfit: At each of them.
     """
     best = int(np.argmin(misfit))
     left, middle, right = misfit[best - 1 : best + 2]

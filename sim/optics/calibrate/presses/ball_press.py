@@ -73,7 +73,6 @@ def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
     """Read the images that a circle table names.
 
     Args:
-        folder: Where the images lie.
         circles: CSV with the columns image, center_x_px, center_y_px, radius_px.
 
     Raises:

@@ -29,9 +29,7 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     the tilt that the gel would have around each candidate circle is fitted to the change.
 
     Args:
-        name: Of the image, for messages.
         image: RGB, shape [height, width, 3].
-        scene: Camera, no-contact frame and gel profile.
         ball_radius_m: Radius of the ball [m].
 
     Raises:

@@ -118,7 +118,6 @@ def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, R
 
     Args:
         maps: Loaded and rest surface, seen finely (20 um per pixel, say).
-        geometry: Their pixels.
 
     Returns:
         Contact radius [m] from the contact's area, and the profile.
@@ -153,8 +152,6 @@ def ball_profiles(
     Args:
         sensor: Pad and material; only the ratio of layers' moduli matters for the shape.
         ball_diameter_m: Diameter of the ball [m].
-        preset: Element, and mesh away from the ball.
-        on_press: Told how many depths are done.
 
     Raises:
         ConvergenceError: A depth finds no equilibrium.

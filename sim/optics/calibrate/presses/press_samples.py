@@ -19,8 +19,6 @@ class PressSamples:
     """Pixels around a contact; their surface is the same through every camera's response.
 
     Args:
-        scene: Camera, no-contact frame and gel.
-        placed: The press.
         blur_px: Standard deviation of the camera's blur [px].
         every: Only so many-th pixel is taken.
 
@@ -58,7 +56,6 @@ class PressSamples:
         """Return the samples with the light that the camera saw.
 
         Args:
-            response: Of the camera.
             model: Stands in for pixels that are too bright or too dark for the camera; without
                 one they do not count.
         """

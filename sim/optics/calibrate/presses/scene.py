@@ -164,8 +164,6 @@ class PressScene:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
 
         Args:
-            press: The image.
-            circle: Its contact.
             model: Explains the skirt; without one, the farthest pixels are taken to be level.
 
         Returns:
@@ -227,8 +225,6 @@ class PredictedPixels:
     """Pixels of a scene through a model, whatever is pressed.
 
     Args:
-        scene: Camera, no-contact frame and gel.
-        model: Colours.
         columns: Of the pixels, shape [n].
         rows: Of the pixels, shape [n].
     """
@@ -298,8 +294,6 @@ def pressed_scene(
         unloaded: No-contact frame, RGB, shape [height, width, 3].
         geometry: Scale of the pixels.
         ball_diameter_m: Diameter of the ball [m].
-        preset: Of the simulated presses.
-        on_press: Told how many depths are pressed.
 
     Raises:
         ConfigError: The sensor's renderer cannot be calibrated.

@@ -188,9 +188,7 @@ def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPo
     """Find a target as it is, or mirrored, as a camera sees it through a mirror.
 
     Args:
-        target: What to look for.
         image: Grey, uint8, shape [height, width].
-        name: Of the image, for messages.
 
     Raises:
         ConfigError: Less than half of the target is found.
