@@ -16,7 +16,7 @@ from sim.mesh.footprint import Footprint, FootprintSizing, footprint
 from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
-from sim.mesh.tetwild import WildSettings, filled_pad
+from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
@@ -141,18 +141,19 @@ def _bisected_level(base: TetMesh, pad: Pad, sizing: FootprintSizing) -> TetMesh
 
 def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
     """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
-    settings = WildSettings(
-        spacing_m=_SPACING_M,
+    sizing = WildSizing(
+        fine_m=_SPACING_M,
         coarse_m=_coarse_m(scene, FOOTPRINT_RESOLUTIONS[Preset.BALANCED]),
         envelope_share=scene.tetwild.epsilon_r or _EPSILON_R,
         stop_energy=scene.tetwild.stop_energy or _STOP_ENERGY,
     )
-    key = mesh_key(scene.pad, settings, shares)
-    return stored_mesh(
-        "base",
-        key,
-        lambda: filled_pad(scene.pad, settings, name=f"fTetWild, {key}", interface_shares=shares),
-    )
+    key = mesh_key(scene.pad, sizing, shares)
+
+    def made() -> TetMesh:
+        name = f"fTetWild, {key}"
+        return wild_mesh(scene.pad, sizing, name=name, interface_shares=shares, graded=False)
+
+    return stored_mesh("base", key, made)
 
 
 def scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:

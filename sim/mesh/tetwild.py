@@ -13,7 +13,7 @@ import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.tet_mesh import TetMesh, oriented
-from sim.scene.pad import BoxPad, Pad, ParametricPad, SurfacePad
+from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.errors import ConfigError
 
 # The sizing field's grid reaches so far beyond the pad, in half extents, and has so many points.
@@ -38,7 +38,7 @@ class WildSizing:
         contact_share: The contact surface is this share of the thickness.
         fine_share: r_c: radius of the fine region over the half-extent.
         band_share: r_t: width of the cosine band over the half-extent.
-        fine_m: l_c, edge length in the fine region [m].
+        fine_m: l_c, edge length in the fine region, and of a parametric surface [m].
         coarse_m: l_g, edge length elsewhere [m].
         envelope_share: epsilon over the bounding box's diagonal.
         stop_energy: AMIPS energy at which optimisation stops.
@@ -54,17 +54,52 @@ class WildSizing:
 
 
 def wild_mesh(
-    pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
+    pad: Pad,
+    sizing: WildSizing,
+    *,
+    name: str,
+    interface_shares: tuple[float, ...] = (),
+    graded: bool = True,
 ) -> TetMesh:
-    """Mesh a pad with fTetWild as the paper does; another run gives another mesh.
+    """Fill a pad with tetrahedra as the paper does; another run gives another mesh.
+
+    fTetWild looks up a sizing field only where its uniform mesh has vertices, and in between goes
+    by those: what is much finer than the coarse edge length, as a rim is, comes out too coarse.
 
     Args:
         interface_shares: Rising shares of the local height at which layers meet.
+        graded: By the sizing field; if not, all edges are about as long as the coarse ones.
 
     Raises:
         ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
             interface.
     """
+    surface = pad_surface(pad, spacing_m=sizing.fine_m, interface_shares=interface_shares)
+    snap = _SNAP_ENVELOPES * sizing.envelope_share * float(np.linalg.norm(np.ptp(surface[0], 0)))
+    _refuse_thin(pad, interface_shares, snap)
+    background = _background(pad, sizing) if graded else {}
+    pytetwild = importlib.import_module("pytetwild")
+    # The mesher drops a file of its own where it runs.
+    with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
+        found, tets = pytetwild.tetrahedralize(
+            *surface,
+            edge_length_abs=sizing.coarse_m,
+            epsilon=sizing.envelope_share,
+            stop_energy=sizing.stop_energy,
+            optimize=True,
+            num_threads=1,
+            **background,
+        )
+    vertices, tets = np.array(found, dtype=np.float64), np.asarray(tets)
+    vertices[vertices[:, 2] < snap, 2] = 0.0
+    layers = None
+    if interface_shares:
+        layers = _snapped_layers(vertices, tets, pad, interface_shares, snap)
+    return oriented(TetMesh(vertices=vertices, tets=tets, name=name, layers=layers))
+
+
+def _background(pad: Pad, sizing: WildSizing) -> dict[str, Any]:
+    """Return tetrahedra with edge lengths at their corners, between which fTetWild interpolates."""
     half = np.array([*pad.half_extents(), 0.5 * pad.height_m])
     axes = [
         np.linspace(-_GRID_REACH, _GRID_REACH, count) * h
@@ -72,96 +107,13 @@ def wild_mesh(
     ]
     pyvista = importlib.import_module("pyvista")
     grid = pyvista.RectilinearGrid(axes[0], axes[1], axes[2] + half[2])
-    field = grid.to_tetrahedra(6, pass_data=False)
-    field.points = grid.points  # in double precision, which the cut drops
-    field["edge_m"] = edge_length_at(np.asarray(field.points), pad, sizing)
-    return filled_pad(
-        pad,
-        WildSettings(
-            spacing_m=sizing.fine_m,
-            coarse_m=sizing.coarse_m,
-            envelope_share=sizing.envelope_share,
-            stop_energy=sizing.stop_energy,
-        ),
-        name=name,
-        interface_shares=interface_shares,
-        field=field,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WildSettings:
-    """What fTetWild is told besides the surface and the sizing field.
-
-    Attributes:
-        spacing_m: How far apart the points of a parametric surface lie [m].
-        coarse_m: Largest edge length [m].
-        envelope_share: epsilon over the bounding box's diagonal.
-        stop_energy: AMIPS energy at which optimisation stops.
-    """
-
-    spacing_m: float
-    coarse_m: float
-    envelope_share: float
-    stop_energy: float
-
-
-def filled_pad(
-    pad: Pad,
-    settings: WildSettings,
-    *,
-    name: str,
-    interface_shares: tuple[float, ...] = (),
-    field: Any = None,
-) -> TetMesh:
-    """Fill a pad with tetrahedra; another run gives another mesh.
-
-    fTetWild looks up a sizing field only where its uniform mesh has vertices, and in between goes
-    by those: what is much finer than the coarse edge length, as a rim is, comes out too coarse.
-
-    Args:
-        interface_shares: Rising shares of the local height at which layers meet.
-        field: Sizing field: tetrahedra of pyvista with ``edge_m`` at their points, between which
-            fTetWild interpolates; None makes all edges about as long as the largest.
-
-    Raises:
-        ConfigError: As ``wild_mesh``.
-    """
-    surface = pad_surface(pad, spacing_m=settings.spacing_m, interface_shares=interface_shares)
-    diagonal = float(np.linalg.norm(np.ptp(surface[0], axis=0)))
-    snap = _SNAP_ENVELOPES * settings.envelope_share * diagonal
-    _refuse_thin(pad, interface_shares, snap)
-    found, tets = _run(surface, settings, field)
-    found[found[:, 2] < snap, 2] = 0.0
-    layers = None
-    if interface_shares:
-        layers = _snapped_layers(found, tets, pad, interface_shares, snap)
-    return oriented(TetMesh(vertices=found, tets=tets, name=name, layers=layers))
-
-
-def _run(
-    surface: tuple[FloatArray, IntArray], settings: WildSettings, field: Any
-) -> tuple[FloatArray, IntArray]:
-    pytetwild = importlib.import_module("pytetwild")
-    background = {}
-    if field is not None:
-        background = {
-            "bg_vertices": np.asarray(field.points),
-            "bg_tets": field.cells.reshape(-1, 5)[:, [1, 2, 4, 3]].astype(np.int32),
-            "bg_values": np.asarray(field["edge_m"]),
-        }
-    # The mesher drops a file of its own where it runs.
-    with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
-        found, tets = pytetwild.tetrahedralize(
-            *surface,
-            edge_length_abs=settings.coarse_m,
-            epsilon=settings.envelope_share,
-            stop_energy=settings.stop_energy,
-            optimize=True,
-            num_threads=1,
-            **background,
-        )
-    return np.array(found, dtype=np.float64), np.asarray(tets)
+    cells = grid.to_tetrahedra(6, pass_data=False).cells.reshape(-1, 5)
+    points = np.asarray(grid.points)  # in double precision, which the cut drops
+    return {
+        "bg_vertices": points,
+        "bg_tets": cells[:, [1, 2, 4, 3]].astype(np.int32),
+        "bg_values": edge_length_at(points, pad, sizing),
+    }
 
 
 def _refuse_thin(pad: Pad, shares: tuple[float, ...], snap_m: float) -> None:
@@ -246,30 +198,14 @@ def pad_surface(
 
 def _plan(pad: ParametricPad, spacing_m: float) -> tuple[FloatArray, int]:
     """Return points seen from above, the outline first and counter-clockwise."""
-    if isinstance(pad, BoxPad):
-        outline = _rectangle(pad, spacing_m)
-    else:
-        count = max(24, round(2.0 * np.pi * pad.radius_m / spacing_m))
-        angle = 2.0 * np.pi * np.arange(count) / count
-        outline = pad.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
-    half = pad.half_extents()
+    half = np.array(pad.half_extents())
+    count = max(24, round(2.0 * np.pi * half.max() / spacing_m))
+    angles, reach = pad.sectors(np.zeros(2), count, start_rad=0.0, end_rad=2.0 * np.pi)
+    outline = (reach * np.array([np.cos(angles), np.sin(angles)])).T[:-1]
     axes = [np.linspace(-h, h, max(3, round(2.0 * h / spacing_m) + 1)) for h in half]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     inner = grid[pad.distance_to_outline(grid) > _INNER_SHARE * spacing_m]
     return np.concatenate([outline, inner]), len(outline)
-
-
-def _rectangle(pad: BoxPad, spacing_m: float) -> FloatArray:
-    x, y = pad.half_extents()
-    u = np.linspace(-x, x, max(3, round(2.0 * x / spacing_m) + 1))
-    v = np.linspace(-y, y, max(3, round(2.0 * y / spacing_m) + 1))
-    sides = [
-        np.column_stack([u[:-1], np.full(len(u) - 1, -y)]),
-        np.column_stack([np.full(len(v) - 1, x), v[:-1]]),
-        np.column_stack([u[:0:-1], np.full(len(u) - 1, y)]),
-        np.column_stack([np.full(len(v) - 1, -x), v[:0:-1]]),
-    ]
-    return np.concatenate(sides)
 
 
 def _upward(plan: FloatArray, triangles: IntArray) -> IntArray:
