@@ -104,7 +104,6 @@ class Frames:
         way = batch.way(self.course, self._until)
         together = batch.together
         most = max(batch.count, len(together.counts))
-        push = descents.contact_room[1]
         nodal = descents.gel_room[0], descents.contact_room[0]
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
@@ -114,7 +113,7 @@ class Frames:
                 kernels.begin,
                 count,
                 [options.friction > 0.0, batch.guide, way, together, batch.straight, *begun],
-                [push, descents.busy],
+                [descents.busy],
             ),
             record(kernels.share_out, (len(together.counts),), [together], []),
             record(
@@ -124,7 +123,7 @@ class Frames:
                 [state.slot, descents.positions, *nodal],
             ),
         ]
-        noted = [batch.floor_n, way, descents.poses, state, push, trail]
+        noted = [batch.floor_n, way, descents.poses, state, trail]
         lands = [record(kernels.land, count, noted, [self.found])]
         if options.is_tangential:
             grip, start = descents.grip, descents.grip_start
@@ -137,7 +136,7 @@ class Frames:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""
         batch, descents = self._batch, self._batch.descents
         made = batch.model.surface.kernels(batch.pilot.indenter)
-        shape = tuple(descents.contact_room[2].shape)
+        shape = tuple(descents.contact_room[1].shape)
         # The stage of one that has arrived is 1, as what is wanted has.
         at = [descents.surface, descents.body, batch.trail.stage, descents.poses]
         at.append(descents.positions)

@@ -251,7 +251,6 @@ def begin(
     d: Descent,
     memory: Memory,
     # Data out:
-    push_out: wp.array(dtype=wp.vec3d),
     busy_out: wp.array(dtype=wp.int32),
 ):
     """Let every environment begin its step that goes on; launches over [environment_count].
@@ -318,7 +317,6 @@ def begin(
         d.touches[b] = 1
         d.gripped_at[b] = wp.float64(1e300)
         d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
-        push_out[b] = wp.vec3d()
     if d.status[b] == RUNNING:
         together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
 
@@ -393,7 +391,6 @@ def land(
     way: Way,
     poses: Poses,
     d: Descent,
-    push: wp.array(dtype=wp.vec3d),
     # Data in and out:
     trail: Trail,
     # Data out:
@@ -409,7 +406,7 @@ def land(
         found.status[at, b] = d.status[b]
         if d.status[b] == DONE:
             load = wp.max(d.scale[b], floor)
-            found.push[at, b] = push[b]
+            found.push[at, b] = d.push[b]
             found.tips[at, b] = poses.tips[b]
             found.residual[at, b] = d.residual[b] / load
             found.imbalance[at, b] = d.vertical[b] / load

@@ -43,7 +43,7 @@ class ContactKernels:
 
     Attributes:
         gap: Gaps [m].
-        touch: Energies [J] and gaps [m]; adds forces [N] to the nodes, and their sum.
+        touch: Energies [J] and gaps [m]; adds forces [N] to the nodes.
         force: Position [m] of every point, force on the indenter [N] and its stiffness [N/m].
         hold: Holds points that touch and frees the others; takes over their pressure, and tells
             its change and size [N].
@@ -99,7 +99,6 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         positions: wp.array2d(dtype=wp.vec3d),
         # Data out:
         nodes_out: wp.array2d(dtype=wp.vec3d),
-        push_out: wp.array(dtype=wp.vec3d),
         energy_out: wp.array3d(dtype=wp.float64),
         gap_out: wp.array3d(dtype=wp.float64),
     ):
@@ -128,7 +127,6 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if wp.dot(v, v) > wp.float64(0.0):
                 v = v * surface.areas[f, q]
                 add_to_nodes(v, surface, f, q, nodes_out[b])
-                wp.atomic_add(push_out, b, v)
 
     @wp.kernel(**made)
     def force(

@@ -90,7 +90,7 @@ class ContactSurface:
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        return float(on_host(self.touched(positions, indenter, state)[2]).sum())
+        return float(on_host(self.touched(positions, indenter, state)[1]).sum())
 
     def touched(self, positions: FloatArray, indenter: Indenter, state: State) -> tuple[Any, ...]:
         """Return what ``room`` names, for one state."""
@@ -116,11 +116,10 @@ class ContactSurface:
         """Return what ``touch`` fills for so many environments.
 
         Returns:
-            Nodal forces [N], their sum, energies [J], gaps [m].
+            Nodal forces [N], energies [J], gaps [m].
         """
         nodal = self._device.zeros((count, len(self._pad.nodes)), wp.vec3d)
-        push = self._device.zeros(count, wp.vec3d)
-        return nodal, push, *(self._points(wp.float64, count) for _ in range(2))
+        return nodal, *(self._points(wp.float64, count) for _ in range(2))
 
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""

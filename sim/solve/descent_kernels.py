@@ -76,15 +76,17 @@ class DescentKernels:
 
 
 @cache
-def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
+def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels:
     """Build the kernels.
 
     Args:
         grips: Points that touch hold on to the indenter.
         pulls: Nodes have further energies.
+        threads: Of a block at most.
     """
     made = {
         "enable_backward": False,
+        "launch_bounds": threads,
         "module": "unique",
         "module_options": {"cpu_compiler_flags": CPU_FLAGS},
     }
@@ -110,12 +112,19 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
         if d.status[b] == RUNNING:
             mode = d.mode[b]
             looks = mode < GO  # it begins, tries or is held anew
+            push = d.push[b]
             dof_count = unknowns.dofs.shape[0]
             sums = Sums()
             ratio = wp.float64(FAR)
             nearest = wp.float64(FAR)
             allowed = wp.float64(1.0)
             if looks:
+                push = wp.vec3d()
+                for n in range(thread, evaluated.contact.shape[1] / 3, wp.block_dim()):
+                    for k in range(3):
+                        push[k] += evaluated.contact[b, 3 * n + k]
+                pushes = wp.tile_sum(wp.tile(push, preserve_type=True))
+                push = pushes[0]
                 for row in range(thread, dof_count + 1, wp.block_dim()):
                     g = wp.float64(0.0)
                     if row < dof_count:
@@ -131,7 +140,7 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                         if dof % 3 == 2:
                             sums[VERTICAL] += g
                     elif d.pushed[b] == 1:
-                        g = d.load[b] - evaluated.push[b][2]
+                        g = d.load[b] - push[2]
                         sums[ENERGY] += d.load[b] * evaluated.tips[b][2]
                     vectors.trial[b, row] = g
                     change = g - vectors.gradient[b, row]
@@ -162,13 +171,14 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
             total = all_sums[0]
             mins = wp.vec3d(ratios[0], gaps[0], fractions[0])
             if thread == 0:
+                d.push[b] = push
                 d.act[b] = NOTHING
                 d.wanted[b] = 0
                 d.strained[b] = 0
                 d.holding[b] = 0
                 d.takes[b] = 0
                 d.learns[b] = 0
-                decide(d, memory, b, limits, total, mins, evaluated.push[b])
+                decide(d, memory, b, limits, total, mins, push)
         elif thread == 0:
             d.act[b] = NOTHING
             d.wanted[b] = 0
@@ -232,8 +242,6 @@ def descent_kernels(*, grips: bool, pulls: bool) -> DescentKernels:
                 if act != HOLD:
                     evaluated.elastic[b, i] = wp.float64(0.0)
                 evaluated.contact[b, i] = wp.float64(0.0)
-            if thread == 0:
-                evaluated.push[b] = wp.vec3d()
         if act == SOLVE:
             count = memory.counts[b]
             if not learns:

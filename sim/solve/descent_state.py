@@ -77,6 +77,7 @@ class Descent:
         tries: Of the step under way.
         evaluations: Of the forces.
         slot: Where the inverse finds what it is asked for.
+        push: Force on the indenter [N].
         recorded: Residuals, the last of which are ``residuals`` [N], shape [..., 6].
         relative: Residual that is enough, over the contact force; ``floor`` is always enough [N].
         gap_least: Smallest gap that a state may end with [m].
@@ -116,6 +117,7 @@ class Descent:
     recorded: wp.array(dtype=wp.int32)
     residuals: wp.array2d(dtype=wp.float64)
     load: wp.array(dtype=wp.float64)
+    push: wp.array(dtype=wp.vec3d)
     relative: wp.array(dtype=wp.float64)
     floor: wp.array(dtype=wp.float64)
     gap_least: wp.array(dtype=wp.float64)
@@ -172,7 +174,6 @@ class Evaluated:
         tips: Of the indenter [m].
         elastic: Gradient of the gel's energy [N].
         contact: Contact's part of the gradient [N].
-        push: Force on the indenter [N].
         energies: Of the elements [J].
         ratios: Their smallest volume ratios.
         touched: Energies of the contact points [J].
@@ -185,7 +186,6 @@ class Evaluated:
     tips: wp.array(dtype=wp.vec3d)
     elastic: wp.array2d(dtype=wp.float64)
     contact: wp.array2d(dtype=wp.float64)
-    push: wp.array(dtype=wp.vec3d)
     energies: wp.array2d(dtype=wp.float64)
     ratios: wp.array2d(dtype=wp.float64)
     touched: wp.array2d(dtype=wp.float64)

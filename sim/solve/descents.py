@@ -31,7 +31,7 @@ from tacauchy_rig.errors import ConfigError
 _TIP_STEP_SHARE = 0.025
 # Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
 # have a larger block.
-_THREADS, _THREADS_OF_FEW, _FEW = 256, 512, 264
+_THREADS, _THREADS_OF_FEW, _FEW = 256, 1024, 132
 # Steps that are never taken, for patience that does not end.
 _NEVER = 2**30
 
@@ -129,7 +129,7 @@ class Descents:
         self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
         self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
         self.gel_room, self.contact_room = model.gel.room(count), model.surface.room(count)
-        self.hold_room = [device.zeros(self.contact_room[2].shape, wp.float64) for _ in range(2)]
+        self.hold_room = [device.zeros(self.contact_room[1].shape, wp.float64) for _ in range(2)]
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
@@ -275,7 +275,7 @@ class Descents:
 
     def clear(self) -> None:
         """Set the sums of the forces to zero, for an evaluation that begins anew."""
-        for array in (self.gel_room[0], *self.contact_room[:2]):
+        for array in (self.gel_room[0], self.contact_room[0]):
             array.zero_()
 
     def _invert(self) -> None:
@@ -310,7 +310,8 @@ class Descents:
         model, device, surface = self.model, self._device, self.model.surface
         evaluated = self._evaluated()
         threads = (_THREADS_OF_FEW if self.count <= _FEW else _THREADS) if device.is_gpu else 1
-        made = descent_kernels(grips=model.contact_options.is_tangential, pulls=pulls)
+        grips = model.contact_options.is_tangential
+        made = descent_kernels(grips=grips, pulls=pulls, threads=threads)
         scaled, units = self._inverse.scaled, self._units
 
         def recorded(kernel: Any, inputs: list[Any]) -> Any:
@@ -339,7 +340,7 @@ class Descents:
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
         made, device = surface.kernels(self._indenter), self._device
         body = self.body
-        shape = tuple(self.contact_room[2].shape)
+        shape = tuple(self.contact_room[1].shape)
         touch = device.record(
             made.touch,
             shape,
@@ -354,7 +355,7 @@ class Descents:
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""
         elastic, energies, ratios = self.gel_room
-        contact, push, touched, gaps = self.contact_room
+        contact, touched, gaps = self.contact_room
         points = (self.count, touched.shape[1] * touched.shape[2])
         change, limit = (each.reshape(points) for each in self.hold_room)
         return filled(
@@ -363,7 +364,6 @@ class Descents:
             tips=self.poses.tips,
             elastic=_flat(elastic),
             contact=_flat(contact),
-            push=push,
             energies=energies,
             ratios=ratios,
             touched=touched.reshape(points),

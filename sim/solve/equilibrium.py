@@ -228,12 +228,12 @@ class EquilibriumSolver:
         descents.set(wanted=1, strained=1)
         descents.evaluate()
         elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
-        contact, push, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
+        contact, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
         energy, gradient = float(energies.sum() + touched.sum()), elastic + contact
         for potential in self._potentials:
             energy += potential.energy(state.positions)
             gradient += potential.gradient(state.positions)
-        return Evaluation(energy_j=energy, gradient=gradient, push_n=push.copy(), gaps=gaps.copy())
+        return Evaluation(energy_j=energy, gradient=gradient, push_n=contact.sum(axis=0), gaps=gaps.copy())
 
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
@@ -336,7 +336,7 @@ class EquilibriumSolver:
         }
         return Equilibrium(
             iterations=iterations,
-            push_n=on_host(descents.contact_room[1])[0].copy(),
+            push_n=descents.get("push")[0].copy(),
             touch=partial(self._contact, replace(state)),
             elastic_gradient=on_host(descents.gel_room[0])[0].copy(),
             residual_n=found["residual"],
