@@ -229,11 +229,12 @@ class EquilibriumSolver:
         descents.evaluate()
         elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
         contact, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
+        push = contact.sum(axis=0)
         energy, gradient = float(energies.sum() + touched.sum()), elastic + contact
         for potential in self._potentials:
             energy += potential.energy(state.positions)
             gradient += potential.gradient(state.positions)
-        return Evaluation(energy_j=energy, gradient=gradient, push_n=contact.sum(axis=0), gaps=gaps.copy())
+        return Evaluation(energy_j=energy, gradient=gradient, push_n=push, gaps=gaps.copy())
 
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""

@@ -25,6 +25,10 @@ from sim.scene.scene import Effect, Output, Scene, Target
 _TOUCH_M = 5e-6
 # Kernels are the same on any mesh: they are loaded on a coarse one.
 _TOUCH_REFINEMENT = 0.5
+# What errors are judged by: everything on and edges so many times shorter, and what that tends
+# to where an error falls with the edge length to the power of two.
+_FINER = 1.5
+_LEFT = _FINER**2 / (_FINER**2 - 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,8 @@ class EffectCheck:
         added: What was off and is on in the full press.
         apart: Why inertia is in neither press, or nothing.
         differences: Of each output that is asked for.
+        errors: Of each output what the press states, and what finer meshes tell; empty where
+            that was not asked.
         planned_s: Processor time of planning, meshing, pressing and estimating errors [s].
         full_s: The same with everything on and nothing planned [s].
     """
@@ -72,6 +78,7 @@ class EffectCheck:
     added: tuple[Effect, ...]
     apart: str
     differences: dict[Output, float]
+    errors: dict[Output, tuple[float, float]]
     planned_s: float
     full_s: float
 
@@ -105,6 +112,7 @@ class EffectCheck:
             "tolerances": {each.value: share for each, share in self.plan.tolerances.items()},
             "expected": {each.value: self.plan.left_out(each) for each in self.differences},
             "differences": {each.value: found for each, found in self.differences.items()},
+            "errors": {each.value: found for each, found in self.errors.items()},
             "planned_s": self.planned_s,
             "tried_s": self.plan.tried_s,
             "full_s": self.full_s,
@@ -114,8 +122,11 @@ class EffectCheck:
         }
 
 
-def check_effects(case: EffectCase) -> EffectCheck:
+def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     """Press a scene under its plan and with everything on.
+
+    Args:
+        errors: Judge the stated errors too, by a press on a finer mesh.
 
     Raises:
         ConvergenceError: A press has no equilibrium.
@@ -133,20 +144,24 @@ def check_effects(case: EffectCase) -> EffectCheck:
     started = time.process_time()
     plan = plan_effects(scene)
     planned = _pressed(scene, plan)
-    estimated(scene, plan, planned)
+    stated = estimated(scene, plan, planned).relative
     planned_s = time.process_time() - started
     forget()
     started = time.process_time()
     full = _pressed(scene, full_plan)
     estimated(scene, full_plan, full)
     full_s = time.process_time() - started
-    found = planned.differences(full)
+    found, finer = planned.differences(full), {}
+    if errors:
+        shorter = replace(scene, refinement=_FINER * scene.refinement)
+        finer = planned.changes(_pressed(shorter, everything(shorter)))
     return EffectCheck(
         case=case,
         plan=plan,
         added=tuple(e for e, on in full_plan.switches if on and not plan.is_on(e)),
         apart=apart,
         differences={output: found[output] for output in plan.tolerances},
+        errors={each: (stated[each], _LEFT * finer[each]) for each in stated if each in finer},
         planned_s=planned_s,
         full_s=full_s,
     )
@@ -160,6 +175,21 @@ def kept_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, int
         if shares:
             found[output] = sum(share <= 1.0 for share in shares), len(shares), max(shares)
     return found
+
+
+def errors_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, int, float]]:
+    """Return how many errors were as stated, of how many, and how wide in the median, by output.
+
+    An estimate is as wide as it is over the error that was found.
+    """
+    judged = {}
+    for output in Output:
+        pairs = [each.errors[output] for each in checks if output in each.errors]
+        widths = [stated / max(found, 1e-12) for stated, found in pairs]
+        if pairs:
+            inside = sum(found <= stated for stated, found in pairs)
+            judged[output] = inside, len(pairs), statistics.median(widths)
+    return judged
 
 
 def time_saved(checks: Sequence[EffectCheck]) -> float:

@@ -34,6 +34,9 @@ def effects_check(
     limit: Annotated[
         str, typer.Option("--limit", help="A scene that takes longer is left, and named.")
     ] = "60s",
+    errors: Annotated[
+        bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
@@ -49,10 +52,11 @@ def effects_check(
     checks: list[EffectCheck] = []
     failed: dict[str, str] = {}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
+    command += " --errors" * errors
     with OwnProcess() as beside:
         for case in chosen:
             try:
-                found = beside.call(partial(check_effects, case), limit_s=limit_s)
+                found = beside.call(partial(check_effects, case, errors=errors), limit_s=limit_s)
             except ProcessFailedError as error:
                 failed[case.name] = f"{error.message} ({case.shows})"
                 complain(f"{case.name:22} not pressed: {error.message}")
@@ -102,7 +106,7 @@ def _line(check: EffectCheck) -> str:
 
 
 def _summarise(checks: Sequence[EffectCheck], failed: dict[str, str]) -> None:
-    from sim.studies.effects_check.check import kept_by_output, time_saved
+    from sim.studies.effects_check.check import errors_by_output, kept_by_output, time_saved
 
     if failed:
         say(f"{len(failed)} scenes not pressed: {', '.join(failed)}")
@@ -110,13 +114,15 @@ def _summarise(checks: Sequence[EffectCheck], failed: dict[str, str]) -> None:
         return
     for output, (kept, count, worst) in kept_by_output(checks).items():
         say(f"{output.value:10} kept in {kept} of {count} scenes, at worst {worst:.0%} of allowed")
+    for output, (inside, count, width) in errors_by_output(checks).items():
+        say(f"{output.value:10} errs as stated in {inside} of {count}, {width:.1f} times the error")
     passed = sum(check.passed for check in checks)
     say(f"all outputs kept in {passed} of {len(checks)} scenes")
     say(f"{time_saved(checks):.0%} of the time saved, geometric mean")
 
 
 def _page(checks: Sequence[EffectCheck], failed: dict[str, str], command: str) -> str:
-    from sim.studies.effects_check.check import kept_by_output, time_saved
+    from sim.studies.effects_check.check import errors_by_output, kept_by_output, time_saved
     from tacauchy_rig.page import page
 
     facts = {
@@ -125,6 +131,7 @@ def _page(checks: Sequence[EffectCheck], failed: dict[str, str], command: str) -
         "failed": failed,
         "passed": sum(check.passed for check in checks),
         "outputs": kept_by_output(checks),
+        "errors": errors_by_output(checks),
         "saved": time_saved(checks),
         "names": _names,
         "percent": _percent,
