@@ -1,8 +1,8 @@
-"""The benchmark's figure: how presses grow with their elements, and with environments."""
+"""The benchmark's figure: how presses grow with their elements."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from sim.studies.bench.batches import BatchRow
 from sim.studies.bench.growth import EXPONENT_WANTED, GrowthRow, exponent
 from sim.studies.bench.suite import Benchmark
 from tacauchy_rig.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
 
-_ALONE_SHARE = 0.6
+_SHARE = 0.6
 
 
 def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[Path]:
-    """Draw what was measured of growth and batches, and write ``name`` as PDF and PNG.
+    """Draw what was measured of growth, and write ``name`` as PDF and PNG.
 
     Returns:
         The files; none where there is nothing to draw.
@@ -28,18 +27,11 @@ def draw_bench(found: Benchmark, *, folder: Path, name: str = "bench") -> list[P
     Raises:
         RecordError: The files cannot be written.
     """
-    drawn: list[Callable[[Axes], None]] = []
-    if found.growth:
-        drawn.append(lambda axes: _draw_growth(axes, found.growth))
-    if found.batches:
-        drawn.append(lambda axes: _draw_batches(axes, found.batches))
-    if not drawn:
+    if not found.growth:
         return []
     with rc_context(STYLE):
-        width_in = PAGE_IN * (1.0 if len(drawn) > 1 else _ALONE_SHARE)
-        figure = Figure(figsize=(width_in, 2.6), layout="constrained")
-        for number, draw in enumerate(drawn):
-            draw(figure.add_subplot(1, len(drawn), number + 1))
+        figure = Figure(figsize=(_SHARE * PAGE_IN, 2.6), layout="constrained")
+        _draw_growth(figure.add_subplot(), found.growth)
         return save_figure(figure, folder, name)
 
 
@@ -59,17 +51,6 @@ def _draw_growth(axes: Axes, rows: Sequence[GrowthRow]) -> None:
     axes.set_ylabel("Processor time of a press (s)")
     axes.set_title("Growth with elements", loc="left")
     axes.legend()
-
-
-def _draw_batches(axes: Axes, rows: Sequence[BatchRow]) -> None:
-    counts, speeds = [row.environments for row in rows], [row.frames_per_s for row in rows]
-    axes.loglog(counts, speeds, "o-", color=BLUE, markersize=4)
-    _mark(axes, counts)
-    # Whole decades: an axis of less has labels that nobody can read.
-    axes.set_ylim(10 ** np.floor(np.log10(min(speeds))), 10 ** np.ceil(np.log10(max(speeds))))
-    axes.set_xlabel("Environments")
-    axes.set_ylabel("Frames a second, all together")
-    axes.set_title("Growth with environments", loc="left")
 
 
 def _mark(axes: Axes, measured: Sequence[float]) -> None:

@@ -8,7 +8,6 @@ from enum import StrEnum
 class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
-    BATCHES = "batches"
     RENDERING = "rendering"
     REPLAY = "replay"
     GROWTH = "growth"

@@ -28,7 +28,6 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.load_steps.equilibrium import PathPoint
-from sim.studies.bench.batches import batch_device
 from sim.studies.bench.frames import times_of
 from tacauchy_rig.errors import ConfigError
 
@@ -80,6 +79,11 @@ class RenderingRow:
     def image_ms(self) -> float:
         """Median time of an image [ms]."""
         return 1e3 * self.median_s / self.image_count
+
+
+def batch_device() -> str:
+    """Return the device that batches are for: the first GPU, else the CPU."""
+    return "cuda:0" if wp.get_cuda_device_count() > 0 else "cpu"
 
 
 def measure_rendering(

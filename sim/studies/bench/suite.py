@@ -9,19 +9,11 @@ from typing import Any
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.scene.scene import Preset, Scene, Target
-from sim.studies.bench.batches import (
-    ENVIRONMENTS_ON_CPU,
-    BatchRow,
-    batch_device,
-    exact_force,
-    measure_batches,
-)
+from sim.scene.scene import Preset, Scene
 from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
-from sim.studies.bench.frames import TRAVEL_M
 from sim.studies.bench.growth import GrowthRow, growth
 from sim.studies.bench.part import Part
-from sim.studies.bench.rendering import BATCH, RenderingRow, measure_rendering
+from sim.studies.bench.rendering import BATCH, RenderingRow, batch_device, measure_rendering
 from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
 from sim.studies.bench.start import StartRow, measure_start
 
@@ -32,12 +24,6 @@ _WARM_M = 0.02e-3
 Progress = Callable[[str], None]
 
 
-_NO_GPU = {
-    Part.BATCHES: f"more than {max(ENVIRONMENTS_ON_CPU)} environments side by side",
-    Part.RENDERING: f"{BATCH} images at once",
-}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
     """What was measured; what was not asked for is empty.
@@ -46,7 +32,6 @@ class Benchmark:
         absent: What could not be measured, and why.
     """
 
-    batches: tuple[BatchRow, ...] = ()
     rendering: tuple[RenderingRow, ...] = ()
     replays: tuple[ReplayRow, ...] = ()
     growth: tuple[GrowthRow, ...] = ()
@@ -61,7 +46,6 @@ def run_bench(
     forces_n: Sequence[float],
     *,
     parts: Collection[Part] = tuple(Part),
-    against: Preset = Preset.ACCURATE,
     on_progress: Progress = lambda _text: None,
 ) -> Benchmark:
     """Measure everything that this machine can.
@@ -71,12 +55,10 @@ def run_bench(
         image_of: Turns a pressed surface into the image that a replay keeps.
         forces_n: Of the replay [N].
         parts: What to measure; the scenes are measured apart, ``sim.studies.bench.scenes``.
-        against: Whose force at the end of the travel is taken for exact.
 
     Raises:
         ConvergenceError: A press does not go through.
     """
-    scene = replace(scene, target=Target(depth_m=TRAVEL_M))
     _warm_up(scene)
     # The replays first: their row has the process's peak of memory so far.
     measures: dict[Part, tuple[str, Callable[[], Iterable[object]]]] = {
@@ -94,24 +76,9 @@ def run_bench(
         if part in parts:
             on_progress(part.value)
             rows[name] += measure()
-    if Part.BATCHES in parts:
-        on_progress(f"F_z with preset {against}")
-        exact_n = exact_force(scene, preset=against)
-        device = batch_device()
-        on_progress(f"batches on {device}")
-        for row in measure_batches(scene, device=device, exact_n=exact_n):
-            on_progress(f"  {row.environments} environments: {row.frames_per_s:.0f} frames/s")
-            rows["batches"].append(row)
-    rows["absent"] += _missing_gpu(parts)
+    if Part.RENDERING in parts and batch_device() == "cpu":
+        rows["absent"].append(f"{BATCH} images at once, which is done on a GPU: there is none here")
     return Benchmark(**{name: tuple(found) for name, found in rows.items()})
-
-
-def _missing_gpu(parts: Collection[Part]) -> list[str]:
-    """Name what was asked for and is not measured where there is no GPU."""
-    if batch_device() != "cpu":
-        return []
-    asked = [what for part, what in _NO_GPU.items() if part in parts]
-    return [f"{what}, which is done on a GPU: there is none here" for what in asked]
 
 
 def _warm_up(scene: Scene) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from sim.studies.bench.batches import BALANCE, BatchRow
-from sim.studies.bench.frames import FORCE_ERROR_MAX, FRAME_COUNT, TRAVEL_M
 from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
 from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
 from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
@@ -20,18 +18,12 @@ from tacauchy_rig.tables import Table, table_of
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 # 5,550 frames a second, ten times the paper's (with stress, GPU), leave as much for all of a frame.
 _FROM_NODES_MS = 0.18
-# To which times are to grow less than the environments.
-_FEW = 60
-_STRESS_MS = 0.1
 _prose = partial(table_prose, "sim.studies.bench", "tables.md.jinja")
 
 
 def bench_tables(found: Benchmark) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
     tables: dict[Callable[[Benchmark], Table], Sequence[object]] = {
-        _batches: found.batches,
-        _stress: found.batches,
-        _launches: found.batches,
         _rendering: found.rendering,
         _replays: found.replays,
         _growth: found.growth,
@@ -39,83 +31,6 @@ def bench_tables(found: Benchmark) -> list[Table]:
         _threads: found.threads,
     }
     return [table(found) for table, rows in tables.items() if rows]
-
-
-def _batches(found: Benchmark) -> Table:
-    rows = found.batches
-    few = [row for row in rows if row.environments <= _FEW]
-    power = None
-    if len(few) > 1:
-        counts, times = [float(row.environments) for row in few], [row.wall_s for row in few]
-        power = f"{exponent(counts, times):.2f}"
-    return table_of(
-        rows,
-        {
-            "device": lambda row: row.device,
-            "environments": lambda row: row.environments,
-            "frames [1/s]": lambda row: round(row.frames_per_s),
-            "frame of all [ms]": lambda row: row.frame_ms,
-            "evaluations": lambda row: row.evaluations,
-            "F_z off by [%]": lambda row: 1e2 * row.force_error,
-            "imbalance": lambda row: row.imbalance,
-            "residual": lambda row: row.residual,
-            "gap [um]": lambda row: 1e6 * row.gap_m,
-            "failed": lambda row: row.failed_count,
-        },
-        passed=all(
-            abs(row.force_error) <= FORCE_ERROR_MAX
-            and row.imbalance <= BALANCE
-            and row.gap_m > 0.0
-            and row.failed_count == 0
-            for row in rows
-        ),
-        **_prose(
-            "batches",
-            balance=BALANCE,
-            travel_mm=f"{TRAVEL_M * 1e3:g}",
-            count=FRAME_COUNT,
-            first=rows[0],
-            few=_FEW,
-            power=power,
-            absent=[text for text in found.absent if "images" not in text],
-        ),
-    )
-
-
-def _stress(found: Benchmark) -> Table:
-    judged = [row for row in found.batches if row.environments == 1 and row.device != "cpu"]
-    return table_of(
-        found.batches,
-        {
-            "device": lambda row: row.device,
-            "environments": lambda row: row.environments,
-            "faces of each": lambda row: row.stress.face_count,
-            "on the device [us]": lambda row: 1e6 * row.stress.device_s,
-            "of it for one environment [us]": lambda row: (
-                1e6 * row.stress.device_s / row.environments
-            ),
-            "with results on the host [us]": lambda row: 1e6 * row.stress.host_s,
-        },
-        passed=all(1e3 * row.stress.device_s < _STRESS_MS for row in judged),
-        **_prose("stress", limit_ms=_STRESS_MS, is_judged=bool(judged)),
-    )
-
-
-def _launches(found: Benchmark) -> Table:
-    rows = [row for row in found.batches if row.parts_s]
-
-    def time_us(row: BatchRow, name: str) -> float:
-        return round(1e6 * row.parts_s[name], 1)
-
-    return table_of(
-        rows,
-        {
-            "environments": lambda row: row.environments,
-            **{f"{name} [us]": partial(time_us, name=name) for name in rows[0].parts_s},
-            "together [us]": lambda row: round(1e6 * sum(row.parts_s.values()), 1),
-        },
-        **_prose("launches"),
-    )
 
 
 def _rendering(found: Benchmark) -> Table:
@@ -146,7 +61,7 @@ def _rendering(found: Benchmark) -> Table:
             first=found.rendering[0],
             blur_px=f"{BLUR_PX:g}",
             samples=SAMPLES,
-            absent=[text for text in found.absent if "images" in text],
+            absent=found.absent,
         ),
     )
 

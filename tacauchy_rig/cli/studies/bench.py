@@ -59,6 +59,22 @@ _Environments = Annotated[
         help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
     ),
 ]
+_Images = Annotated[
+    bool,
+    typer.Option(
+        "--images",
+        help="Of the scenes in batches: with the camera's image, the markers and the surface's "
+        "stress in every frame.",
+    ),
+]
+_OwnMesh = Annotated[
+    bool,
+    typer.Option(
+        "--own-mesh",
+        help="Of the scenes in batches: on the mesh that a batch makes itself, the same for every "
+        "tolerance.",
+    ),
+]
 _Reference = Annotated[
     bool,
     typer.Option(
@@ -99,13 +115,15 @@ def bench(
     tolerances: _Tolerances = None,
     device: _Device = "cpu",
     environments: _Environments = None,
+    images: _Images = False,
+    own_mesh: _OwnMesh = False,
     reference: _Reference = False,
     against: _Against = None,
     compare: _Compare = None,
     limit_s: _Limit = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time batches, images, a replay, growth, scenes, start-up and threads; minutes."""
+    """Time images, a replay, growth, scenes, start-up and threads; minutes."""
     writable_folder(out)
     wanted = parts or list(Part)
     if Part.SCENES in wanted:
@@ -117,6 +135,8 @@ def bench(
             device=device,
             peer=peer,
             environments=tuple(environments or ()),
+            images=images,
+            own_mesh=own_mesh,
             reference=reference,
             against=against,
             compare=compare,

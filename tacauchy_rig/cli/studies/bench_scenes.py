@@ -21,6 +21,7 @@ from sim.studies.bench.scenes.references import (
 from sim.studies.bench.scenes.suite import SceneBench, press_all, said, side_by_side
 from sim.studies.bench.scenes.tables import scene_tables, way
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.store.codec import dumps
 from tacauchy_rig.versions import machine, versions
@@ -35,6 +36,8 @@ class ScenesAsked:
     device: str
     peer: Peer | None
     environments: tuple[int, ...]
+    images: bool
+    own_mesh: bool
     reference: bool
     against: Path | None
     compare: str | None
@@ -49,7 +52,15 @@ class ScenesAsked:
     def orders(self) -> list[Order]:
         """Every way to press: alone by each tolerance, or in each batch."""
         alone = [Order(tolerance=each, device=self.device) for each in self.tolerances]
-        batches = [Order(environments=count, device=self.device) for count in self.counts]
+        batches = [
+            Order(
+                environments=count,
+                images=self.images,
+                own_mesh=self.own_mesh,
+                device=self.device,
+            )
+            for count in self.counts
+        ]
         return [replace(each, limit_s=self.limit_s) for each in batches or alone]
 
     def command(self, out: Path) -> str:
@@ -60,6 +71,8 @@ class ScenesAsked:
             words += [word for value in values for word in (f"--{name}", str(value))]
         words += ["--device", self.device] if self.device != Order().device else []
         words += ["--peer", self.peer] if self.peer else []
+        words += ["--images"] if self.images else []
+        words += ["--own-mesh"] if self.own_mesh else []
         words += ["--reference"] if self.reference else []
         words += ["--against", str(self.against)] if self.against else []
         words += ["--compare", self.compare] if self.compare else []
@@ -70,12 +83,17 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
     """Press the scenes; show tables, write page, figure and JSON.
 
     Raises:
-        ConfigError: There is no such scene, tolerance or commit.
+        ConfigError: There is no such scene, tolerance or commit, or options do not fit together.
         RecordError: A file cannot be written.
     """
     scenes = select_scenes(asked.only)
     for text in asked.tolerances:
         parse_tolerance(text, field="--tolerance")
+    if (asked.images or asked.own_mesh) and (asked.peer or not asked.environments):
+        raise ConfigError(
+            "--images and --own-mesh are for our own batches",
+            remedy="give --environments, and no --peer",
+        )
     if asked.peer is not None:
         refuse_without_libuipc(asked.device)
     found = _measured(asked, scenes, out)

@@ -25,6 +25,7 @@ _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 # Times its processor time, for a scene that waits, or shares its core.
 _WAITED = 8.0
 NOT_YET = "not yet"
+IMAGES = "with images"
 OWN = Path(worker.__file__).parents[4]
 
 
@@ -36,6 +37,8 @@ class Order:
         tolerance: Of F_z; the cheapest setting that keeps it is taken.
         preset: Taken instead.
         environments: Of a batch; None presses alone.
+        images: With the image, markers and stress of every frame, in a batch.
+        own_mesh: On the mesh that ``batch_model`` makes, in a batch.
         is_timed: Compile the kernels before, and press several times.
         limit_s: Processor time after which a scene has failed, start and set-up included [s].
         checkout: Whose solver.
@@ -45,9 +48,17 @@ class Order:
     preset: str | None = None
     device: str = "cpu"
     environments: int | None = None
+    images: bool = False
+    own_mesh: bool = False
     is_timed: bool = True
     limit_s: float = SCENE_LIMIT_S
     checkout: Path = OWN
+
+    @property
+    def manner(self) -> tuple[str, ...]:
+        """What is unlike other batches, in words."""
+        words = {IMAGES: self.images, "the batch's own mesh": self.own_mesh}
+        return tuple(text for text, is_so in words.items() if is_so)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +69,7 @@ class SceneRow:
         tolerance: What its setting was chosen for; empty where it was given.
         press: None where ``failure`` says why.
         engine: Which one, and how strictly it solves; empty is ours.
+        manner: What is unlike other rows of as many environments.
         remark: What else is to be said of it.
     """
 
@@ -68,6 +80,7 @@ class SceneRow:
     press: ScenePress | None
     failure: str = ""
     engine: str = ""
+    manner: tuple[str, ...] = ()
     remark: str = ""
 
     @property
@@ -104,6 +117,7 @@ def pressed(scene: BenchScene, order: Order) -> SceneRow:
         environments=order.environments,
         press=None if failure else ScenePress(**found),
         failure=failure,
+        manner=order.manner,
     )
 
 
@@ -116,6 +130,8 @@ def _answer(scene: BenchScene, order: Order) -> dict[str, Any]:
         "preset": order.preset,
         "device": order.device,
         "environments": order.environments,
+        "images": order.images,
+        "own_mesh": order.own_mesh,
         "is_timed": order.is_timed,
         "limit_s": order.limit_s,
     }

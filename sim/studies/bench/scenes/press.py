@@ -15,7 +15,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
@@ -68,6 +68,7 @@ class ScenePress:
         moment_nm: About its tip [N m], shape [3]; None where it is not computed.
         stiffness_n_m: dF_z / d(depth) in the last frame that goes down [N/m].
         balance: |indenter force + base reaction| over the former.
+        parts_s: In a batch, what each launch of a step takes, and that of the stress [s].
     """
 
     preset: str
@@ -84,6 +85,7 @@ class ScenePress:
     depth_m: float
     stiffness_n_m: float
     balance: float
+    parts_s: dict[str, float] = field(default_factory=dict)
 
 
 def stated_scene(stated: dict[str, Any]) -> Scene:
@@ -215,7 +217,11 @@ def _pressed(scene: Scene, order: dict[str, Any], *, promised: bool) -> ScenePre
         )
     batch = importlib.import_module("sim.studies.bench.scenes.side_by_side")
     found: ScenePress = batch.press_side_by_side(
-        scene, count=order["environments"], device=order["device"]
+        scene,
+        count=order["environments"],
+        device=order["device"],
+        images=order["images"],
+        own_mesh=order["own_mesh"],
     )
     return found
 

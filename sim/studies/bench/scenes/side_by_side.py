@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from sim.batch.environment import course_of
+from sim.batch.pilot import batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
-from sim.studies.bench.batches import pilot_for, pressed, spread
+from sim.studies.bench.batches import batch_parts, pilot_for, pressed, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
 from tacauchy_rig.errors import ConvergenceError
 
 
-def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
+def press_side_by_side(
+    scene: Scene, *, count: int, device: str, images: bool = False, own_mesh: bool = False
+) -> ScenePress:
     """Press a scene in environments a little unlike it; the first is the scene itself.
+
+    Args:
+        own_mesh: Press on the mesh that a batch makes itself, coarser than a press's.
+        images: Have the sensor's image, its markers and the surface's stress in every frame.
 
     Raises:
         ConfigError: A batch cannot do this scene.
         ConvergenceError: An environment does not reach its last frame.
     """
     started = time.perf_counter()
-    model = path_for(scene, plan_effects(scene)).model
+    if own_mesh:
+        scene = replace(scene, refinement=1.0)
+    model = batch_model(scene) if own_mesh else path_for(scene, plan_effects(scene)).model
     course = course_of(scene, frame_count=FRAME_COUNT)
     pilot = pilot_for(scene, model, course)
     spent = time.process_time()
-    _, results = pressed(pilot, spread(scene, course, count), device=device)
+    batch, results = pressed(
+        pilot,
+        spread(scene, course, count),
+        seen_by=scene.sensor if images else "",
+        device=device,
+    )
     found = min(results, key=lambda result: result.wall_s)
     cpu_s = (time.process_time() - spent) / len(results)
     wall_s = found.wall_s
@@ -52,4 +67,5 @@ def press_side_by_side(scene: Scene, *, count: int, device: str) -> ScenePress:
         depth_m=float(depths[-1]),
         stiffness_n_m=float((forces[last] - forces[last - 1]) / (depths[last] - depths[last - 1])),
         balance=float(np.abs(found.imbalance[-1]).max()),
+        parts_s=batch_parts(batch),
     )

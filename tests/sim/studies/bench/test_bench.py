@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.batch.environment import Course
 from sim.fields.surface import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
@@ -17,8 +16,6 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import ImageArray
 from sim.studies.bench import suite
-from sim.studies.bench.batches import BALANCE, exact_force, measure_batches, spread
-from sim.studies.bench.frames import FRAME_COUNT
 from sim.studies.bench.growth import exponent, growth, local_exponents
 from sim.studies.bench.part import Part
 from sim.studies.bench.rendering import measure_rendering
@@ -76,14 +73,11 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 @pytest.fixture(scope="module")
 def found() -> Benchmark:
     """Return a benchmark of a coarse ball press; its replay is made up."""
-    exact_n = exact_force(_SCENE, preset=Preset.FAST)
-    batches = measure_batches(_SCENE, device="cpu", counts=(1, 3), exact_n=exact_n)
     return Benchmark(
-        batches=tuple(batches),
         rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
         replays=(_replay(),),
         growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
-        absent=("nothing", "many images"),
+        absent=("many images",),
     )
 
 
@@ -116,45 +110,6 @@ def test_a_replay_makes_an_image_of_every_press() -> None:
     assert 0.0 < row.memory_mib <= peak_memory_mib()
 
 
-def test_batches_are_counted_over_all_environments(found: Benchmark) -> None:
-    """Three environments: three times the frames of one in that time; the first is the scene."""
-    alone, three = found.batches
-    assert three.frames_per_s == pytest.approx(3 * FRAME_COUNT / three.wall_s)
-    assert three.frame_ms == pytest.approx(1e3 * three.wall_s / FRAME_COUNT)
-    assert three.force_error == pytest.approx(alone.force_error, abs=1e-4)
-    assert max(alone.imbalance, three.imbalance) <= BALANCE
-    assert alone.failed_count == three.failed_count == 0
-
-
-def test_every_launch_of_a_step_is_timed(found: Benchmark) -> None:
-    """In the order of the launches, and none takes no time."""
-    for batch in found.batches:
-        names = ["gel", "contact", "judge", "prepare", "inverse", "turn"]
-        assert list(batch.parts_s) == names
-        assert min(batch.parts_s.values()) > 0.0
-
-
-def test_taking_the_stress_off_is_timed(found: Benchmark) -> None:
-    """On the device and to the host, with the number of faces that each environment has."""
-    alone, three = (batch.stress for batch in found.batches)
-    assert alone.face_count == three.face_count > 0
-    assert min(alone.device_s, alone.host_s, three.device_s, three.host_s) > 0.0
-
-
-def test_environments_differ_but_the_first() -> None:
-    """The first is the scene itself; others are up to a tenth stiffer and shallower."""
-    course = Course(depths_m=np.array([0.5e-3, 1e-3]))
-    young, depths = [], []
-    for environment, own in spread(_SCENE, course, 5):
-        assert environment.materials is not None
-        young.append(environment.materials[0].young_pa)
-        depths.append(own.along[-1])
-    assert (young[0], depths[0]) == (_SCENE.material.young_pa, 1e-3)
-    assert len(set(young)) == len(set(depths)) == 5
-    assert all(1.0 <= other / young[0] <= 1.1 for other in young)
-    assert all(0.9 <= other / depths[0] <= 1.0 for other in depths)
-
-
 def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
     """With samples, shadows and blur, no value is more than one grey level apart."""
     plain, alone, together, from_nodes = found.rendering
@@ -169,13 +124,12 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
 
 
 def test_tables_hold_every_row(found: Benchmark) -> None:
-    """One row a batch, an image, a replay, a mesh; what is absent is said."""
+    """One row an image, a replay, a mesh; what is absent is said."""
     tables = bench_tables(found)
-    assert [len(table.rows) for table in tables] == [2, 2, 2, 4, 1, 2]
+    assert [len(table.rows) for table in tables] == [4, 1, 2]
     assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: nothing." in tables[0].note
-    assert "Not measured: many images." in tables[3].note
-    assert "exponent" in tables[5].columns[-1]
+    assert "Not measured: many images." in tables[0].note
+    assert "exponent" in tables[2].columns[-1]
 
 
 def test_only_what_was_asked_for_is_measured(
@@ -185,4 +139,4 @@ def test_only_what_was_asked_for_is_measured(
     monkeypatch.setattr(suite, "growth", lambda *_, **__: found.growth)
     only = suite.run_bench(_SCENE, _image_of, [0.5], parts=(Part.GROWTH,))
     titles = [table.title for table in bench_tables(found)]
-    assert [table.title for table in bench_tables(only)] == titles[5:]
+    assert [table.title for table in bench_tables(only)] == titles[2:]

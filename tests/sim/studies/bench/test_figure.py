@@ -34,6 +34,6 @@ def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
 
 
 def test_what_has_no_figure_draws_none(tmp_path: Path) -> None:
-    """Without growth and batches there is nothing to see, and no file."""
+    """Without growth there is nothing to see, and no file."""
     assert draw_bench(Benchmark(), folder=tmp_path) == []
     assert not list(tmp_path.iterdir())

@@ -12,6 +12,7 @@ from sim.studies.bench.scenes import suite
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.own_process import Order, SceneRow
 from tacauchy_rig.cli.app import app
+from tacauchy_rig.errors import ConfigError
 
 
 def test_every_way_that_was_asked_for_is_pressed(
@@ -47,3 +48,21 @@ def test_every_way_that_was_asked_for_is_pressed(
     groups = json.loads((tmp_path / "scenes.json").read_text())["groups"]
     assert [len(rows) for rows in groups] == [3, 3]
     assert not (tmp_path / "bench.md").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--images"], "--environments"),
+        (["--own-mesh"], "--environments"),
+        (["--images", "--environments", "2", "--peer", "libuipc"], "no --peer"),
+        (["--peer", "libuipc"], "--device cuda:0"),
+    ],
+)
+def test_options_that_do_not_fit_together_are_refused(
+    tmp_path: Path, words: list[str], named: str
+) -> None:
+    """Before anything is pressed, with the remedy."""
+    result = CliRunner().invoke(app, ["bench", "--part", "scenes", "--out", str(tmp_path), *words])
+    assert isinstance(result.exception, ConfigError)
+    assert named in str(result.exception)

@@ -9,7 +9,7 @@ import pytest
 
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.figure import draw_scenes
-from sim.studies.bench.scenes.own_process import SceneRow
+from sim.studies.bench.scenes.own_process import IMAGES, SceneRow
 from sim.studies.bench.scenes.press import ScenePress
 from sim.studies.bench.scenes.references import Reference, read_references
 from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed
@@ -99,6 +99,16 @@ def test_a_setting_that_promises_nothing_is_marked() -> None:
     assert _row().setting == "fast"
     unpromised = replace(_PRESS, promised=False, edges=1.0 / 1.2)
     assert _row(press=unpromised).setting == "fast 0.83*"
+
+
+def test_launches_are_listed_where_a_batch_has_them() -> None:
+    """In microseconds; a group that was pressed with images says so."""
+    timed = replace(
+        _row(press=replace(_PRESS, parts_s={"gel": 2e-6})), environments=60, manner=(IMAGES,)
+    )
+    *_, table = scene_tables(SceneBench(groups=((timed, _row("two")),)))
+    assert table.title == "Launches, cpu, 60 environments, with images"
+    assert table.rows == (("one", 2.0), ("two", None))
 
 
 def test_commits_stand_beside_each_other() -> None:

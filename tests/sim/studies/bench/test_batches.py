@@ -1,0 +1,58 @@
+"""What the benchmark's batches are made of; no time is judged."""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from sim.batch.environment import Course, course_of
+from sim.batch.pilot import batch_model
+from sim.optics.surface_images import SurfaceImages
+from sim.scene.indenter import Sphere
+from sim.scene.scene import Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from sim.studies.bench.batches import batch_parts, pilot_for, pressed, spread
+
+_DEPTH_M, _FRAMES, _COUNT = 0.1e-3, 2, 3
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Return a shallow ball press of a sensor with markers."""
+    sensor, ball = load_sensor("gelsight-mini"), Sphere(diameter_m=10e-3)
+    return sensor.scene(ball, Target(depth_m=_DEPTH_M), preset=Preset.FAST)
+
+
+def test_environments_differ_but_the_first(scene: Scene) -> None:
+    """The first is the scene itself; others are up to a tenth stiffer and shallower."""
+    course = Course(depths_m=np.array([0.5e-3, 1e-3]))
+    young, depths = [], []
+    for environment, own in spread(scene, course, 5):
+        assert environment.materials is not None
+        young.append(environment.materials[0].young_pa)
+        depths.append(own.along[-1])
+    assert (young[0], depths[0]) == (scene.material.young_pa, 1e-3)
+    assert len(set(young)) == len(set(depths)) == 5
+    assert all(1.0 <= other / young[0] <= 1.1 for other in young)
+    assert all(0.9 <= other / depths[0] <= 1.0 for other in depths)
+
+
+def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene) -> None:
+    """Images and markers in each frame of each press, the forces as they are; no launch is free."""
+    course = course_of(scene, frame_count=_FRAMES)
+    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), course)
+    chosen = spread(scene, course, _COUNT)
+    _, unseen = pressed(pilot, chosen, device="cpu")
+    with (
+        patch.object(SurfaceImages, "images", autospec=True) as images,
+        patch.object(SurfaceImages, "markers", autospec=True) as markers,
+    ):
+        batch, seen = pressed(pilot, chosen, seen_by="gelsight-mini", device="cpu")
+    # Once to compile and once to record the frame, before any press.
+    assert images.call_count == markers.call_count == 2 + _FRAMES * len(seen)
+    np.testing.assert_allclose(seen[0].force_n, unseen[0].force_n, rtol=1e-6, atol=1e-9)
+    parts = batch_parts(batch)
+    assert list(parts) == ["stress", "gel", "contact", "judge", "prepare", "inverse", "turn"]
+    assert min(parts.values()) > 0.0
