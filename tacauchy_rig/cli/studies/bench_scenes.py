@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 
 from sim.error.tolerance import parse_tolerance
@@ -15,6 +16,7 @@ from sim.studies.bench.scenes.catalogue import BenchScene, all_scenes, select_sc
 from sim.studies.bench.scenes.figure import draw_scenes
 from sim.studies.bench.scenes.own_process import Order, SceneRow, commit
 from sim.studies.bench.scenes.references import (
+    Reference,
     measure_references,
     read_references,
 )
@@ -96,6 +98,8 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
         )
     if asked.peer is not None:
         refuse_without_libuipc(asked.device)
+        if asked.compare is not None:
+            raise ConfigError("--peer beside --compare", remedy="ask for one of them at a time")
     found = _measured(asked, scenes, out)
     tables = [*peer_tables(found), *scene_tables(found)]
     for table in tables:
@@ -114,7 +118,8 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
     page = criteria_page(
         tables,
         title="Benchmark: scenes",
-        note=f"Commit {commit() or 'not known'}.",
+        note=f"Commit {commit() or 'not known'}."
+        + (" Interrupted: not all scenes were pressed." if found.interrupted else ""),
         image=next((file.name for file in drawn if file.suffix == ".png"), ""),
         command=command,
     )
@@ -135,29 +140,40 @@ def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> Sc
             references[name] = each
             # One by one: what took so long is not lost to what comes after.
             write_text(file, dumps(references).decode())
+    if asked.compare is None:
+        return _pressed(asked, scenes, references)
     groups, pairs = [], []
     for order in asked.orders:
         complain(f"scenes, {way(order)}")
-        if asked.compare is None:
-            groups.append(press_all(scenes, order, on_progress=complain))
-            continue
         found = list(side_by_side(scenes, order, asked.compare, on_progress=complain))
         groups.append(tuple(pair.new for pair in found))
         pairs += found
-    peers: tuple[tuple[SceneRow, ...], ...] = ()
-    if asked.peer is not None:
-        complain(f"scenes, {asked.peer}")
-        peers = press_in_peer(
-            scenes, asked.counts, limit_s=asked.limit_s, on_progress=_say_peers_row
-        )
     return SceneBench(
-        groups=tuple(groups),
-        peers=peers,
-        references=references,
-        compared=asked.compare or "",
-        pairs=tuple(pairs),
+        groups=tuple(groups), references=references, compared=asked.compare, pairs=tuple(pairs)
     )
 
 
-def _say_peers_row(row: SceneRow) -> None:
-    complain(f"  {row.scene}, {way(row)}: {said(row)}")
+def _pressed(
+    asked: ScenesAsked, scenes: Sequence[BenchScene], references: dict[str, Reference]
+) -> SceneBench:
+    """Press each scene in every way, then by the other engine; an interruption keeps what is."""
+
+    def on_progress(row: SceneRow) -> None:
+        complain(f"  {row.scene}, {way(row)}: {said(row)}")
+
+    theirs: Iterator[tuple[SceneRow, ...]] = iter(())
+    if asked.peer is not None:
+        theirs = press_in_peer(scenes, asked.counts, limit_s=asked.limit_s, on_progress=on_progress)
+    done = []
+    try:
+        ours = press_all(scenes, asked.orders, on_progress=on_progress)
+        for rows in zip_longest(ours, theirs, fillvalue=()):
+            done.append(rows)
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        complain(f"interrupted: {len(done)} of {len(scenes)} scenes are done and kept")
+    groups, peers = (tuple(zip(*rows, strict=True)) for rows in zip(*done, strict=True))
+    return SceneBench(
+        groups=groups, peers=peers, references=references, interrupted=len(done) < len(scenes)
+    )

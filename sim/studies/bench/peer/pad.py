@@ -42,6 +42,8 @@ _SECTORS, _BALL_RINGS, _FILLET_RINGS = 64, 32, 8
 _BARRIER_FORCE = 2.93
 # Of the pad's height: what lies no deeper below the highest node there may be beneath an indenter.
 _TOP_SHARE = 0.1
+# The drive's spring gives half of this under 10 N [m].
+_AIM_M = 2e-6
 # What linear elements of the whole pad differ by from what a scene is pressed with.
 _LINEAR_AND_WHOLE = (
     (Effect.SYMMETRY, False),
@@ -187,8 +189,9 @@ def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
     """Judge the last frame of every environment.
 
     Returns:
-        Force and depth of the first environment, and the largest imbalance: base reaction against
-        libuipc's contact force, over the latter; not a number where libuipc does not say that.
+        Force of the first environment, the depth that it was sent to, and the largest imbalance:
+        base reaction against libuipc's contact force, over the latter; not a number where libuipc
+        does not say that.
     """
     chosen = [each for each, _ in spread(pad.scene, pad.course, task.count)]
     base_n = _elastic(pad, chosen, found.positions)[:, task.clamped].sum(axis=1)
@@ -211,10 +214,18 @@ def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
         iterations=sum(found.newton_iterations),
         force_n=(float(x), float(y), float(z)),
         moment_nm=None,
-        depth_m=pad.touch_m - float(found.tips_m[0, 2]),
+        depth_m=float(pad.course.along[-1]),
         stiffness_n_m=pad.stiffness_n_m,
         balance=balance,
     )
+
+
+def strayed(task: PeerTask, found: PeerFound) -> tuple[str, ...]:
+    """Say how far an indenter was from where it was sent, if that matters."""
+    away_m = float(np.linalg.norm(found.tips_m - task.poses[-1, :, :3, 3], axis=1).max())
+    if away_m < _AIM_M:
+        return ()
+    return (f"an indenter ended {1e6 * away_m:.1f} um from where it was sent",)
 
 
 def _elastic(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from tempfile import TemporaryDirectory
 
 from sim.studies.bench.peer.libuipc import press_in_libuipc
-from sim.studies.bench.peer.pad import PeerPad, peer_pad, peer_press
+from sim.studies.bench.peer.pad import PeerPad, peer_pad, peer_press, strayed
 from sim.studies.bench.peer.task import AS_SHIPPED, STRICT, PeerFound, PeerTask, PeerTolerance
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.own_process import Order, SceneRow
@@ -48,23 +48,19 @@ def press_in_peer(
     limit_s: float,
     on_progress: Callable[[SceneRow], None],
     backend: str = "cuda",
-) -> tuple[tuple[SceneRow, ...], ...]:
-    """Press scenes in libuipc, for every number of environments, and strictly in one.
+) -> Iterator[tuple[SceneRow, ...]]:
+    """Press one scene after the other in libuipc, in every number of environments; one strictly.
 
     Args:
         limit_s: After which a row has failed; the first has time to compile besides [s].
         backend: libuipc's; ``none`` computes nothing.
-
-    Returns:
-        The rows of every way to press.
     """
     ways = [*((AS_SHIPPED, count) for count in counts), (STRICT, 1)]
-    rows: dict[tuple[PeerTolerance, int], list[SceneRow]] = {way: [] for way in ways}
     allowed_s = limit_s + _COMPILE_S
     # Its kernels stay loaded from press to press.
     with OwnProcess() as process, TemporaryDirectory(prefix="libuipc-") as folder:
         for scene in scenes:
-            pad = _pad(scene)
+            pad, rows = _pad(scene), []
             for tolerance, count in ways:
                 row = _row(scene, tolerance, count)
                 if isinstance(pad, PeerPad):
@@ -74,8 +70,8 @@ def press_in_peer(
                 else:
                     row = replace(row, failure=pad)
                 on_progress(row)
-                rows[tolerance, count].append(row)
-    return tuple(tuple(found) for found in rows.values())
+                rows.append(row)
+            yield tuple(rows)
 
 
 def _pad(scene: BenchScene) -> PeerPad | str:
@@ -116,4 +112,5 @@ def _pressed(
     except ProcessFailedError as error:
         process.end()  # what an error leaves on the GPU is not for the next
         return replace(row, failure=error.message.splitlines()[0])
-    return replace(row, press=peer_press(pad, task, found), remark="; ".join(found.problems))
+    remark = "; ".join((*found.problems, *strayed(task, found)))
+    return replace(row, press=peer_press(pad, task, found), remark=remark)

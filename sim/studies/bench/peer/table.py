@@ -50,10 +50,10 @@ def _beside(
             "ours [1/s]": lambda row: shown(speed(row, our(row))),
             "libuipc [1/s]": lambda row: row.failure or shown(speed(row, row.press)),
             "ours over it": ratio,
-            "our F_z off by [%]": lambda row: error(row, our(row)),
+            "F_z off by [%]": lambda row: error(row, our(row)),
             "its [%]": lambda row: error(row, row.press),
-            "our balance": lambda row: balance(our(row)),
-            "its": lambda row: balance(row.press),
+            "balance": lambda row: balance(our(row)),
+            "its balance": lambda row: balance(row.press),
         },
         **table_prose(
             "sim.studies.bench.scenes",

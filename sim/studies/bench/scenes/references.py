@@ -37,10 +37,12 @@ class Reference:
     def force_error(self, found: ScenePress) -> float:
         """Return how far F_z is off, relative.
 
-        It is what F_z would be off by at the reference's depth, whether a load was given or not.
+        Where the load is given, it is what F_z would be off by at the reference's depth.
         """
-        at_depth = found.force_n[2] + found.stiffness_n_m * (self.press.depth_m - found.depth_m)
-        return at_depth / self.press.force_n[2] - 1.0
+        force = found.force_n[2]
+        if "force" in self.stated:
+            force += found.stiffness_n_m * (self.press.depth_m - found.depth_m)
+        return force / self.press.force_n[2] - 1.0
 
     def sideways_error(self, found: ScenePress) -> float | None:
         """Return how far the motion's resistance is off: M_z of a twist, F_xy of a shift."""

@@ -31,6 +31,7 @@ class SceneBench:
         groups: The rows of every way to press: tolerance, device, environments.
         references: By the scene's name.
         peers: The rows of every way in which another engine pressed.
+        interrupted: Not all that was asked for is there.
         compared: Commit that ``pairs`` are of; empty for none.
     """
 
@@ -39,6 +40,7 @@ class SceneBench:
     peers: tuple[tuple[SceneRow, ...], ...] = ()
     compared: str = ""
     pairs: tuple[Pair, ...] = ()
+    interrupted: bool = False
 
 
 def speeds(rows: Sequence[SceneRow]) -> list[float]:
@@ -53,15 +55,18 @@ def mean_speed(rows: Sequence[SceneRow]) -> float:
 
 
 def press_all(
-    scenes: Sequence[BenchScene], order: Order, *, on_progress: Callable[[str], None]
-) -> tuple[SceneRow, ...]:
-    """Press one scene after the other."""
-    rows = []
+    scenes: Sequence[BenchScene],
+    orders: Sequence[Order],
+    *,
+    on_progress: Callable[[SceneRow], None],
+) -> Iterator[tuple[SceneRow, ...]]:
+    """Press one scene after the other, each in every way."""
     for scene in scenes:
-        row = pressed(scene, order)
-        on_progress(f"  {scene.name}: {said(row)}")
-        rows.append(row)
-    return tuple(rows)
+        rows = []
+        for order in orders:
+            rows.append(pressed(scene, order))
+            on_progress(rows[-1])
+        yield tuple(rows)
 
 
 def side_by_side(

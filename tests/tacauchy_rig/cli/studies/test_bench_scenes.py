@@ -39,8 +39,8 @@ def test_every_way_that_was_asked_for_is_pressed(
     assert result.exit_code == 0, result.output
     assert [(name, order.tolerance) for name, order in asked] == [
         (name, tolerance)
-        for tolerance in ("5%", "1%")
         for name in ("punch, the paper's", "punch, twisted", "punch, tilted")
+        for tolerance in ("5%", "1%")
     ]
     assert {order.limit_s for _, order in asked} == {7.0}
     page = (tmp_path / "scenes.md").read_text()
@@ -66,3 +66,30 @@ def test_options_that_do_not_fit_together_are_refused(
     result = CliRunner().invoke(app, ["bench", "--part", "scenes", "--out", str(tmp_path), *words])
     assert isinstance(result.exception, ConfigError)
     assert named in str(result.exception)
+
+
+def test_an_interruption_keeps_the_scenes_that_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of three scenes the second is stopped: one is on the page."""
+
+    def stopping(scene: BenchScene, order: Order) -> SceneRow:
+        if scene.name == "punch, twisted":
+            raise KeyboardInterrupt
+        return SceneRow(
+            scene=scene.name,
+            tolerance=order.tolerance,
+            device=order.device,
+            environments=None,
+            press=None,
+            failure="stopped",
+        )
+
+    monkeypatch.setattr(suite, "pressed", stopping)
+    words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "interrupted: 1 of 3 scenes" in result.output
+    assert "not all scenes" in " ".join((tmp_path / "scenes.md").read_text().split())
+    (rows,) = json.loads((tmp_path / "scenes.json").read_text())["groups"]
+    assert [row["scene"] for row in rows] == ["punch, the paper's"]

@@ -16,7 +16,7 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Motion, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
-from sim.studies.bench.peer.pad import PeerPad, peer_pad, peer_press, triangles
+from sim.studies.bench.peer.pad import PeerPad, peer_pad, peer_press, strayed, triangles
 from sim.studies.bench.peer.task import AS_SHIPPED, STRICT, PeerFound, PeerTask
 from sim.studies.bench.scenes.catalogue import all_scenes
 from sim.studies.bench.scenes.press import FRAME_COUNT, stated_scene, within
@@ -68,6 +68,9 @@ def test_an_equilibrium_balances(pad: PeerPad, task: PeerTask, found: PeerFound)
     assert press.balance < 1e-4
     assert press.depth_m == pytest.approx(_DEPTH_M)
     assert (press.wall_s, press.iterations, press.preset) == (0.1, 8, "as shipped")
+    short = found.tips_m + np.array([0.0, 0.0, 3e-6])
+    assert strayed(alone, found) == ()
+    assert "3.0 um" in strayed(alone, replace(found, tips_m=short))[0]
     wrong = peer_press(pad, alone, replace(found, contact_n=1.1 * contact_n))
     assert wrong.balance == pytest.approx(0.1 / 1.1, rel=1e-3)
     assert math.isnan(peer_press(pad, alone, replace(found, contact_n=None)).balance)

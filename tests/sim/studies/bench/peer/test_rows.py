@@ -45,8 +45,8 @@ def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
     flat = BenchScene(name="flat", stated={"indenter": "plane", "depth": "0.1mm"})
     said: list[SceneRow] = []
     ball = BenchScene(name="ball", stated=_BALL)
-    groups = press_in_peer([flat, ball], (1,), limit_s=60.0, on_progress=said.append, backend="no")
-    assert [[row.scene for row in group] for group in groups] == [["flat", "ball"]] * 2
+    found = press_in_peer([flat, ball], (1,), limit_s=60.0, on_progress=said.append, backend="no")
+    assert [[row.scene for row in each] for each in found] == [["flat"] * 2, ["ball"] * 2]
     assert {row.failure for row in said[:2]} == {"libuipc has no unbounded plates"}
     assert all(row.failure and row.press is None for row in said)
     assert [row.engine.split(", ")[1] for row in said[2:]] == ["as shipped", "step 1 um"]
@@ -57,7 +57,8 @@ def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rows, "press_in_libuipc", _pressed)
     monkeypatch.setattr(rows, "OwnProcess", _Here)
     scenes = [BenchScene(name=name, stated=_BALL) for name in ("one", "two")]
-    peers = press_in_peer(scenes, (1, 2), limit_s=60.0, on_progress=lambda _row: None)
+    found = press_in_peer(scenes, (1, 2), limit_s=60.0, on_progress=lambda _row: None)
+    peers = tuple(zip(*found, strict=True))
     assert [rows_[0].environments for rows_ in peers] == [1, 2, 1]
     press = peers[0][0].press
     assert press is not None
@@ -69,8 +70,8 @@ def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
         press=replace(press, wall_s=0.1 * press.wall_s),
     )
     failed = replace(peers[0][1], press=None, failure="not done after 60 s")
-    found = SceneBench(groups=((ours,),), peers=((peers[0][0], failed), *peers[1:]))
-    first, second, _ = peer_tables(found)
+    bench = SceneBench(groups=((ours,),), peers=((peers[0][0], failed), *peers[1:]))
+    first, second, _ = peer_tables(bench)
     ratio, theirs = (first.columns.index(name) for name in ("ours over it", "libuipc [1/s]"))
     assert first.rows[0][ratio] == "10"
     assert first.rows[1][theirs] == "not done after 60 s"

@@ -48,13 +48,13 @@ def _row(name: str = "one", press: ScenePress | None = _PRESS, failure: str = ""
 
 
 def test_forces_are_held_against_the_reference() -> None:
-    """What F_z would be at the reference's depth, load given or not; a twist by its moment."""
+    """F_z by depth; by load what it would be at the reference's depth; a twist by its moment."""
     assert _REFERENCE.force_error(_PRESS) == pytest.approx(0.02)
     assert _REFERENCE.sideways_error(_PRESS) is None
     pushed = replace(_REFERENCE, stated={"force": "2N", "shift": "1mm"})
     softer = replace(_PRESS, depth_m=0.51e-3, force_n=(0.3, 0.4, 2.0))
     assert pushed.force_error(softer) == pytest.approx(-0.02)
-    assert _REFERENCE.force_error(replace(_PRESS, depth_m=0.51e-3)) == pytest.approx(0.0)
+    assert pushed.force_error(replace(softer, force_n=(0.3, 0.4, 2.1))) == pytest.approx(0.03)
     assert pushed.sideways_error(_PRESS) == pytest.approx(0.0)
     assert replace(_REFERENCE, stated={"twist": "5deg"}).sideways_error(_PRESS) == pytest.approx(
         0.1
