@@ -93,27 +93,16 @@ class TactileRenderer:
     def render(self, height: RealArray) -> ImageArray:
         """Return the image of a height map [m] as RGB, uint8, shape [height, width, 3]."""
         _check_shape("height map", height.shape, self._rest_height.shape)
-        images = self._images_of(1, self._base)
-        images.take((self._rest_height - height)[None])
-        return np.array(self._rendered(images).numpy()[0])
-
-    def render_batch(self, indentation_m: Any) -> Any:
-        """Return the images as a Warp array of uint8, shape [batch, height, width, 3].
-
-        Args:
-            indentation_m: Unloaded minus loaded height [m], a Warp float32 array on the renderer's
-                device or a NumPy array, shape [batch, height, width], of the samples.
-        """
-        images = self._images_of(len(indentation_m), self._base)
-        images.take(indentation_m)
-        return wp.clone(self._rendered(images))
+        dents, rendered = self.prepared(1)
+        dents.assign((self._rest_height - height)[None].astype(np.float32))
+        return np.array(rendered().numpy()[0])
 
     def prepared(self, count: int) -> tuple[Any, Callable[[], Any]]:
         """Return where indentations of images are written, and what renders those written there.
 
         The indentations [m] are a Warp float32 array of shape [count, height, width], of the
-        samples. Rendering launches and does not wait; its images are those of ``render_batch`` in
-        an array that the next rendering of as many overwrites.
+        samples. Rendering launches and does not wait; its images are a Warp array of uint8, shape
+        [count, height, width, 3], that the next rendering of as many overwrites.
         """
         images = self._images_of(count, self._base)
         return images.dent, partial(self._rendered, images)
@@ -126,7 +115,7 @@ class TactileRenderer:
     def _blurred_change_at_rest(self) -> Float32Array:
         """Return what the model says of the unloaded gel [grey levels], [3, height, width]."""
         images = self._images_of(1, self._colours.light)
-        images.take(np.zeros((1, *self._rest_height.shape)))
+        images.dent.zero_()
         self._run(images.to_change)
         change = images.change.pixels(self._blocks).transpose(1, 2, 0)
         weights = self._weights
@@ -187,15 +176,6 @@ class _Images:
             for lamp in shadows.lamps:
                 self.to_change += self._darkened(lamp, shadows.softness_m)
         self.to_bytes = self._exposed(weights, base, colours.response.knee)
-
-    def take(self, indentation_m: Any) -> None:
-        """Take the indentations of the samples [m], shape [count, height, width]."""
-        if isinstance(indentation_m, np.ndarray) and self.dent.device.is_cpu:
-            self.dent.numpy()[...] = indentation_m
-        elif isinstance(indentation_m, np.ndarray):
-            self.dent.assign(indentation_m.astype(np.float32))
-        else:
-            wp.copy(self.dent, indentation_m)
 
     def _coloured(self, rest: Any, colours: PixelColours) -> list[list[Task]]:
         layout, count = self._layout, self._count

@@ -116,12 +116,11 @@ def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[RenderingRo
         # The deepest dent's image, rendered by itself as a replay does.
         alone = partial(renderer().render, rest_m - dents_m[-1])
         yield row(renderer="one by one", device="cpu", image_count=1, **_times_of(alone, budget_s))
-    batch = renderer(device=device)
-    dents: Any = wp.array(dents_m.astype(np.float32), dtype=wp.float32, device=device)
-
+    dents, batch = renderer(device=device).prepared(len(dents_m))
+    dents.assign(dents_m.astype(np.float32))
     single = renderer()
     expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
-    yield row(**_judged("batch", partial(batch.render_batch, dents), expected, budget_s))
+    yield row(**_judged("batch", batch, expected, budget_s))
     yield row(**_from_nodes(pressed, sensor, point, count=many, budget_s=budget_s))
 
 

@@ -73,7 +73,9 @@ def test_batch_gives_the_single_images(
     single = TactileRenderer(background, rest, model, camera(), **look)
     with monkeypatch.context() as context:
         context.setattr(renderer, "CPU_LANES", renderer.GPU_LANES)
-        batch = TactileRenderer(background, rest, model, camera(), **look).render_batch(dents)
+        room, render = TactileRenderer(background, rest, model, camera(), **look).prepared(3)
+    room.assign(dents.astype(np.float32))
+    batch = render()
     for image, dent in zip(batch.numpy(), dents, strict=True):
         apart = np.abs(image.astype(int) - single.render(rest - dent).astype(int))
         assert apart.max() <= 1
