@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.optics.colour.response import Response
+from sim.optics.colour.response import LINEAR, Response
 
 _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
 _TELLING = 251  # of a compressed range the last levels tell less than their noise
-
-
-def no_light() -> FloatArray:
-    """Return the coefficients of a frame with the no-contact frame's light, shape [3, 3]."""
-    return np.zeros((3, 3))
 
 
 def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
@@ -59,7 +54,7 @@ def fit_light(
         Coefficients as ``light_at`` wants them, shape [3, 3].
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
-    light = no_light()
+    light = np.zeros((3, 3))
     for channel in range(light.shape[1]):
         weight = exposed[:, channel].astype(np.float64)
         for _ in range(_LIGHT_ROUNDS):
@@ -101,7 +96,9 @@ class SeenChange:
         return predicted - self.misfit(predicted)
 
 
-def seen_light(levels: NDArray[np.uint8], expected: FloatArray, response: Response) -> SeenChange:
+def seen_change(
+    levels: NDArray[np.uint8], expected: FloatArray, response: Response = LINEAR
+) -> SeenChange:
     """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
     top = _TELLING if response.bends else _BRIGHTEST
     light = response.light(np.minimum(levels, top).astype(np.float64))
@@ -113,11 +110,6 @@ def seen_light(levels: NDArray[np.uint8], expected: FloatArray, response: Respon
 def light_weights(levels: NDArray[np.uint8], response: Response) -> FloatArray:
     """Return grey levels per unit of light of pixels, shape [n, 3]."""
     return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
-
-
-def seen_change(levels: NDArray[np.uint8], expected: FloatArray) -> SeenChange:
-    """Compare pixels with what they would be without contact; both of shape [n, 3]."""
-    return SeenChange(change=levels - expected, over=levels >= _BRIGHTEST, under=levels <= _DARKEST)
 
 
 def exposed(levels: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.optics.calibrate.fit.photometric_fit import REFERENCE
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
-from sim.optics.calibrate.presses.light import light_weights, seen_light
+from sim.optics.calibrate.presses.light import light_weights, seen_change
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import Response
@@ -59,7 +59,7 @@ class PressSamples:
             model: Stands in for pixels that are too bright or too dark for the camera; without
                 one they do not count.
         """
-        seen = seen_light(self._levels, self._expected, response)
+        seen = seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self._unloaded), 1.0) / REFERENCE
         change, weights = seen.change, gain * light_weights(self._levels, response)
         if model is None:

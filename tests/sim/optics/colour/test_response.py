@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.optics.calibrate.colours import calibrate_optics
-from sim.optics.calibrate.presses.light import seen_light
+from sim.optics.calibrate.presses.light import seen_change
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import LINEAR, Response
@@ -43,7 +43,7 @@ def test_a_camera_without_shoulder_shows_light_as_it_is() -> None:
 def test_the_last_levels_of_a_shoulder_only_bound_the_light() -> None:
     """A pixel near the end of a compressed range says that the light was at least so bright."""
     levels = np.array([[253, 240, 100]], dtype=np.uint8)
-    seen = seen_light(levels, np.full((1, 3), 100.0), Response(knee=200.0))
+    seen = seen_change(levels, np.full((1, 3), 100.0), Response(knee=200.0))
     assert seen.over.tolist() == [[True, False, False]]
     assert seen.change[0, 2] == 0.0
 
