@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +13,13 @@ from sim.effects.mesh_choice import footprint_depth, has_brick
 from sim.mesh.bisection import bisected
 from sim.mesh.brick import brick_mesh
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
-from sim.mesh.footprint import Footprint, FootprintSizing, footprint
+from sim.mesh.footprint import Footprint, footprint, sizing_field
 from sim.mesh.store import mesh_key, stored_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, refuse_flat
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder
+from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
 from sim.scene.tilted_indenter import TurnedIndenter, tilted
@@ -73,11 +75,7 @@ FOOTPRINT_LIGHT = FootprintResolution(
 
 
 def footprint_mesh(
-    scene: Scene,
-    *,
-    shares: tuple[float, ...] = (),
-    symmetry: MirrorSymmetry | None = None,
-    refinement: float = 1.0,
+    scene: Scene, *, symmetry: MirrorSymmetry | None = None, refinement: float = 1.0
 ) -> TetMesh:
     """Return a mesh of the pad, fine where a scene's indenter touches.
 
@@ -86,61 +84,60 @@ def footprint_mesh(
 
     Args:
         symmetry: By which a part of a box stands for the whole; None meshes the whole.
-        shares: Rising shares of the local height at which layers meet.
+        refinement: Make every edge this many times shorter.
 
     Raises:
-        ConfigError: The indenter stands beside the pad, or fTetWild cannot fill it as asked.
+        ConfigError: The indenter stands beside the pad, fTetWild cannot fill it as asked, or an
+            element became too flat.
     """
-    depth = footprint_depth(scene)
+    pad, resolution = scene.pad, FOOTPRINT_RESOLUTIONS[scene.preset]
+    if scene.is_light:
+        resolution = FOOTPRINT_LIGHT
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
-    touched = scene_footprint(scene, depth_m=depth)
-    if isinstance(scene.pad, BoxPad) and has_brick(scene):
-        base = brick_mesh(
-            scene.pad,
-            spacing_m=_coarse_m(scene, _resolution(scene)),
-            symmetry=symmetry or MirrorSymmetry(),
-        )
+    touched = _scene_footprint(scene, depth_m=footprint_depth(scene))
+    coarse_m = _coarse_m(scene, resolution)
+    if isinstance(pad, BoxPad) and has_brick(scene):
+        base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
     else:
-        base = _base_mesh(scene, shares)
-    return refined_under(scene, base, touched, refinement=refinement)
-
-
-def refined_under(
-    scene: Scene, base: TetMesh, touched: Footprint, *, refinement: float = 1.0
-) -> TetMesh:
-    """Return a coarse mesh of a scene's pad, or of its part, refined where it is touched.
-
-    Raises:
-        ConfigError: An element became too flat.
-    """
-    sizing = _sizing(scene, touched, _resolution(scene), refinement)
-    fine = _bisected_level(base, scene.pad, sizing)
-    reach = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(scene.pad)
-    fitted = with_top_fitted(fine, scene.pad, reach_m=reach)
-    fitted = with_rim_fitted(
-        fitted, scene.pad, touched.rim, reach_m=_RIM_REACH_SHARE * sizing.edge_m
+        base = _base_mesh(scene)
+    edge_m = resolution.edge_share * touched.radius_m
+    if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
+        edge_m = min(edge_m, resolution.fillet_share * scene.indenter.fillet_m)
+    size_at = sizing_field(
+        touched,
+        edge_m=edge_m / refinement,
+        inside_m=resolution.inside_share * touched.radius_m / refinement,
+        slope=(1.0 - 1.0 / resolution.growth) / refinement,
+        coarse_m=coarse_m / refinement,
     )
+    reach_m = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(pad)
+    fitted = with_top_fitted(_bisected_level(base, pad, size_at), pad, reach_m=reach_m)
+    rim_reach_m = _RIM_REACH_SHARE * edge_m / refinement
+    fitted = with_rim_fitted(fitted, pad, touched.rim, reach_m=rim_reach_m)
     mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
     refuse_flat(mesh, scene.tetwild.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
     return mesh
 
 
-def _bisected_level(base: TetMesh, pad: Pad, sizing: FootprintSizing) -> TetMesh:
+def _bisected_level(
+    base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]
+) -> TetMesh:
     """Refine as if the top were flat: what halves an edge of a dome's top lies on the dome."""
     if isinstance(pad, SurfacePad):
-        return bisected(base, sizing.size_at)
+        return bisected(base, size_at)
 
     def share(points: FloatArray) -> FloatArray:
         height = pad.height_at(points[:, 0], points[:, 1]) / pad.height_m
         return np.column_stack([np.ones((len(points), 2)), height])
 
     level = replace(base, vertices=base.vertices / share(base.vertices))
-    fine = bisected(level, lambda points: sizing.size_at(points * share(points)))
+    fine = bisected(level, lambda points: size_at(points * share(points)))
     return replace(fine, vertices=fine.vertices * share(fine.vertices))
 
 
-def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
+def _base_mesh(scene: Scene) -> TetMesh:
     """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
+    shares = interface_shares(scene.layers)
     sizing = WildSizing(
         fine_m=_SPACING_M,
         coarse_m=_coarse_m(scene, FOOTPRINT_RESOLUTIONS[Preset.BALANCED]),
@@ -156,7 +153,7 @@ def _base_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
     return stored_mesh("base", key, made)
 
 
-def scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
+def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
     """Return where a scene's indenter touches the pad, before it is carried along and after.
 
     Raises:
@@ -172,25 +169,6 @@ def scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
     except ConfigError:
         # It is carried off the pad, where it touches nothing.
         return start
-
-
-def _sizing(
-    scene: Scene, touched: Footprint, resolution: FootprintResolution, refinement: float
-) -> FootprintSizing:
-    edge = resolution.edge_share * touched.radius_m
-    if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
-        edge = min(edge, resolution.fillet_share * scene.indenter.fillet_m)
-    return FootprintSizing(
-        footprint=touched,
-        edge_m=edge / refinement,
-        inside_m=resolution.inside_share * touched.radius_m / refinement,
-        growth=1.0 / (1.0 - (1.0 - 1.0 / resolution.growth) / refinement),
-        coarse_m=_coarse_m(scene, resolution) / refinement,
-    )
-
-
-def _resolution(scene: Scene) -> FootprintResolution:
-    return FOOTPRINT_LIGHT if scene.is_light else FOOTPRINT_RESOLUTIONS[scene.preset]
 
 
 def _coarse_m(scene: Scene, resolution: FootprintResolution) -> float:

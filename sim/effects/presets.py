@@ -202,9 +202,7 @@ def mesh_for(
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene, shares)
     if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
-        return footprint_mesh(
-            scene, shares=shares, symmetry=symmetry, refinement=refinement * scene.refinement
-        )
+        return footprint_mesh(scene, symmetry=symmetry, refinement=refinement * scene.refinement)
     resolution = refined(_scene_resolution(scene, resolution), refinement)
     return revolved_mesh(
         scene.pad,

@@ -9,8 +9,8 @@ radius sqrt(1.5 R d). Where the pad itself ends under the indenter there is no s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.spatial
@@ -225,41 +225,24 @@ def _creases(samples: _Samples) -> NDArray[np.bool_]:
     return found & samples.touched
 
 
-@dataclass(frozen=True)
-class FootprintSizing:
-    """Edge lengths around a footprint: fine at its sharp edge, medium inside, coarse away.
+def sizing_field(
+    touched: Footprint, *, edge_m: float, inside_m: float, slope: float, coarse_m: float
+) -> Callable[[FloatArray], FloatArray]:
+    """Return the target edge length [m] by points [m], shape [count, 3].
 
-    Attributes:
-        footprint: Where the pad is touched.
-        edge_m: Edge length at the contact's sharp edge [m].
-        inside_m: Largest edge length under the contact [m].
-        growth: Edge length gained per length of distance from there, plus one.
-        coarse_m: Largest edge length [m].
+    Args:
+        edge_m: At the contact's sharp edge [m].
+        inside_m: The largest under the contact [m].
+        slope: Edge length gained per length of distance from there.
+        coarse_m: The largest of all [m].
     """
+    edge, inside = scipy.spatial.cKDTree(touched.edge), scipy.spatial.cKDTree(touched.inside)
 
-    footprint: Footprint
-    edge_m: float
-    inside_m: float
-    growth: float
-    coarse_m: float
-
-    @property
-    def slope(self) -> float:
-        """Edge length gained per length of distance."""
-        return (self.growth - 1.0) / self.growth
-
-    def size_at(self, points: FloatArray) -> FloatArray:
-        """Return the target edge length at points [count, 3], both [m]."""
-        edge_tree, inside_tree = self._trees
+    def size_at(points: FloatArray) -> FloatArray:
         # Of no points at all the distance is infinite.
-        near_edge, _ = edge_tree.query(points)
-        near_inside, _ = inside_tree.query(points)
         size = np.minimum(
-            self.edge_m + self.slope * near_edge, self.inside_m + self.slope * near_inside
+            edge_m + slope * edge.query(points)[0], inside_m + slope * inside.query(points)[0]
         )
-        return np.asarray(np.minimum(size, self.coarse_m))
+        return np.asarray(np.minimum(size, coarse_m))
 
-    @cached_property
-    def _trees(self) -> tuple[scipy.spatial.cKDTree, scipy.spatial.cKDTree]:
-        places = self.footprint
-        return scipy.spatial.cKDTree(places.edge), scipy.spatial.cKDTree(places.inside)
+    return size_at

@@ -23,7 +23,7 @@ from sim.mesh.revolved import revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, mesh_statistics, tet_volumes
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
-from sim.scene.material import Layer, Material, interface_shares
+from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Motion, Preset, Scene, Target
 from sim.scene.tetwild_options import TetWildOptions
@@ -75,7 +75,7 @@ def test_built_in_sensors_bring_their_coarse_mesh(
     scene = replace(
         SCENE, pad=sensor.pad, layers=sensor.layers, tetwild=sensor.tetwild, sensor=name
     )
-    mesh = footprint_mesh(scene, shares=interface_shares(sensor.layers))
+    mesh = footprint_mesh(scene)
     assert len(mesh.tets) > 500
     assert not list(tmp_path.iterdir())
 
