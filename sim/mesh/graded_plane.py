@@ -48,52 +48,28 @@ class Grading:
     near_max_m: float = math.inf
     near_m: float = 0.0
 
-    def size_at(self, points: FloatArray, height_m: float) -> FloatArray:
-        """Return the target edge length at points [count, 2]."""
-        nearest = np.clip(points[:, 0], self.start_m, self.end_m)
-        distance = np.hypot(points[:, 0] - nearest, points[:, 1] - height_m)
-        size = self.size_m + (self.growth - 1.0) / self.growth * distance
-        near_max = self.near_max_m + np.maximum(points[:, 0] - self.near_m, 0.0)
-        return np.asarray(np.minimum(size, np.minimum(near_max, self.size_max_m)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Triangulation:
-    """A triangulated half section.
-
-    Attributes:
-        points: Radius and height [m], shape [point_count, 2].
-        triangles: Shape [triangle_count, 3].
-        layers: Layer of each triangle from the base upwards, shape [triangle_count].
-    """
-
-    points: FloatArray
-    triangles: IntArray
-    layers: IntArray
-
 
 def triangulate_half_section(
     radius_m: float, height_m: float, grading: Grading, *, levels_m: tuple[float, ...] = ()
-) -> Triangulation:
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Triangulate the rectangle [0, radius_m] x [0, height_m].
 
     Args:
         levels_m: Rising heights that no triangle crosses [m].
+
+    Returns:
+        Radius and height of the points [m], shape [point_count, 2]; triangles, shape
+        [triangle_count, 3]; the layer of each from the base upwards.
     """
     section = _Section(radius_m=radius_m, height_m=height_m, grading=grading, levels_m=levels_m)
-    boundary = _boundary(section)
-    interior = _offset_rings(radius_m, height_m, grading)
+    interior = _offset_rings(section)
     across, up = interior.T
     margin = np.min([across, radius_m - across, *(abs(up - z) for z in section.bands_m)], axis=0)
-    points = np.concatenate(
-        [boundary, interior[margin > _MARGIN_SHARE * section.size_at(interior)]]
-    )
+    inner = interior[margin > _MARGIN_SHARE * section.size_at(interior)]
+    points = np.concatenate([_boundary(section), inner])
     parts = [_triangulate(points, low, high) for low, high in pairwise(section.bands_m)]
-    return Triangulation(
-        points=points,
-        triangles=np.concatenate(parts),
-        layers=np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts]),
-    )
+    layers = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts])
+    return points, np.concatenate(parts), layers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,12 +84,15 @@ class _Section:
         return (0.0, *self.levels_m, self.height_m)
 
     def size_at(self, points: FloatArray) -> FloatArray:
-        """Return the target edge length [m]; a thin layer bounds it, in it and near it."""
-        size = self.grading.size_at(points, self.height_m)
-        if not self.levels_m:
-            return size
-        slope = (self.grading.growth - 1.0) / self.grading.growth
-        for low, high in pairwise(self.bands_m):
+        """Return the target edge length [m] at points [count, 2]; thin layers bound it nearby."""
+        grading = self.grading
+        slope = (grading.growth - 1.0) / grading.growth
+        nearest = np.clip(points[:, 0], grading.start_m, grading.end_m)
+        distance = np.hypot(points[:, 0] - nearest, points[:, 1] - self.height_m)
+        near_max = grading.near_max_m + np.maximum(points[:, 0] - grading.near_m, 0.0)
+        size = np.minimum(grading.size_m + slope * distance, grading.size_max_m)
+        size = np.minimum(size, near_max)
+        for low, high in pairwise(self.bands_m) if self.levels_m else ():
             outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
             size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
         return np.asarray(size)
@@ -156,11 +135,12 @@ def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> Float
     return np.asarray(start + at[:, None] * (end - start))
 
 
-def _offset_rings(radius_m: float, height_m: float, grading: Grading) -> FloatArray:
+def _offset_rings(section: _Section) -> FloatArray:
     """Return points on curves at growing distance below the fine stretch."""
+    grading, radius, height = section.grading, section.radius_m, section.height_m
     rings, distance, size, odd = [], grading.size_m, grading.size_m, False
-    while distance < np.hypot(radius_m, height_m):
-        rings.append(_offset_curve(distance, size, height_m, grading, staggered=odd))
+    while distance < np.hypot(radius, height):
+        rings.append(_offset_curve(distance, size, height, grading, staggered=odd))
         size = min(size * grading.growth, grading.size_max_m)
         distance += size
         odd = not odd
@@ -170,7 +150,7 @@ def _offset_rings(radius_m: float, height_m: float, grading: Grading) -> FloatAr
             remedy="choose a finer preset or a larger refinement",
         )
     points = np.concatenate(rings)
-    inside = (points[:, 0] > 0.0) & (points[:, 0] < radius_m) & (points[:, 1] > 0.0)
+    inside = (points[:, 0] > 0.0) & (points[:, 0] < radius) & (points[:, 1] > 0.0)
     return points[inside]
 
 

@@ -61,19 +61,21 @@ def revolved_mesh(
     if symmetry.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
     levels = tuple(share * pad.height_m for share in interface_shares)
-    section = triangulate_half_section(mean_reach, pad.height_m, grading, levels_m=levels)
+    points, triangles, section_layers = triangulate_half_section(
+        mean_reach, pad.height_m, grading, levels_m=levels
+    )
     rings = [
-        _plan(section.points[:, 0], angle, reach, round_m, mean_reach)
+        _plan(points[:, 0], angle, reach, round_m, mean_reach)
         for angle, reach in zip(angles, reaches, strict=True)
     ]
     plan = np.stack(rings) + centre
     # Heights are of a section that is as high all over; they are scaled to the pad's top.
-    z = pad.height_at(plan[..., 0], plan[..., 1]) * section.points[:, 1] / pad.height_m
+    z = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
     vertices = np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
-    on_axis = section.points[:, 0] <= _ON_AXIS_M
+    on_axis = points[:, 0] <= _ON_AXIS_M
     sectors = len(angles) if symmetry.copies == 1 else len(angles) - 1
-    tets, source = _revolve(section.triangles, on_axis, sectors, len(angles))
-    layers = section.layers[source] if interface_shares else None
+    tets, source = _revolve(triangles, on_axis, sectors, len(angles))
+    layers = section_layers[source] if interface_shares else None
     vertices[symmetry.on_plane(vertices, mean_reach)] = 0.0
     mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry)
     return oriented(replace(mesh, layers=layers, axis_m=centre_m))

@@ -20,9 +20,7 @@ from tacauchy_rig.errors import ConfigError
 _STEEPEST_TILT = 0.9
 
 
-def nominal_photometric(
-    lamps: Sequence[Lamp], *, gain: float = 1.0, source: str = "nominal lamp directions"
-) -> PhotometricModel:
+def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
     """Build the model of a matte surface: each lamp adds colour times cos(angle of incidence).
 
     With tilt t the cosine is cos(elevation) t.d + sin(elevation) sqrt(1 - |t|^2); the root is
@@ -32,7 +30,7 @@ def nominal_photometric(
     row = {(int(a), int(b)): i for i, (a, b, _, _, _) in enumerate(exponents)}
     coefficients = np.zeros((len(exponents), 3))
     for lamp in lamps:
-        colour = gain * np.array(lamp.colour)
+        colour = np.array(lamp.colour)
         along, across, facing = lamp.towards
         coefficients[row[1, 0]] += along * colour
         coefficients[row[0, 1]] += across * colour
@@ -44,7 +42,7 @@ def nominal_photometric(
         exponents=exponents,
         coefficients=coefficients,
         tilt_limit=_STEEPEST_TILT,
-        provenance={"source": source, "gain": gain, "lamp_count": len(lamps)},
+        provenance={"source": "nominal lamp directions", "lamp_count": len(lamps)},
     )
 
 

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.colours import Calibration, calibrate_optics
+from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_presses, cross_validate
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.press_samples import PressSamples
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS

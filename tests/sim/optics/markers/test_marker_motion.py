@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.optics.markers.exponentials import FotsMarkers, fit_fots
+from sim.optics.markers.fidelity import FotsMarkers, fit_fots
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.markers.tracking import track_markers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_flank_that_faces_the_lamp_is_brighter() -> None:
 
 def test_nominal_model_is_lambert() -> None:
     """Colour change equals colour x (cosine of incidence - cosine at rest) up to 45 degrees."""
-    model = nominal_photometric([RED_FROM_THE_RIGHT], gain=0.5)
+    model = nominal_photometric([replace(RED_FROM_THE_RIGHT, colour=(40.0, 0.0, 0.0))])
     for angle in (-0.7, -0.2, 0.3, 0.7):
         tilt = np.array([[math.sin(angle)], [0.0]], dtype=np.float32)
         change = model.evaluate(tilt, np.zeros((2, 1), np.float32), np.zeros(1, np.float32))
@@ -138,13 +139,13 @@ def test_background_of_another_size_is_refused() -> None:
 
 def test_model_survives_its_file(tmp_path: Path) -> None:
     """Coefficients, limit and provenance come back from the file."""
-    model = nominal_photometric([RED_FROM_THE_RIGHT], source="test lamp")
+    model = nominal_photometric([RED_FROM_THE_RIGHT])
     model.save(tmp_path / "model.npz")
     loaded = load_photometric(tmp_path / "model.npz")
     np.testing.assert_array_equal(loaded.exponents, model.exponents)
     np.testing.assert_array_equal(loaded.coefficients, model.coefficients)
     assert loaded.tilt_limit == model.tilt_limit
-    assert loaded.provenance["source"] == "test lamp"
+    assert loaded.provenance["source"] == "nominal lamp directions"
 
 
 @pytest.mark.parametrize("content", [None, b"", b"not a calibration"])
