@@ -43,11 +43,13 @@ def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverse
             "takes",
             remedy="use preset fast, or press one by one",
         )
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        dense = list(
-            threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
-        )
-    return DenseProduct(np.stack(dense), count=count, device=device)
+    if pilot.dense is None:
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+            dense = list(
+                threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
+            )
+        pilot.dense = np.stack(dense)
+    return DenseProduct(pilot.dense, count=count, device=device)
 
 
 def dense_inverse(

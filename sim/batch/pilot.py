@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.batch.environment import Course
@@ -84,6 +85,7 @@ class Pilot:
         touch_m: Height of the indenter's tip at first touch [m].
         metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
         states: Of those frames.
+        dense: Their inverses [m/N], shape [state_count, size, size], once a GPU has had them made.
         setup_s: Time that all this took.
 
     Raises:
@@ -99,6 +101,7 @@ class Pilot:
     touch_m: float = field(init=False)
     metres: tuple[float, float] = field(init=False)
     states: list[PilotState] = field(init=False)
+    dense: NDArray[np.float32] | None = field(init=False, default=None, repr=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:

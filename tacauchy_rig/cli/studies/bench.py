@@ -99,7 +99,12 @@ _Compare = Annotated[
     ),
 ]
 _Limit = Annotated[
-    float, typer.Option("--limit", metavar="SECONDS", help="Of the scenes: each ends by then.")
+    float,
+    typer.Option(
+        "--limit",
+        metavar="SECONDS",
+        help="Of the scenes: each ends by then; in a peer after a minute at most.",
+    ),
 ]
 
 

@@ -24,6 +24,8 @@ _PACKAGE = "pyuipc"
 _DEVICE = "cuda:0"
 # Its kernels are compiled in the first press of a machine: two minutes on an H100.
 _COMPILE_S = 300.0
+# A row takes seconds: what does not end by then is stuck.
+_LONGEST_S = 60.0
 
 
 def refuse_without_libuipc(device: str) -> None:
@@ -52,10 +54,12 @@ def press_in_peer(
     """Press one scene after the other in libuipc, in every number of environments; one strictly.
 
     Args:
-        limit_s: After which a row has failed; the first has time to compile besides [s].
+        limit_s: After which a row has failed, a minute at most; the first has time to compile
+            besides [s].
         backend: libuipc's; ``none`` computes nothing.
     """
     ways = [*((AS_SHIPPED, count) for count in counts), (STRICT, 1)]
+    limit_s = min(limit_s, _LONGEST_S)
     allowed_s = limit_s + _COMPILE_S
     # Its kernels stay loaded from press to press.
     with OwnProcess() as process, TemporaryDirectory(prefix="libuipc-") as folder:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +108,23 @@ class SceneRow:
 
 def pressed(scene: BenchScene, order: Order) -> SceneRow:
     """Press a scene; an error, a crash and too long a time are rows."""
-    found = _answer(scene, order)
+    (row,) = pressed_together(scene, [order])
+    return row
+
+
+def pressed_together(scene: BenchScene, orders: Sequence[Order]) -> tuple[SceneRow, ...]:
+    """Press a scene in one process, in batches that differ in their environments only."""
+    counts = [order.environments for order in orders if order.environments is not None]
+    output, ended = _answer(scene, orders[0], counts)
+    answers = [json.loads(line) for line in output.splitlines() if line.startswith('{"')]
+    presses = [answer for answer in answers if "failure" not in answer]
+    failure = next((answer for answer in answers if "failure" in answer), {"failure": ended})
+    # What ended the process is why the rest has none.
+    presses += [failure] * (len(orders) - len(presses))
+    return tuple(_row(scene, *each) for each in zip(orders, presses, strict=True))
+
+
+def _row(scene: BenchScene, order: Order, found: dict[str, Any]) -> SceneRow:
     failure = found.get("failure", "")
     return SceneRow(
         scene=scene.name,
@@ -121,19 +137,23 @@ def pressed(scene: BenchScene, order: Order) -> SceneRow:
     )
 
 
-def _answer(scene: BenchScene, order: Order) -> dict[str, Any]:
+def _answer(scene: BenchScene, order: Order, counts: Sequence[int]) -> tuple[str, str]:
+    """Return what a process wrote, and how it ended."""
     own = Path(worker.__file__)
     theirs = order.checkout / own.relative_to(OWN)
+    limit_s = order.limit_s * max(1, len(counts))
     asked = {
         "stated": scene.stated,
         "tolerance": order.tolerance,
         "preset": order.preset,
         "device": order.device,
+        "counts": counts,
+        # As commits before several counts have it.
         "environments": order.environments,
         "images": order.images,
         "own_mesh": order.own_mesh,
         "is_timed": order.is_timed,
-        "limit_s": order.limit_s,
+        "limit_s": limit_s,
     }
     try:
         done = subprocess.run(
@@ -144,17 +164,16 @@ def _answer(scene: BenchScene, order: Order) -> dict[str, Any]:
             capture_output=True,
             text=True,
             check=False,
-            timeout=_WAITED * order.limit_s,
+            timeout=_WAITED * limit_s,
         )
-    except subprocess.TimeoutExpired:
-        return {"failure": f"not done after {_WAITED * order.limit_s:g} s"}
+    except subprocess.TimeoutExpired as error:
+        # It has bytes here, whatever was asked for.
+        said = error.stdout.decode() if isinstance(error.stdout, bytes) else error.stdout or ""
+        return said, f"not done after {_WAITED * limit_s:g} s"
     if done.returncode == -signal.SIGXCPU:
-        return {"failure": f"not done after {order.limit_s:g} s of processor time"}
-    if done.returncode:
-        said = (done.stderr.strip().splitlines() or ["nothing"])[-1]
-        return {"failure": f"its process ended with status {done.returncode}: {said}"}
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+        return done.stdout, f"not done after {limit_s:g} s of processor time"
+    last = (done.stderr.strip().splitlines() or ["nothing"])[-1]
+    return done.stdout, f"its process ended with status {done.returncode}: {last}"
 
 
 def commit() -> str:

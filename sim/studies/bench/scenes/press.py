@@ -14,7 +14,7 @@ import resource
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -210,24 +210,25 @@ def moves(
     return frames
 
 
-def _pressed(scene: Scene, order: dict[str, Any], *, promised: bool) -> ScenePress:
-    if order["environments"] is None:
-        return press_in_frames(
+def _pressed(scene: Scene, order: dict[str, Any], *, promised: bool) -> Iterator[ScenePress]:
+    counts = order["counts"]
+    if not counts:
+        yield press_in_frames(
             scene, promised=promised, device=order["device"], is_timed=order["is_timed"]
         )
+        return
     batch = importlib.import_module("sim.studies.bench.scenes.side_by_side")
-    found: ScenePress = batch.press_side_by_side(
+    yield from batch.press_side_by_side(
         scene,
-        count=order["environments"],
+        counts=counts,
         device=order["device"],
         images=order["images"],
         own_mesh=order["own_mesh"],
     )
-    return found
 
 
 def main() -> None:
-    """Read an order from standard input, press, and write what came out as the last line."""
+    """Read an order from standard input, press, and write a line for each press that came out."""
     order = json.load(sys.stdin)
     limit_s = math.ceil(order["limit_s"])
     resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + _GRACE_S))
@@ -237,10 +238,15 @@ def main() -> None:
             scene = replace(scene, preset=Preset(order["preset"]))
         else:
             scene, promised = within(scene, order["tolerance"])
-        found = asdict(_pressed(scene, order, promised=promised))
+        for found in _pressed(scene, order, promised=promised):
+            _answer(asdict(found))
     except RigError as error:
-        found = {"failure": error.message}
+        _answer({"failure": error.message})
+
+
+def _answer(found: dict[str, Any]) -> None:
     sys.stdout.write(f"\n{json.dumps(found)}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sim.batch.environment import course_of
+from sim.batch.batch import Batch
+from sim.batch.environment import BatchResult, course_of
 from sim.batch.pilot import batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
@@ -18,11 +20,18 @@ from tacauchy_rig.errors import ConvergenceError
 
 
 def press_side_by_side(
-    scene: Scene, *, count: int, device: str, images: bool = False, own_mesh: bool = False
-) -> ScenePress:
+    scene: Scene,
+    *,
+    counts: Sequence[int],
+    device: str,
+    images: bool = False,
+    own_mesh: bool = False,
+) -> Iterator[ScenePress]:
     """Press a scene in environments a little unlike it; the first is the scene itself.
 
     Args:
+        counts: Of environments, one batch after the other; they share the pilot and its inverses,
+            which the first has in its set-up.
         own_mesh: Press on the mesh that a batch makes itself, coarser than a press's.
         images: Have the sensor's image, its markers and the surface's stress in every frame.
 
@@ -36,19 +45,34 @@ def press_side_by_side(
     model = batch_model(scene) if own_mesh else path_for(scene, plan_effects(scene)).model
     course = course_of(scene, frame_count=FRAME_COUNT)
     pilot = pilot_for(scene, model, course)
-    spent = time.process_time()
-    batch, results = pressed(
-        pilot,
-        spread(scene, course, count),
-        seen_by=scene.sensor if images else "",
-        device=device,
-    )
+    for count in counts:
+        spent = time.process_time()
+        batch, results = pressed(
+            pilot,
+            spread(scene, course, count),
+            seen_by=scene.sensor if images else "",
+            device=device,
+        )
+        cpu_s = (time.process_time() - spent) / len(results)
+        pressed_s = sum(result.wall_s for result in results)
+        setup_s = time.perf_counter() - started - pressed_s
+        yield _judged(scene, batch, results, setup_s=setup_s, cpu_s=cpu_s)
+        started = time.perf_counter()
+
+
+def _judged(
+    scene: Scene,
+    batch: Batch,
+    results: Sequence[BatchResult],
+    *,
+    setup_s: float,
+    cpu_s: float,
+) -> ScenePress:
     found = min(results, key=lambda result: result.wall_s)
-    cpu_s = (time.process_time() - spent) / len(results)
-    wall_s = found.wall_s
-    setup_s = time.perf_counter() - started - sum(result.wall_s for result in results)
     if found.failed.any():
-        raise ConvergenceError(f"{found.failed.sum()} of {count} did not reach the last frame")
+        raise ConvergenceError(
+            f"{found.failed.sum()} of {batch.count} did not reach the last frame"
+        )
     x, y, z = found.force_n[-1, 0]
     depths, forces = found.depth_m[:, 0], found.force_n[:, 0, 2]
     last = pressing_frames(scene) - 1
@@ -56,10 +80,10 @@ def press_side_by_side(
         preset=scene.preset.value,
         edges=1.0 / scene.refinement,
         promised=False,
-        tet_count=len(model.elements),
-        unknown_count=model.pattern.dof_count,
+        tet_count=len(batch.model.elements),
+        unknown_count=batch.model.pattern.dof_count,
         setup_s=setup_s,
-        wall_s=wall_s,
+        wall_s=found.wall_s,
         cpu_s=cpu_s,
         iterations=round(float(found.evaluations.mean())),
         force_n=(float(x), float(y), float(z)),

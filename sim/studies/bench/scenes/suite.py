@@ -8,7 +8,13 @@ from math import nan
 from statistics import geometric_mean
 
 from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import Order, SceneRow, checked_out, pressed
+from sim.studies.bench.scenes.own_process import (
+    Order,
+    SceneRow,
+    checked_out,
+    pressed,
+    pressed_together,
+)
 from sim.studies.bench.scenes.references import Reference
 
 # Presses of each commit, by turns; the least counts.
@@ -62,10 +68,13 @@ def press_all(
 ) -> Iterator[tuple[SceneRow, ...]]:
     """Press one scene after the other, each in every way."""
     for scene in scenes:
-        rows = []
-        for order in orders:
-            rows.append(pressed(scene, order))
-            on_progress(rows[-1])
+        # Batches share a pilot.
+        together = [orders] if orders[0].environments else [[order] for order in orders]
+        rows: list[SceneRow] = []
+        for each in together:
+            for row in pressed_together(scene, each):
+                on_progress(row)
+                rows.append(row)
         yield tuple(rows)
 
 

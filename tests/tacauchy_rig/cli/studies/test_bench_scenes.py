@@ -21,9 +21,10 @@ def test_every_way_that_was_asked_for_is_pressed(
     """Two tolerances: both for each scene of the pattern, on page and in JSON; failures too."""
     asked: list[tuple[str, Order]] = []
 
-    def failing(scene: BenchScene, order: Order) -> SceneRow:
+    def failing(scene: BenchScene, orders: list[Order]) -> tuple[SceneRow, ...]:
+        (order,) = orders
         asked.append((scene.name, order))
-        return SceneRow(
+        row = SceneRow(
             scene=scene.name,
             tolerance=order.tolerance,
             device=order.device,
@@ -31,8 +32,9 @@ def test_every_way_that_was_asked_for_is_pressed(
             press=None,
             failure="the press stopped at 0.1 mm",
         )
+        return (row,)
 
-    monkeypatch.setattr(suite, "pressed", failing)
+    monkeypatch.setattr(suite, "pressed_together", failing)
     words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
     words += ["--tolerance", "5%", "--tolerance", "1%", "--limit", "7"]
     result = CliRunner().invoke(app, words)
@@ -73,19 +75,20 @@ def test_an_interruption_keeps_the_scenes_that_are_done(
 ) -> None:
     """Of three scenes the second is stopped: one is on the page."""
 
-    def stopping(scene: BenchScene, order: Order) -> SceneRow:
+    def stopping(scene: BenchScene, orders: list[Order]) -> tuple[SceneRow, ...]:
         if scene.name == "punch, twisted":
             raise KeyboardInterrupt
-        return SceneRow(
+        row = SceneRow(
             scene=scene.name,
-            tolerance=order.tolerance,
-            device=order.device,
+            tolerance=orders[0].tolerance,
+            device=orders[0].device,
             environments=None,
             press=None,
             failure="stopped",
         )
+        return (row,)
 
-    monkeypatch.setattr(suite, "pressed", stopping)
+    monkeypatch.setattr(suite, "pressed_together", stopping)
     words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from math import isnan
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 
 from sim.studies.bench.scenes import own_process
 from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import Order, checked_out, pressed
+from sim.studies.bench.scenes.own_process import Order, checked_out, pressed, pressed_together
 from tacauchy_rig.errors import ConfigError
 
 _SHALLOW = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm"}
@@ -40,11 +42,35 @@ def test_a_process_that_crashes_is_a_row_that_says_so(
 def test_a_batch_presses_the_scene_too() -> None:
     """Friction and all: the first environment's force is that of the press alone."""
     scene = BenchScene(name="rubbed", stated={**_SHALLOW, "contact": "friction:0.5"})
-    alone, two = (pressed(scene, Order(environments=count)).press for count in (None, 2))
+    alone = pressed(scene, Order()).press
+    one, two = (
+        row.press
+        for row in pressed_together(scene, [Order(environments=count) for count in (1, 2)])
+    )
     assert alone is not None
+    assert one is not None
     assert two is not None
+    assert one.force_n == pytest.approx(two.force_n, rel=1e-4, abs=1e-6)
     assert two.force_n[2] == pytest.approx(alone.force_n[2], rel=5e-3)
     assert two.balance <= 1e-5
+
+
+def test_what_was_pressed_before_a_crash_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first of three batches has its numbers; the others say how the process ended."""
+    press = pressed(BenchScene(name="any", stated=_SHALLOW), Order(environments=1)).press
+    assert press is not None
+    program = tmp_path / "press.py"
+    line = json.dumps(asdict(press))
+    program.write_text(f"import sys\nprint('Warp says')\nprint({line!r})\nsys.exit('full')\n")
+    monkeypatch.setattr(own_process.worker, "__file__", str(program))
+    monkeypatch.setattr(own_process, "OWN", tmp_path)
+    orders = [Order(environments=count, checkout=tmp_path) for count in (1, 60, 1024)]
+    rows = pressed_together(BenchScene(name="any", stated=_SHALLOW), orders)
+    assert rows[0].press is not None
+    assert rows[0].press.wall_s == press.wall_s
+    assert {row.failure for row in rows[1:]} == {"its process ended with status 1: full"}
 
 
 def test_a_commit_that_is_none_is_refused() -> None:
