@@ -17,7 +17,7 @@ from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
 from sim.scene.indenter import Indenter, describe
-from sim.scene.scene import Drive, Output, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Drive, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force, push_to_force
@@ -38,6 +38,9 @@ def replay_scene(
     tolerance: Tolerance | None = None,
     tolerance_n: float = 0.08,
     drive: Drive = Drive.LOAD,
+    friction: float = 0.0,
+    tilt_rad: tuple[float, float] = (0.0, 0.0),
+    centre_m: tuple[float, float] = (0.0, 0.0),
 ) -> Scene:
     """Return the press to the largest of some forces.
 
@@ -49,6 +52,9 @@ def replay_scene(
         tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
         tolerance_n: Largest |F_z simulated - measured| [N].
         drive: How a force is reached.
+        friction: Coulomb coefficient between indenter and gel.
+        tilt_rad: Rotations of the indenter about x and y [rad].
+        centre_m: Where its tip comes down [m].
 
     Raises:
         ConfigError: No preset keeps the tolerance.
@@ -58,6 +64,10 @@ def replay_scene(
         "drive": drive,
         "preset": preset,
         "force_tolerance_n": tolerance_n,
+        "contact": ContactMode.FRICTION if friction else ContactMode.FRICTIONLESS,
+        "friction": friction,
+        "motion": Motion(tilt_rad=tilt_rad),
+        "centre_m": centre_m,
         "outputs": frozenset(Output),
     }
     scene = sensor.scene(indenter, target, **asked)
@@ -192,6 +202,8 @@ def _replay_model(
         centre_x_m=scene.centre_m[0],
         centre_y_m=scene.centre_m[1],
         contact=scene.contact.value,
+        friction=scene.friction if scene.contact is ContactMode.FRICTION else None,
+        tilt_rad=scene.motion.tilt_rad,
         drive=scene.drive.value,
         law=str(scene.material.law),
         young_pa=scene.material.young_pa,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -103,6 +104,26 @@ class MarkerMotion:
 
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class FoundValue:
+    """What a run tells of how its indenter hangs on the arm.
+
+    Attributes:
+        value: In ``unit``; None where nothing tells it.
+        uncertainty: Standard uncertainty, likewise.
+        taken: It is beyond what is uncertain of it, and so is simulated if the plan says so; zero
+            is taken in place of what is not.
+        basis: How it is known, or why it is not.
+    """
+
+    name: str
+    value: float | None
+    uncertainty: float | None
+    unit: str
+    taken: bool
+    basis: str
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayModel:
     """What a run was replayed with, what that is worth, and what it cost.
 
@@ -125,6 +146,10 @@ class ReplayModel:
         modulus_factor_deviation: Standard deviation of the trials' own factors.
         stated_force_history: (depth [m], force [N]) of the gel with the stated modulus.
         markers: Of each trial of a sensor with markers.
+        friction: Coulomb coefficient; None for a contact without.
+        tilt_rad: Rotations of the indenter about x and y [rad].
+        found: What the run tells of tilt and place of the indenter, where that was asked for.
+        found_offset_m: What was added to the stated place on account of the images [m].
     """
 
     sensor: str
@@ -164,6 +189,20 @@ class ReplayModel:
     modulus_trials: Annotated[int | None, _LeftOut] = None
     stated_force_history: Annotated[tuple[tuple[float, float], ...] | None, _LeftOut] = None
     markers: tuple[MarkerMotion, ...] = ()
+    friction: Annotated[float | None, _LeftOut] = None
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+    found: tuple[FoundValue, ...] = ()
+    found_offset_m: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def lean_deg(self) -> float:
+        """How far the simulated indenter leans [deg]."""
+        return math.degrees(math.hypot(*self.tilt_rad))
+
+    @property
+    def found_offset_mm(self) -> float:
+        """How far it was moved on account of the images [mm]."""
+        return 1e3 * math.hypot(*self.found_offset_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

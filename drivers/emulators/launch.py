@@ -178,7 +178,9 @@ class Emulation:
         self.processes[device.value].wait_ready()
 
     def _start_all(self) -> EmulatedAddresses:
-        write_truth(self.folder, draw_truth(self.config.emulation.seed, unit=self.unit))
+        asked = self.config.emulation
+        truth = draw_truth(asked.seed, unit=self.unit, friction=asked.friction, tilt_rad=asked.tilt)
+        write_truth(self.folder, truth)
         self.gel()  # its table is made here once: that may take longer than a device's coming up
         SharedWorld.create(self.world_path).close()
         robot_host = port = url = None

@@ -102,6 +102,7 @@ def _compare_trial(
             contact=seen["contact"],
             corrections=seen["corrections"],
             force=force,
+            found_offset_m=(0.0, 0.0) if evidence.model is None else evidence.model.found_offset_m,
         ),
     )
     return TrialResult(

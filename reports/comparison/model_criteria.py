@@ -36,12 +36,16 @@ def judge_model(
     contact: ContactScores | None,
     corrections: Corrections | None,
     force: ForceAgreement,
+    found_offset_m: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Criterion, ...]:
-    """Return the criteria that a trial's replay must meet; what is missing fails."""
+    """Return the criteria that a trial's replay must meet; what is missing fails.
+
+    ``found_offset_m`` is where the images had the indenter moved to: it counts as offset still.
+    """
     return (
         _margin(thresholds, margin),
         _residual(thresholds, contact),
-        _offset(thresholds, corrections),
+        _offset(thresholds, corrections, found_offset_m),
         _prediction(thresholds, force),
         _mismatch(trial, thresholds),
     )
@@ -86,10 +90,15 @@ def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterio
     )
 
 
-def _offset(thresholds: Thresholds, corrections: Corrections | None) -> Criterion:
+def _offset(
+    thresholds: Thresholds, corrections: Corrections | None, found_offset_m: tuple[float, float]
+) -> Criterion:
     pose = None if corrections is None else corrections.pose
     known = pose is not None and pose.x_mm is not None and pose.y_mm is not None
-    value = math.hypot(pose.x_mm or 0.0, pose.y_mm or 0.0) if pose and known else math.nan
+    value = math.nan
+    if pose and known:
+        x_mm, y_mm = (1e3 * found for found in found_offset_m)
+        value = math.hypot(x_mm + (pose.x_mm or 0.0), y_mm + (pose.y_mm or 0.0))
     limit = thresholds.max_contact_offset_m * 1e3
     return Criterion.judged(
         OFFSET,

@@ -30,6 +30,7 @@ T = TypeVar("T")
 IntArray = NDArray[np.int64]
 Z = 2  # of a position
 MIN_FRAMES_TO_SPLIT = 4
+MIN_SAMPLES = 10  # of force in a dwell, for their scatter
 
 logger = logging.getLogger(__name__)
 
@@ -98,6 +99,27 @@ class AttemptReading:
         if tare is None:
             return None
         return self._curve(self.force.stamp_ns, sign * (self.force.wrench[:, FZ] - tare.mean[FZ]))
+
+    @property
+    def dwell_wrench(self) -> tuple[FloatArray, FloatArray] | None:
+        """Mean tared wrench of the dwell in the cell's frame and its standard error, shape [6].
+
+        None without a tare or a dwell.
+        """
+        tare, start_ns, end_ns = (
+            self.record.tare_before,
+            self.record.dwell_start_ns,
+            self.record.dwell_end_ns,
+        )
+        if tare is None or start_ns is None or end_ns is None:
+            return None
+        held = (self.force.stamp_ns >= start_ns) & (self.force.stamp_ns <= end_ns)
+        samples = self.force.wrench[held]
+        if len(samples) < MIN_SAMPLES:
+            return None
+        variance = samples.var(axis=0, ddof=1) / len(samples)
+        variance += np.square(tare.deviation) / max(1, tare.sample_count)
+        return samples.mean(axis=0) - np.array(tare.mean), np.sqrt(variance)
 
     @property
     def depth_curve(self) -> Curve | None:

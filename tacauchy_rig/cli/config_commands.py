@@ -22,7 +22,7 @@ def show(
     """List every field, its value and where it came from; refuse what no replay is made with."""
     from tacauchy_rig.config.load import load_config
     from tacauchy_rig.loop.gel_limits import check_gel
-    from tacauchy_rig.loop.settings import check_replay
+    from tacauchy_rig.loop.inputs import check_replay
 
     loaded = load_config(path, overrides=overrides or ())
     table = Table("field", "value", "from", box=None)

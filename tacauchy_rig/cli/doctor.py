@@ -32,7 +32,7 @@ def doctor(
     from tacauchy_rig.doctor.host import host_checks
     from tacauchy_rig.doctor.result import checked
     from tacauchy_rig.loop.gel_limits import check_gel
-    from tacauchy_rig.loop.settings import check_replay
+    from tacauchy_rig.loop.inputs import check_replay
 
     config = load_config(path, overrides=overrides or ()).config
     checks = [

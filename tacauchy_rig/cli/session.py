@@ -147,7 +147,8 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.doctor.host import descriptor_check
     from tacauchy_rig.loop.gel_limits import check_gel
-    from tacauchy_rig.loop.settings import check_names, check_replay
+    from tacauchy_rig.loop.inputs import check_replay
+    from tacauchy_rig.loop.settings import check_names
 
     descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     if descriptors.status is CheckStatus.FAIL:

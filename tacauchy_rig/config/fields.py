@@ -37,7 +37,7 @@ class Section(BaseModel):
     @classmethod
     def _below_its_ceiling(cls, value: Any, info: ValidationInfo) -> Any:
         ceiling = cls.ceilings.get(info.field_name or "")
-        if ceiling is None or (info.context or {}).get("recorded"):
+        if ceiling is None or value is None or (info.context or {}).get("recorded"):
             return value
         for index, item in enumerate(value if isinstance(value, tuple) else (value,)):
             if (crossed := ceiling.crossed(item)) is not None:

@@ -160,13 +160,24 @@ class ModulusSource(StrEnum):
     DEPTHS = "depths"
 
 
+class PoseSource(StrEnum):
+    """Where the indenter's tilt and offset come from."""
+
+    STATED = "stated"
+    FOUND = "found"
+
+
 class ReplaySection(Section):
     """How trials are replayed: model settings that override the sensor's file.
 
     ``tolerance``, such as ``0.02N`` or ``1%``, chooses the preset in place of ``preset``. With
     ``modulus`` ``depths`` the stated modulus, of all layers, is multiplied by what makes the
     simulated forces at the run's measured depths agree with the measured ones; ``young`` is taken
-    as it is.
+    as it is. ``law`` is the gel's constitutive law, ``friction`` Coulomb's coefficient between
+    indenter and gel. ``indenter``, as ``press --indenter`` has it, takes the place of
+    ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one of triangles. ``tilt`` is how far the
+    indenter's axis leans towards x and y, ``offset`` where it comes down beside ``sensor.surface``;
+    with ``pose`` ``found`` what moments and images tell takes their place.
     """
 
     ceilings = CEILINGS["replay"]
@@ -178,6 +189,12 @@ class ReplaySection(Section):
     modulus: ModulusSource = ModulusSource.STATED
     young: Pressure | None = Field(default=None, gt=0)
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)
+    law: str | None = None
+    friction: Ratio = Field(default=0.0, ge=0)
+    indenter: str | None = None
+    pose: PoseSource = PoseSource.STATED
+    tilt: tuple[Angle, Angle] | None = None
+    offset: tuple[Length, Length] | None = None
 
 
 class ReportSection(Section):
@@ -194,11 +211,19 @@ class ReportSection(Section):
 
 
 class EmulationSection(Section):
-    """The emulated world, for every device whose driver is ``emulated``."""
+    """The emulated world, for every device whose driver is ``emulated``.
+
+    ``friction`` is Coulomb's coefficient between indenter and gel; ``tilt``, how far the indenter's
+    axis leans towards base x and y, takes the place of what the seed draws.
+    """
+
+    ceilings = CEILINGS["emulation"]
 
     seed: int = Field(ge=0)
     robot_host: str
     markers: bool = False
+    friction: Ratio = Field(default=0.0, ge=0)
+    tilt: tuple[Angle, Angle] | None = None
     faults: tuple[str, ...] = ()
 
 

@@ -61,7 +61,8 @@ def expected_press(config: RigConfig) -> ExpectedPress:
     """
     sensor, indenter = sensor_of(config), indenter_of(config)
     most_n = BEYOND * max(config.protocol.force_targets)
-    scene = replay_scene(sensor, indenter, [most_n], preset=Preset.FAST)
+    friction = config.replay.friction
+    scene = replay_scene(sensor, indenter, [most_n], preset=Preset.FAST, friction=friction)
     plan = plan_effects(scene)
     path = path_for(scene, plan)
     shares = [*_FIRST_SHARES, *np.linspace(0.0, 1.0, _POINTS)[1:].tolist()]

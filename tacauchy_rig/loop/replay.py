@@ -3,87 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.replay import replay_forces, replay_scene
-from sim.scene.indenter import Indenter
+from sim.replay import replay_forces
 from sim.scene.material import Material
-from sim.scene.scene import Drive, Motion, Preset, Scene
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.config.model import ModulusSource, RigConfig
+from tacauchy_rig.config.model import ModulusSource, PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.loop.mounting import (
+    FoundMounting,
+    find_offset,
+    moved,
+    offset_of,
+    with_found_lean,
+)
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.rendering import render_trial
-from tacauchy_rig.loop.settings import (
-    check_optics,
-    drive_of,
-    indenter_of,
-    preset_of,
-    sensor_of,
-    tolerance_of,
-)
+from tacauchy_rig.loop.settings import check_optics
 from tacauchy_rig.replayed import Replay, ReplayModel
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.replay_files import ReplayFields
 
 REPLAY_NAME = "force-matched"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReplayInputs:
-    """What a run's measured forces are pressed with.
-
-    Attributes:
-        tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
-        motion: What the indenter does besides going straight down.
-        force_tolerance_n: Largest |F_z simulated - measured| [N].
-    """
-
-    sensor: Sensor
-    indenter: Indenter
-    preset: Preset
-    drive: Drive
-    force_tolerance_n: float
-    tolerance: Tolerance | None = None
-    motion: Motion = field(default_factory=Motion)
-
-    def scene(self, forces_n: Sequence[float]) -> Scene:
-        """Return the press to the largest of some forces [N].
-
-        Raises:
-            ConfigError: No preset keeps the tolerance.
-        """
-        scene = replay_scene(
-            self.sensor,
-            self.indenter,
-            forces_n,
-            preset=self.preset,
-            tolerance=self.tolerance,
-            drive=self.drive,
-            tolerance_n=self.force_tolerance_n,
-        )
-        return replace(scene, motion=self.motion)
-
-
-def inputs_of(config: RigConfig) -> ReplayInputs:
-    """Return what a configuration says of its replay.
-
-    Raises:
-        ConfigError: It names something that does not exist.
-    """
-    return ReplayInputs(
-        sensor=sensor_of(config),
-        indenter=indenter_of(config),
-        preset=preset_of(config),
-        drive=drive_of(config),
-        force_tolerance_n=config.replay.force_tolerance,
-        tolerance=tolerance_of(config),
-    )
 
 
 def replay_run(
@@ -111,7 +58,8 @@ def replay_run(
     inputs = inputs_of(config)
     inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
     check_optics(config, inputs.sensor)
-    replay, fields = press_again(run, inputs, on_progress=on_progress)
+    found = mounted(run, inputs, on_progress=on_progress)
+    replay, fields = press_again(run, found.inputs, on_progress=on_progress)
     optics = optics_of(
         config.sensor.optics_calibration,
         inputs.sensor,
@@ -119,8 +67,35 @@ def replay_run(
         on_progress=on_progress,
     )
     replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+    if config.replay.pose is PoseSource.FOUND:
+        images = {i: made.image for i, made in kept.items() if made.image is not None}
+        values = find_offset(measured_attempts(run), images, optics.geometry, config)
+        found = replace(found, values=(*found.values, *values))
+        if beside := offset_of(values):
+            on_progress("  the contact is seen beside its place: again there")
+            inputs = moved(found.inputs, beside)
+            replay, fields = press_again(run, inputs, on_progress=on_progress)
+            replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+            replay = replace(replay, model=replace(replay.model, found_offset_m=beside))
+    effects = (*replay.model.effects, *found.effects)
+    replay = replace(replay, model=replace(replay.model, found=found.values, effects=effects))
     store.save_replay(replay, kept)
     return replay
+
+
+def mounted(
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+) -> FoundMounting:
+    """Return how a run is replayed with what its moments tell of the indenter's lean.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+    """
+    found = with_found_lean(measured_attempts(run), inputs, run.store.config)
+    for row in found.effects:
+        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
+    return found
 
 
 def press_again(
@@ -136,7 +111,7 @@ def press_again(
         ConfigError: No preset keeps the tolerance.
         ConvergenceError: A force cannot be reached.
     """
-    records = [attempt.record for attempt in _measured_attempts(run)]
+    records = [attempt.record for attempt in measured_attempts(run)]
     on_progress(f"replaying {len(records)} trials")
     replay, fields = _replayed(inputs, records, on_progress)
     stated, fit = replay, _modulus_of(run.store.config, records, replay, on_progress)
@@ -174,7 +149,7 @@ def render_again(
     """
     rendered = {
         attempt.record.index: render_trial(attempt, sensor, fields[attempt.record.index], optics)
-        for attempt in _measured_attempts(run)
+        for attempt in measured_attempts(run)
     }
     markers = tuple(trial.markers for trial in rendered.values() if trial.markers is not None)
     model = replace(_seen_by_the_camera(replay.model, sensor, optics), markers=markers)
@@ -249,7 +224,12 @@ def _seen_by_the_camera(
     )
 
 
-def _measured_attempts(run: RunReading) -> list[AttemptReading]:
+def measured_attempts(run: RunReading) -> list[AttemptReading]:
+    """Return the attempts that have a force to replay.
+
+    Raises:
+        RecordError: There is none.
+    """
     records = [record for record in run.records.values() if record is not None]
     measured = [record for record in records if record.force_measured_n is not None]
     if not measured:

@@ -1,4 +1,4 @@
-"""What a configuration says of the replay, for the simulator; and whether one can be made."""
+"""What a configuration says of the replay, for the simulator."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TypeVar
 
-from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance, parse_tolerance
 from sim.optics.colour.nominal import nominal_model
-from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Preset
+from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.config.model import IndenterKind, RigConfig
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import calibrated_optics
+from tacauchy_rig.registry import Kind, names, unknown
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
 
 def check_names(config: RigConfig) -> None:
-    """Refuse a sensor, a preset, a tolerance or a drive that nothing is known by.
+    """Refuse a sensor, law, indenter, preset, tolerance or drive that nothing is known by.
 
     Raises:
         ConfigError: The field, and what there is.
@@ -30,29 +30,7 @@ def check_names(config: RigConfig) -> None:
     preset_of(config)
     tolerance_of(config)
     drive_of(config)
-
-
-def check_replay(config: RigConfig) -> str:
-    """Refuse what no replay could be made with, before six presses are done for it.
-
-    Returns:
-        What a replay would be made with, in words.
-
-    Raises:
-        ConfigError: No such sensor or preset, no preset keeps the tolerance, or the optics'
-            calibration file is missing or damaged.
-    """
-    sensor, tolerance = sensor_of(config), tolerance_of(config)
-    scene = replay_scene(
-        sensor,
-        indenter_of(config),
-        config.protocol.force_targets,
-        preset=preset_of(config),
-        tolerance=tolerance,
-        drive=drive_of(config),
-    )
-    kept = "" if tolerance is None else f" for a tolerance of {tolerance}"
-    return f"{sensor.title}, preset {setting_of(scene)}{kept}, {check_optics(config, sensor)}"
+    indenter_of(config)
 
 
 def check_optics(config: RigConfig, sensor: Sensor) -> str:
@@ -80,7 +58,8 @@ def sensor_of(config: RigConfig) -> Sensor:
     """Load the configured sensor with the configured material.
 
     Raises:
-        ConfigError: There is no such sensor, or it has layers and one material is configured.
+        ConfigError: There is no such sensor or law, or the sensor has layers and one material is
+            configured.
     """
     sensor = load_sensor(config.sensor.name)
     material = sensor.material
@@ -93,7 +72,15 @@ def sensor_of(config: RigConfig) -> Sensor:
         material = replace(material, young_pa=config.replay.young)
     if config.replay.poisson is not None:
         material = replace(material, poisson=config.replay.poisson)
-    return replace(sensor, material=material)
+    law = config.replay.law or material.law
+    if unknown(Kind.LAW, law):
+        raise ConfigError(
+            f"replay.law: {law!r} is no law", remedy=f"one of: {', '.join(names(Kind.LAW))}"
+        )
+    layers = tuple(
+        replace(layer, material=replace(layer.material, law=law)) for layer in sensor.layers
+    )
+    return replace(sensor, material=replace(material, law=law), layers=layers)
 
 
 def preset_of(config: RigConfig) -> Preset:
@@ -135,7 +122,17 @@ def _member(kind: type[_Closed], value: str, field: str, what: str) -> _Closed:
 
 
 def indenter_of(config: RigConfig) -> Indenter:
-    """Return the configured indenter for the simulator."""
+    """Return the configured indenter for the simulator.
+
+    Raises:
+        ConfigError: ``replay.indenter`` is not understood, or its file bounds no body.
+    """
+    if config.replay.indenter is not None:
+        try:
+            return parse_indenter(config.replay.indenter)
+        except ConfigError as error:
+            message = f"replay.indenter: {error.message.removeprefix('--indenter ')}"
+            raise ConfigError(message, remedy=error.remedy) from error
     given = config.indenter
     if given.kind is IndenterKind.SPHERE:
         return Sphere(diameter_m=given.diameter)

@@ -12,8 +12,9 @@ from reports.evidence.loading import load_evidence, stated_curve
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
+from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
-from tacauchy_rig.loop.replay import ReplayInputs, inputs_of, press_again, render_again, stiffer
+from tacauchy_rig.loop.replay import mounted, press_again, render_again, stiffer
 from tacauchy_rig.replayed import Replay
 
 
@@ -112,6 +113,7 @@ def bench_of(
 ) -> Bench:
     """Replay a run truly, once for all of its wrong models."""
     inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
+    inputs = mounted(run, inputs, on_progress=on_progress).inputs
     given = run.store.config.sensor.optics_calibration
     optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
     on_progress(f"replaying truly, preset {preset.value}")

@@ -15,7 +15,7 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.underside_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Motion, Preset
+from sim.scene.scene import Preset
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import nominal_optics
 from tacauchy_rig.loop.replay import stiffer
@@ -94,8 +94,10 @@ def _thicker(bench: Bench, percent: float) -> RunEvidence:
 
 
 def _tilted(bench: Bench, degrees: float) -> RunEvidence:
-    motion = Motion(tilt_rad=(math.radians(degrees), 0.0))
-    return bench.evidence(bench.press_first(replace(bench.inputs, motion=motion)))
+    upright = bench.inputs.mounting
+    lean_x, lean_y = upright.lean_rad
+    mounting = replace(upright, lean_rad=(lean_x, lean_y - math.radians(degrees)))
+    return bench.evidence(bench.press_first(replace(bench.inputs, mounting=mounting)))
 
 
 def _aside(bench: Bench, off_mm: float) -> RunEvidence:

@@ -1,8 +1,9 @@
 """Finite-strain equilibrium of a disc of gel under a rigid tip of revolution.
 
-Nine-node quadrilaterals, full integration; frictionless unilateral contact by a stiff penalty on
-the distance to the tip; clamped base, free wall. Young's modulus of the layer that is touched is
-one, so forces come out in square metres and scale with the true modulus.
+Nine-node quadrilaterals, full integration; unilateral contact by a stiff penalty on the distance to
+the tip, with Coulomb friction by springs that slip (``grip``); clamped base, free wall. Young's
+modulus of the layer that is touched is one, so forces come out in square metres and scale with the
+true modulus.
 """
 
 from __future__ import annotations
@@ -14,16 +15,18 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
 from drivers.emulators.plant.arrays import FloatArray, IntArray
+from drivers.emulators.plant.grip import Grip, Springs
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import QuadMesh, line_shape
 from drivers.emulators.plant.tips import Tip
 from tacauchy_rig.errors import ConvergenceError
 
-_PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um
+PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um
 _ITERATION_LIMIT = 60
 _BACKTRACK_LIMIT = 14
 _SUFFICIENT = 0.1  # share of the decrease that a linear model promises
 _STEP_TOLERANCE_M = 1e-10
+_GRIP_LIMIT, _GRIP_TOLERANCE = 12, 2e-4  # rounds of friction, and their change over the pressure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,24 +37,38 @@ class Equilibrium:
         displacement: (u_r, u_z) [m], shape [node_count, 2].
         force: Force on the tip along the axis, over Young's modulus [m^2].
         contact_radius_m: Largest deformed radius in contact [m]; 0 out of contact.
+        grip: How far the springs of friction are drawn; None without friction.
     """
 
     displacement: FloatArray
     force: float
     contact_radius_m: float
+    grip: Grip | None = None
 
 
 class GelSolver:
-    """Presses one tip into one mesh; each call starts from the state it is given."""
+    """Presses one tip into one mesh; each call starts from the state it is given.
 
-    def __init__(self, mesh: QuadMesh, law: NeoHookean) -> None:
+    Args:
+        friction: Coulomb coefficient.
+
+    Attributes:
+        weights: 2 pi r dA times stiffness at the quadrature points [m^3], [element, point].
+        edge_shape, edge_weights: Shape values of the surface's quadrature points, and 2 pi r ds at
+            rest [m^2], [edge, point].
+        springs: Of friction, as the last press left them; None without.
+    """
+
+    def __init__(self, mesh: QuadMesh, law: NeoHookean, *, friction: float = 0.0) -> None:
         self.mesh = mesh
         self.law = law
+        self._friction = friction
+        self.springs: Springs | None = None
         self._gradients, measure = _strain_operator(mesh)
-        self._weights = measure * mesh.stiffness[:, None]
+        self.weights = measure * mesh.stiffness[:, None]
         self._dofs = (2 * mesh.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
         self._edge_dofs = (2 * mesh.top_edges[:, :, None] + np.arange(2)).reshape(-1, 6)
-        self._edge_shape, self._edge_weights = _surface_quadrature(mesh)
+        self.edge_shape, self.edge_weights = _surface_quadrature(mesh)
         rows = np.concatenate([_pairs(self._dofs, 0), _pairs(self._edge_dofs, 0)])
         columns = np.concatenate([_pairs(self._dofs, 1), _pairs(self._edge_dofs, 1)])
         self._pattern = _SparsePattern(rows, columns, 2 * mesh.nodes.shape[0])
@@ -59,17 +76,55 @@ class GelSolver:
             np.concatenate([2 * mesh.base_nodes, 2 * mesh.base_nodes + 1]), 2 * mesh.axis_nodes
         )
 
-    def press(self, tip: Tip, tip_z_m: float, start: FloatArray) -> Equilibrium:
+    def press(
+        self, tip: Tip, tip_z_m: float, start: FloatArray, *, grip: Grip | None = None
+    ) -> Equilibrium:
         """Return the equilibrium with the tip's lowest point at ``tip_z_m`` [m] above the base.
+
+        Args:
+            grip: Where the tip came from, in a press with friction.
 
         Raises:
             ConvergenceError: Newton's method did not converge from ``start``.
         """
-        solution = self._newton(start.ravel(), self._clamped, tip, tip_z_m)
-        force, radius = self._contact_force(solution, tip, tip_z_m)
+        self.springs, u = None, start.ravel()
+        if self._friction == 0.0 or grip is None:
+            u = self._newton(u, self._clamped, tip, tip_z_m)
+        if self._friction > 0.0:
+            u, grip = self._gripped(u, grip, tip, tip_z_m)
+        force, radius = self._contact_force(u, tip, tip_z_m)
         return Equilibrium(
-            displacement=solution.reshape(-1, 2), force=force, contact_radius_m=radius
+            displacement=u.reshape(-1, 2), force=force, contact_radius_m=radius, grip=grip
         )
+
+    def _gripped(
+        self, u: FloatArray, grip: Grip | None, tip: Tip, tip_z: float
+    ) -> tuple[FloatArray, Grip]:
+        """Solve with the springs' limits of the last round until those stand still.
+
+        Raises:
+            ConvergenceError: They do not.
+        """
+        pressure = self._pressure(u, tip, tip_z) if grip is None else grip.pressure
+        for _ in range(_GRIP_LIMIT):
+            points = np.stack(self.surface_points(u, tip_z), axis=-1)
+            normal = tip.distance(*points.T).gradient
+            self.springs = Springs(grip, points, normal, self._friction * pressure)
+            u = self._newton(u, self._clamped, tip, tip_z)
+            before, pressure = pressure, self._pressure(u, tip, tip_z)
+            weights = self.edge_weights.ravel()
+            if weights @ np.abs(pressure - before) <= _GRIP_TOLERANCE * (weights @ pressure):
+                points = np.stack(self.surface_points(u, tip_z), axis=-1)
+                return u, self.springs.drawn(points, pressure)
+        raise ConvergenceError(
+            f"emulated gel: friction finds no equilibrium with the tip at {tip_z * 1e3:.3f} mm",
+            remedy="press in smaller steps",
+        )
+
+    def _pressure(self, u: FloatArray, tip: Tip, tip_z: float) -> FloatArray:
+        """Return the pressure over Young's modulus at the points of the surface."""
+        distance = tip.distance(*self.surface_points(u, tip_z)).value
+        return np.asarray(-PENALTY_PER_M * np.minimum(distance, 0.0))
 
     def _newton(self, u: FloatArray, held: IntArray, tip: Tip, tip_z: float) -> FloatArray:
         free = np.setdiff1d(np.arange(u.size), held)
@@ -119,19 +174,23 @@ class GelSolver:
             scale *= 0.5
         return u + scale * step, self._energy(u + scale * step, tip, tip_z), scale
 
-    def _deformation(self, u: FloatArray) -> FloatArray:
+    def deformation(self, u: FloatArray) -> FloatArray:
+        """Return the deformation gradients at the quadrature points, [element, point, 5]."""
         strain = np.matmul(self._gradients, u[self._dofs][:, :, None])[..., 0]
         identity = np.array([1.0, 0.0, 0.0, 1.0, 1.0])
-        deformation: FloatArray = strain.reshape(*self._weights.shape, 5) + identity
+        deformation: FloatArray = strain.reshape(*self.weights.shape, 5) + identity
         return deformation
 
     def _energy(self, u: FloatArray, tip: Tip, tip_z: float) -> float:
-        energy = float(np.sum(self._weights * self.law.energy(self._deformation(u))))
-        depth = np.minimum(tip.distance(*self._surface_points(u, tip_z)).value, 0.0)
-        return energy + 0.5 * _PENALTY_PER_M * float(self._edge_weights.ravel() @ depth**2)
+        energy = float(np.sum(self.weights * self.law.energy(self.deformation(u))))
+        points, weights = self.surface_points(u, tip_z), self.edge_weights.ravel()
+        depth = np.minimum(tip.distance(*points).value, 0.0)
+        if self.springs is not None:
+            energy += float(weights @ self.springs.energy(np.stack(points, axis=-1)))
+        return energy + 0.5 * PENALTY_PER_M * float(weights @ depth**2)
 
     def _internal_force(self, u: FloatArray) -> FloatArray:
-        stress = self.law.stress(self._deformation(u)) * self._weights[..., None]
+        stress = self.law.stress(self.deformation(u)) * self.weights[..., None]
         stress = stress.reshape(stress.shape[0], -1, 1)
         local = np.matmul(np.swapaxes(self._gradients, 1, 2), stress)[..., 0]
         return _assemble(self._dofs, local, u.size)
@@ -139,8 +198,8 @@ class GelSolver:
     def _linearise(
         self, u: FloatArray, tip: Tip, tip_z: float, *, curvature: float = 1.0
     ) -> tuple[FloatArray, csc_matrix]:
-        tangent = self.law.tangent(self._deformation(u)) * self._weights[..., None, None]
-        element_count, point_count = self._weights.shape
+        tangent = self.law.tangent(self.deformation(u)) * self.weights[..., None, None]
+        element_count, point_count = self.weights.shape
         operator = self._gradients.reshape(element_count, point_count, 5, 18)
         scaled = np.matmul(tangent, operator).reshape(element_count, -1, 18)
         stiffness = np.matmul(np.swapaxes(self._gradients, 1, 2), scaled)
@@ -151,33 +210,39 @@ class GelSolver:
     def _contact(
         self, u: FloatArray, tip: Tip, tip_z: float, curvature: float
     ) -> tuple[FloatArray, FloatArray]:
-        distance = tip.distance(*self._surface_points(u, tip_z))
+        points = self.surface_points(u, tip_z)
+        distance = tip.distance(*points)
         depth = np.minimum(distance.value, 0.0)
-        weight = _PENALTY_PER_M * self._edge_weights.ravel()
+        weight = PENALTY_PER_M * self.edge_weights.ravel()
         pull = (weight * depth)[:, None] * distance.gradient
         square = distance.gradient[:, :, None] * distance.gradient[:, None, :]
         active = np.where(depth < 0.0, weight, 0.0)[:, None, None]
         block = active * (square + curvature * depth[:, None, None] * distance.hessian)
-        edge_count, point_count = self._edge_weights.shape
-        shape = self._edge_shape
+        if self.springs is not None:
+            gripping, stiffness = self.springs.linearised(np.stack(points, axis=-1))
+            pull = pull + self.edge_weights.ravel()[:, None] * gripping
+            block = block + self.edge_weights.ravel()[:, None, None] * stiffness
+        edge_count, point_count = self.edge_weights.shape
+        shape = self.edge_shape
         force = np.einsum("qi,eqa->eia", shape, pull.reshape(edge_count, point_count, 2))
-        stiffness = np.einsum(
+        local = np.einsum(
             "qi,qj,eqab->eiajb", shape, shape, block.reshape(edge_count, point_count, 2, 2)
         )
-        return _assemble(self._edge_dofs, force, u.size), stiffness.reshape(edge_count, 6, 6)
+        return _assemble(self._edge_dofs, force, u.size), local.reshape(edge_count, 6, 6)
 
     def _contact_force(self, u: FloatArray, tip: Tip, tip_z: float) -> tuple[float, float]:
-        r, z = self._surface_points(u, tip_z)
+        r, z = self.surface_points(u, tip_z)
         distance = tip.distance(r, z)
         touching = distance.value < 0.0
         if not touching.any():
             return 0.0, 0.0
-        pressure = -_PENALTY_PER_M * np.minimum(distance.value, 0.0) * self._edge_weights.ravel()
+        pressure = -PENALTY_PER_M * np.minimum(distance.value, 0.0) * self.edge_weights.ravel()
         return float(-np.sum(pressure * distance.gradient[:, 1])), float(r[touching].max())
 
-    def _surface_points(self, u: FloatArray, tip_z: float) -> tuple[FloatArray, FloatArray]:
+    def surface_points(self, u: FloatArray, tip_z: float) -> tuple[FloatArray, FloatArray]:
+        """Return r and z of the surface's quadrature points from the tip [m]."""
         position = (self.mesh.nodes + u.reshape(-1, 2))[self.mesh.top_edges]
-        points = np.einsum("qi,eia->eqa", self._edge_shape, position).reshape(-1, 2)
+        points = np.einsum("qi,eia->eqa", self.edge_shape, position).reshape(-1, 2)
         return points[:, 0], points[:, 1] - tip_z
 
 
@@ -217,27 +282,13 @@ def _pairs(dofs: IntArray, axis: int) -> IntArray:
 
 def _strain_operator(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:
     """Return d(deformation gradient)/d(dofs) [1/m] and 2 pi r dA [m^3] at 3 x 3 Gauss points."""
-    points, weights = np.polynomial.legendre.leggauss(3)
-    value, slope = line_shape(points)
-    shape = np.einsum("pj,qi->pqji", value, value).reshape(9, 9)
-    by_xi = np.einsum("pj,qi->pqji", value, slope).reshape(9, 9)
-    by_eta = np.einsum("pj,qi->pqji", slope, value).reshape(9, 9)
-    corners = mesh.nodes[mesh.elements]
-    jacobian = np.stack(
-        [np.einsum("gn,ena->ega", by_xi, corners), np.einsum("gn,ena->ega", by_eta, corners)],
-        axis=-2,
-    )
-    derivative = np.einsum(
-        "egab,gbn->egan", np.linalg.inv(jacobian), np.stack([by_xi, by_eta], axis=1)
-    )
-    radius = np.einsum("gn,en->eg", shape, corners[..., 0])
+    shape, derivative, radius, area = mesh.at_quadrature()
     element_count = mesh.elements.shape[0]
     operator = np.zeros((element_count, 9, 5, 9, 2))
     operator[:, :, 0, :, 0] = operator[:, :, 2, :, 1] = derivative[:, :, 0]
     operator[:, :, 1, :, 0] = operator[:, :, 3, :, 1] = derivative[:, :, 1]
     operator[:, :, 4, :, 0] = shape / radius[..., None]
-    measure = np.outer(weights, weights).ravel() * np.linalg.det(jacobian)
-    return operator.reshape(element_count, 45, 18), 2.0 * np.pi * radius * measure
+    return operator.reshape(element_count, 45, 18), 2.0 * np.pi * radius * area
 
 
 def _surface_quadrature(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -85,6 +85,7 @@ def write_ball_presses(
         first: Number of the first press; presses of other numbers are at other places and depths.
         noise_free: Leave out the camera's noise and the JPEG of its stream.
     """
+    truth = _wetted(truth)
     folder.mkdir(parents=True, exist_ok=True)
     clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
     unloaded = _noise_free(truth, None) if noise_free else _averaged(truth)
@@ -109,6 +110,7 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         count: Number of presses.
         first: Number of the first press.
     """
+    truth = _wetted(truth)
     noise, recorded = [], []
     rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]
     for press in _presses(truth, count, first):
@@ -121,6 +123,11 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         noise=float(np.mean(np.concatenate(noise))),
         recorded=float(np.mean(np.concatenate(recorded))),
     )
+
+
+def _wetted(truth: PlantTruth) -> PlantTruth:
+    """Return the world as a lab calibrates its optics: the ball is wetted and slips."""
+    return replace(truth, friction=0.0)
 
 
 def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:

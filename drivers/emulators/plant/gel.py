@@ -50,11 +50,13 @@ class SurfaceProfile:
     Attributes:
         depth_m: Tip below the gel's highest point [m]; zero or less is no contact.
         centre: The indenter's axis from the gel's centre, x and y [m].
-        tilt: Real lean of the indenter's axis towards x and y [rad].
+        tilt: Lean of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
         contact_radius: Radius in contact [m].
         radius: Deformed radii from the axis [m], rising, shape [point_count].
         height: Height there relative to the gel's highest point at rest [m].
         radius_rest: Where those points were at rest [m].
+        leaning: What a lean of one radian adds to the height on the side that the indenter leans
+            to, at those radii [m]; empty for a ball.
     """
 
     depth_m: float
@@ -64,6 +66,30 @@ class SurfaceProfile:
     radius: FloatArray
     height: FloatArray
     radius_rest: FloatArray
+    leaning: FloatArray
+
+
+_FACE_GRID = 64  # points across a face, for how it comes into contact
+_EVEN_DEPTH_M = 4e-4  # at which a face that leans by some degrees touches all around
+
+
+def leaning_depths(
+    radius_m: float, dome_radius_m: float, lean_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return depths of a leaning face's middle [m] and those of an upright one of the same force.
+
+    On a bed of springs: exact where a domed gel is touched in one place only, off the middle, and
+    where the face touches all around.
+    """
+    side = np.linspace(-radius_m, radius_m, _FACE_GRID)
+    x, y = np.meshgrid(side, side)
+    inside = np.hypot(x, y) <= radius_m
+    x, sag = x[inside], 0.5 * (x[inside] ** 2 + y[inside] ** 2) / dome_radius_m
+    depth = np.linspace(-lean_rad * radius_m, _EVEN_DEPTH_M, 4 * _FACE_GRID)[:, None]
+    upright = np.linspace(0.0, 2.0 * _EVEN_DEPTH_M, 8 * _FACE_GRID)[:, None]
+    sunk = np.maximum(depth - sag + lean_rad * x, 0.0).mean(axis=1)
+    even = np.maximum(upright - sag, 0.0).mean(axis=1)
+    return depth[:, 0], np.interp(sunk, even, upright[:, 0])
 
 
 class Plant:
@@ -82,7 +108,12 @@ class Plant:
         self.truth = truth
         self.tip = tip
         self.expected_surface = surface
-        self.table = press_table(case_for(tip, truth.poisson, gel=truth.unit.gel))
+        gel = truth.unit.gel
+        case = case_for(tip, truth.poisson, gel=gel, friction=truth.friction)
+        self.table = press_table(case)
+        lean = math.hypot(*truth.tilt_rad)
+        face_m = tip.rim_radius_m if case.has_face else 0.0
+        self._leaning = leaning_depths(face_m, gel.dome_radius_m, lean) if face_m * lean else None
         self._force = CubicSpline(self.table.depths, self.table.force)
         self._stiffness = self._force.derivative()
         self._relaxation = Relaxation(truth.relaxation_weights, truth.relaxation_times_s)
@@ -102,16 +133,33 @@ class Plant:
         if normal <= 0.0:
             return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         lean_x, lean_y = self.lean(pose)
-        force = (normal * lean_x, normal * lean_y, normal)
-        # A tilted flat face presses harder on its lower side; half-space ratio of the stiffnesses.
-        radius = float(np.interp(depth, self.table.depths, self.table.contact_radius))
-        restoring = 2.0 / 3.0 * radius**2 * self.tangent_stiffness(depth)
+        side, restoring = self._against_lean(depth, normal)
+        force = (side * lean_x, side * lean_y, normal)
         arm_x, arm_y = self.truth.pose_error_m
         return force, (
             arm_y * force[2] + restoring * lean_y,
             -arm_x * force[2] - restoring * lean_x,
             arm_x * force[1] - arm_y * force[0],
         )
+
+    def _against_lean(self, depth: float, normal: float) -> tuple[float, float]:
+        """Return side force [N] and moment about the tip [N m] of a lean of one radian."""
+        table, inside = self.table, self._even_depth(depth)
+        if not len(table.moment):
+            # Of a half-space under a disc: a lean presses harder on the lower side.
+            radius = float(np.interp(inside, table.depths, table.contact_radius))
+            return normal, 2.0 / 3.0 * radius**2 * self.tangent_stiffness(depth)
+        relaxed = self.relaxed_force(depth)
+        scale = self.truth.young_pa * (normal / relaxed if relaxed > 0.0 else 0.0)
+        found = (np.interp(inside, table.depths, of) for of in (table.side_force, table.moment))
+        side, moment = (scale * float(each) for each in found)
+        return side, moment
+
+    def _even_depth(self, depth: float) -> float:
+        """Return the depth of an upright face that presses as hard [m]."""
+        if self._leaning is None or depth >= self._leaning[0][-1]:
+            return depth
+        return float(np.interp(depth, *self._leaning))
 
     def depth(self, pose: Pose) -> float:
         """Return how far the tip is below the undeformed surface under it [m]; negative above."""
@@ -137,6 +185,7 @@ class Plant:
 
     def relaxed_force(self, depth: float) -> float:
         """Return the long-term force at ``depth`` [m], [N]."""
+        depth = self._even_depth(depth)
         if depth <= 0.0:
             return 0.0
         last = float(self.table.depths[-1])
@@ -148,6 +197,7 @@ class Plant:
 
     def tangent_stiffness(self, depth: float) -> float:
         """Return dF/d(depth) of the relaxed force [N/m]."""
+        depth = self._even_depth(depth)
         inside = min(max(depth, 0.0), float(self.table.depths[-1]))
         beyond = max(0.0, depth - inside)
         slope = float(self._stiffness(inside)) * (1.0 + beyond / _STIFFENING_M)
@@ -176,6 +226,10 @@ class Plant:
             # The penalty let the tip sink in by some tenths of a micrometre: take that back.
             face = self.tip.height(radius) - depth
             height = np.minimum(height, face)
+        leaning = np.zeros(0)
+        if len(table.leaning) and any(tilt):
+            moved = (1.0 - share) * table.leaning[upper - 1] + share * table.leaning[upper]
+            leaning = _odd_part(radius, height, math.hypot(*tilt) * moved) / math.hypot(*tilt)
         return SurfaceProfile(
             depth_m=depth,
             centre=centre,
@@ -184,4 +238,21 @@ class Plant:
             radius=radius,
             height=height,
             radius_rest=table.radius_rest,
+            leaning=leaning,
         )
+
+
+def _odd_part(radius: FloatArray, height: FloatArray, moved: FloatArray) -> FloatArray:
+    """Return half of what two sides of the surface are apart in height, at its radii [m].
+
+    Args:
+        moved: (r, z) of one side's motion by the lean [m], the other side's is the opposite.
+    """
+    sides = [
+        np.interp(
+            radius, np.maximum.accumulate(radius + sign * moved[:, 0]), height + sign * moved[:, 1]
+        )
+        for sign in (1.0, -1.0)
+    ]
+    odd: FloatArray = 0.5 * (sides[0] - sides[1])
+    return odd

@@ -69,6 +69,21 @@ class NeoHookean:
         )
         return tangent
 
+    def turning_tangent(self, gradient: FloatArray) -> FloatArray:
+        """Return the derivative of the stress by what leaves the (r, z) plane, shape [..., 4, 4].
+
+        In the order r hoop, hoop r, hoop z, z hoop: zero themselves in an axisymmetric state, and
+        coupled to none of its five.
+        """
+        rr, rz, zr, zz, _ = np.moveaxis(gradient, -1, 0)
+        j = _jacobian(gradient)
+        ic = np.sum(gradient**2, axis=-1)
+        pressure = -self.shear / 3.0 * j ** (-5 / 3) * ic + self.bulk * (j - 1.0)
+        tangent: FloatArray = (self.shear * j ** (-2 / 3))[..., None, None] * np.eye(4)
+        for row, column, value in ((0, 1, -zz), (0, 2, zr), (3, 1, rz), (3, 2, -rr)):
+            tangent[..., row, column] = tangent[..., column, row] = pressure * value
+        return tangent
+
 
 def _jacobian(gradient: FloatArray) -> FloatArray:
     rr, rz, zr, zz, hoop = np.moveaxis(gradient, -1, 0)

@@ -207,9 +207,10 @@ class GelCamera:
         radial = relief.slope[index] / np.maximum(radius, np.float32(1e-9))
         inside = relief.inside[index]
         outside = np.float32(1.0) - inside
+        lean_x, lean_y = relief.lean_slopes(dx, dy, radius, index)
         return (
-            outside * dome_x * x + radial * dx + np.float32(relief.tilt[0]) * inside,
-            outside * dome_y * y + radial * dy + np.float32(relief.tilt[1]) * inside,
+            np.asarray(outside * dome_x * x + radial * dx + lean_x, np.float32),
+            np.asarray(outside * dome_y * y + radial * dy + lean_y, np.float32),
             np.clip(
                 relief.curvature[index] * np.float32(-_CREASE_M), -_CREASE_LIMIT, _CREASE_LIMIT
             ),

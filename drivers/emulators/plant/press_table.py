@@ -1,7 +1,7 @@
 """What a tip does to the gel, tabulated over depth and kept in a cache by content.
 
 ``python -m drivers.emulators.plant.press_table`` computes again the tables that are shipped for
-the dry run's cylinder (about a quarter of a minute each).
+the dry run's cylinder (about a minute each).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import hashlib
 import logging
 import os
 import zipfile
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,17 @@ import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
+from drivers.emulators.plant.leaning import Lean, lean_of
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip, Tip
+from drivers.emulators.plant.truth import FRICTION
 from tacauchy_rig.errors import ConvergenceError
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 
-_SOLVER_VERSION = 1  # raise it when the solver's numbers change, so that old tables are not used
+# Raise them when the solver's numbers change, so that old tables are not used: a ball's, a face's.
+_SOLVER_VERSION, _FACE_VERSION = 1, 2
 _SHIPPED = Path(__file__).with_name("tables")
 _DEPTH_STEP_M = 4e-5
 _FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
@@ -41,6 +45,7 @@ class PressCase:
     """Everything a table depends on. Young's modulus is not here: forces scale with it.
 
     Attributes:
+        friction: Coulomb coefficient between tip and gel.
         max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
             the gel finds no equilibrium any more.
     """
@@ -49,11 +54,18 @@ class PressCase:
     gel: GelDisc = field(default_factory=GelDisc)
     poisson: float = 0.48
     max_depth_m: float = 1.0e-3
+    friction: float = 0.0
+
+    @property
+    def has_face(self) -> bool:
+        """The tip has a flat face, which may lean; a ball looks alike from all sides."""
+        return isinstance(self.tip, CylinderTip)
 
     def file_name(self) -> str:
         """Return a name made from the content."""
-        numbers = _rounded(asdict(self))
-        content = f"{_SOLVER_VERSION} {type(self.tip).__name__} {numbers}"
+        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
+        version = _FACE_VERSION if self.has_face else _SOLVER_VERSION
+        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
         digest = hashlib.sha256(content.encode()).hexdigest()[:16]
         return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
 
@@ -69,6 +81,11 @@ class PressTable:
         radius_rest: Where points of the surface lie at rest [m], shape [point_count].
         height_rest: Their height relative to the highest point [m].
         displacement: Their (u_r, u_z) [m], shape [depth_count, point_count, 2].
+        leaning: What a lean of one radian adds to it on the side that the tip leans to [m]; empty
+            for a tip without a face, as is what follows.
+        moment: On the tip about its lowest point, over Young's modulus, against a lean of one
+            radian [m^3], shape [depth_count].
+        side_force: On the tip towards the side that it leans to, likewise [m^2].
     """
 
     depths: FloatArray
@@ -77,13 +94,17 @@ class PressTable:
     radius_rest: FloatArray
     height_rest: FloatArray
     displacement: FloatArray
+    leaning: FloatArray = field(default_factory=lambda: np.zeros(0))
+    moment: FloatArray = field(default_factory=lambda: np.zeros(0))
+    side_force: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def save(self, path: Path) -> None:
         """Write the table so that readers never see half of it."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
         with fresh.open("wb") as file:
-            shortened = {"displacement": self.displacement.astype(np.float32)}
+            fields = ("displacement", "leaning")
+            shortened = {name: getattr(self, name).astype(np.float32) for name in fields}
             np.savez_compressed(file, **(asdict(self) | shortened))
         fresh.replace(path)
 
@@ -94,12 +115,15 @@ class PressTable:
             return cls(**{name: content[name].astype(np.float64) for name in content.files})
 
 
-def case_for(tip: Tip, poisson: float, *, gel: GelDisc | None = None) -> PressCase:
+def case_for(
+    tip: Tip, poisson: float, *, gel: GelDisc | None = None, friction: float = 0.0
+) -> PressCase:
     """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
     disc = gel or GelDisc()
     deepest_m = _DEEPEST_SHARE * disc.thickness_m
     depth_m = 1.0e-3 if isinstance(tip, CylinderTip) else min(1.5e-3, 0.32 * tip.diameter_m)
-    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=min(depth_m, deepest_m))
+    depth_m = min(depth_m, deepest_m)
+    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=depth_m, friction=friction)
 
 
 def press_table(case: PressCase) -> PressTable:
@@ -135,12 +159,13 @@ def compute_table(case: PressCase) -> PressTable:
         ConvergenceError: No equilibrium was found in the first half of the depth asked for.
     """
     mesh = mesh_disc(case.gel, _grading(case))
-    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson))
+    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson), friction=case.friction)
     depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
     regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
     depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
     solved = [0.0]
     states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
+    leans = [Lean(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
     for depth in depths:
         try:
             states.append(_advance(solver, case, solved, states, float(depth)))
@@ -149,6 +174,8 @@ def compute_table(case: PressCase) -> PressTable:
                 raise
             break
         solved.append(float(depth))
+        if case.has_face:
+            leans.append(lean_of(solver, states[-1], case.tip, case.gel.thickness_m - float(depth)))
     sample = _surface_sampler(mesh)
     rest = sample(mesh.nodes)
     return PressTable(
@@ -158,7 +185,19 @@ def compute_table(case: PressCase) -> PressTable:
         radius_rest=rest[:, 0],
         height_rest=rest[:, 1] - case.gel.thickness_m,
         displacement=np.stack([sample(state.displacement) for state in states]),
+        **({} if not case.has_face else _leaning(leans, sample)),
     )
+
+
+def _leaning(
+    leans: list[Lean], sample: Callable[[FloatArray], FloatArray]
+) -> dict[str, FloatArray]:
+    """Return what is kept of the leans at all depths."""
+    return {
+        "leaning": np.stack([sample(lean.displacement) for lean in leans]),
+        "moment": np.array([lean.moment for lean in leans]),
+        "side_force": np.array([lean.side_force for lean in leans]),
+    }
 
 
 def _advance(
@@ -169,17 +208,19 @@ def _advance(
     depth: float,
 ) -> Equilibrium:
     """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
-    last = states[-1].displacement
+    last, held = states[-1].displacement, states[-1].grip
     ahead = last
     if len(states) > 1:
         ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
         ahead = last + ratio * (last - states[-2].displacement)
     tries = [(ahead, 1), *((last, 2**cut) for cut in range(_CUT_LIMIT))]
     for state, step_count in tries:
+        grip = held
         try:
             for z in np.linspace(solved[-1], depth, step_count + 1)[1:]:
-                found = solver.press(case.tip, case.gel.thickness_m - float(z), state)
-                state = found.displacement
+                tip_z_m = case.gel.thickness_m - float(z)
+                found = solver.press(case.tip, tip_z_m, state, grip=grip)
+                state, grip = found.displacement, found.grip
         except ConvergenceError as error:
             failure = error
         else:
@@ -232,7 +273,7 @@ def main() -> None:
     """Compute the shipped tables again."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     for poisson in POISSON_STEPS:
-        case = case_for(CylinderTip(diameter_m=5e-3), poisson)
+        case = case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION)
         compute_table(case).save(_SHIPPED / case.file_name())
         log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
 

@@ -6,7 +6,9 @@ dim it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -28,6 +30,9 @@ class Relief:
     Attributes:
         centre: The indenter's axis from the gel's centre, x and y [m].
         tilt: Lean of the contact face towards x and y [rad].
+        leaning: Height that a lean of one radian adds on its own side, over the radius [1], at
+            multiples of ``STEP_M``.
+        leaning_slope: Radial slope of that height [1], likewise.
         reach_m: Beyond this radius the image does not change.
         slope: Radial slope beyond that of the dome, at multiples of ``STEP_M``.
         curvature: Radial curvature [1/m], likewise.
@@ -42,6 +47,8 @@ class Relief:
     curvature: SingleArray
     inside: SingleArray
     bulge: SingleArray
+    leaning: SingleArray
+    leaning_slope: SingleArray
 
     def places(
         self, x: SingleArray, y: SingleArray
@@ -54,9 +61,20 @@ class Relief:
 
     def bulge_at(self, x: SingleArray, y: SingleArray) -> SingleArray:
         """Return the bulge at points of the gel, x and y from its centre [m]."""
-        *_, index = self.places(x, y)
-        found: SingleArray = self.bulge[index]
-        return found
+        dx, dy, _, index = self.places(x, y)
+        along = np.float32(self.tilt[0]) * dx + np.float32(self.tilt[1]) * dy
+        return np.asarray(self.bulge[index] + along * self.leaning[index], np.float32)
+
+    def lean_slopes(
+        self, dx: SingleArray, dy: SingleArray, radius: SingleArray, index: IndexArray
+    ) -> tuple[SingleArray, SingleArray]:
+        """Return what the lean adds to the slopes along x and y; arguments as of ``places``."""
+        lean_x, lean_y = (np.float32(lean) for lean in self.tilt)
+        leaning = self.leaning[index]
+        along = (lean_x * dx + lean_y * dy) * (self.leaning_slope[index] - leaning)
+        along /= np.maximum(radius * radius, np.float32(1e-18))
+        added = lean_x * leaning + along * dx, lean_y * leaning + along * dy
+        return np.asarray(added[0], np.float32), np.asarray(added[1], np.float32)
 
 
 def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None:
@@ -66,11 +84,17 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
     last = float(profile.radius[-1])
     radius = np.arange(0.0, last, STEP_M)
     height = np.interp(radius, profile.radius, -profile.height)
-    slope = _smoothed_slope(height)
+    slope = np.clip(_smoothed_slope(height), -_STEEPEST, _STEEPEST)
     curvature = np.gradient(slope, STEP_M)
     inside = np.clip((profile.contact_radius - radius) / (2 * STEP_M) + 0.5, 0.0, 1.0)
     extra = slope - radius / dome_radius_m * (1.0 - inside)
-    changed = np.flatnonzero(np.abs(extra) > _FLAT_SLOPE)
+    leaning = leaning_slope = inside  # the whole mark of a ball leans as the gel under it does
+    if len(profile.leaning):
+        lean_height = np.interp(radius, profile.radius, -profile.leaning)
+        leaning_slope = _smoothed_slope(lean_height, reflected="odd")
+        leaning = np.divide(lean_height, radius, out=leaning_slope.copy(), where=radius > 0.0)
+    shown = np.abs(extra) + math.hypot(*profile.tilt) * np.abs(leaning_slope)
+    changed = np.flatnonzero(shown > _FLAT_SLOPE)
     end = int(changed[-1]) + 2 if changed.size else 2
     reach = end * STEP_M
     fade = np.clip((reach - radius[:end]) / (0.1 * reach), 0.0, 1.0)
@@ -82,16 +106,19 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
         curvature=_ending_in_zero(curvature[:end] * fade),
         inside=_ending_in_zero(inside[:end]),
         bulge=_ending_in_zero((height - 0.5 * radius**2 / dome_radius_m)[:end] * fade),
+        leaning=_ending_in_zero(leaning[:end] * fade),
+        leaning_slope=_ending_in_zero(leaning_slope[:end] * fade),
     )
 
 
-def _smoothed_slope(height: FloatArray) -> FloatArray:
+def _smoothed_slope(
+    height: FloatArray, *, reflected: Literal["even", "odd"] = "even"
+) -> FloatArray:
     half = round(3 * _SMOOTHING_M / STEP_M)
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * STEP_M / _SMOOTHING_M) ** 2)
-    padded = np.pad(height, half, mode="reflect")
+    padded = np.pad(height, half, mode="reflect", reflect_type=reflected)
     smooth = np.convolve(padded, kernel / kernel.sum(), mode="valid")
-    limited: FloatArray = np.clip(np.gradient(smooth, STEP_M), -_STEEPEST, _STEEPEST)
-    return limited
+    return np.gradient(smooth, STEP_M)
 
 
 def _ending_in_zero(values: FloatArray) -> SingleArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from tacauchy_rig.errors import RecordError
 TRUTH_FILE = "truth.json"
 _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs a press table
 _POISSON_LIMIT = 0.49
+FRICTION = 0.5
+"""Between indenter and gel where nothing else is asked for: the paper's section III-C."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +32,7 @@ class PlantTruth:
         pose_error_m: Where the indenter really is, minus where the robot says, in x and y [m].
         surface_error_m: Real height of the gel minus the expected one [m].
         tilt_rad: Real lean of the indenter's axis towards base x and y [rad].
+        friction: Coulomb coefficient between indenter and gel.
         light_gain: Gain of the red, green and blue light.
         light_drift_ratio: Change of all lights when warm, relative [1].
         light_drift_time_s: Time constant of that [s].
@@ -68,20 +71,31 @@ class PlantTruth:
     force_latency_s: float
     camera_latency_s: float
     # Absent in worlds from before there was a choice.
+    friction: float = 0.0
     unit: EmulatedUnit = field(default_factory=EmulatedUnit)
 
 
 _TRUTH = TypeAdapter(PlantTruth)
 
 
-def draw_truth(seed: int, *, unit: EmulatedUnit | None = None) -> PlantTruth:
+def draw_truth(
+    seed: int,
+    *,
+    unit: EmulatedUnit | None = None,
+    friction: float = FRICTION,
+    tilt_rad: tuple[float, float] | None = None,
+) -> PlantTruth:
     """Draw a world; the same seed gives the same world in every process.
 
     Args:
         seed: Any non-negative integer.
         unit: The make of sensor; a GelSight Mini if None.
+        friction: Coulomb coefficient between indenter and gel.
+        tilt_rad: Lean of the indenter's axis towards base x and y, in place of the drawn one [rad].
     """
-    drawn = _drawn(seed, unit or EmulatedUnit())
+    drawn = replace(_drawn(seed, unit or EmulatedUnit()), friction=friction)
+    if tilt_rad is not None:
+        drawn = replace(drawn, tilt_rad=tilt_rad)
     # Plain floats, so that a truth read back from its file is equal to the one drawn.
     return _TRUTH.validate_json(json.dumps(asdict(drawn)))
 

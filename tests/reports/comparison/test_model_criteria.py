@@ -64,6 +64,11 @@ def test_residual_and_offset_have_limits(report: ValidationReport) -> None:
         pose = replace(corrections.pose, x_mm=x_mm, y_mm=0.0)
         found = judged(report, corrections=replace(corrections, pose=pose))
         assert found["contact_offset"].passed is met
+    pose = replace(corrections.pose, x_mm=0.0, y_mm=0.0)
+    found = judged(
+        report, corrections=replace(corrections, pose=pose), found_offset_m=(0.0, 0.061e-3)
+    )
+    assert not found["contact_offset"].passed
     nothing = judged(report, contact=None, corrections=None, margin=None)
     missed = {name for name, c in nothing.items() if not c.passed}
     assert missed == {"force_margin", "contact_residual", "contact_offset"}

@@ -64,6 +64,8 @@ def test_each_ceiling_is_one_of_a_field_and_refuses(field: str) -> None:
         is_count = field in ("protocol.attempts", "limits.repeat_count")
         text = str(int(number) + 1) if is_count else bound.replace(number, f"{beyond:g}")
         written = f'["{text}"]' if field == "protocol.force_targets" else text
+        if field in ("replay.tilt", "replay.offset", "emulation.tilt"):
+            written = f'["{text}", "{text}"]'
         with pytest.raises(ConfigError) as caught:
             load_config(overrides=[f"{field}={written}"])
         told = [line for line in caught.value.message.split("\n") if line.startswith(field)]

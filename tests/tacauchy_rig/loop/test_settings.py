@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 
 from sim.optics.colour.nominal import nominal_photometric
+from sim.scene.indenter import describe
+from sim.scene.scene import ContactMode
 from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.doctor.result import CheckStatus, checked
-from tacauchy_rig.loop.settings import check_optics, check_replay
+from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.inputs import check_replay, inputs_of
+from tacauchy_rig.loop.settings import check_optics
 
 MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 
@@ -58,3 +63,56 @@ def test_doctor_fails_what_no_replay_is_made_with(override: str, found: str) -> 
     assert result.status is CheckStatus.FAIL
     assert found in result.finding
     assert result.remedy
+
+
+CUBE = "".join(
+    [
+        *(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (0, 2)),
+        *(
+            f"f {a} {b} {c}\n"
+            for a, b, c in (
+                *((1, 2, 4), (1, 4, 3), (5, 7, 8), (5, 8, 6), (1, 5, 6), (1, 6, 2)),
+                *((3, 4, 8), (3, 8, 7), (1, 3, 7), (1, 7, 5), (2, 6, 8), (2, 8, 4)),
+            )
+        ),
+    ]
+)
+"""A body of triangles, 2 mm wide."""
+
+
+def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
+    """Law, friction, tilt, place and triangles of a configuration are those of the scene."""
+    cube = tmp_path / "cube.obj"
+    cube.write_text(CUBE)
+    config = configured(
+        'replay.law="neo-hookean"',
+        "replay.friction=0.3",
+        'replay.tilt=["1 deg", "-0.5 deg"]',
+        'replay.offset=["0.2 mm", "0 mm"]',
+        f'replay.indenter="mesh:{cube},unit=mm"',
+    )
+    scene = inputs_of(config).scene([2.0])
+    assert scene.material.law == "neo-hookean"
+    assert (scene.contact, scene.friction) == (ContactMode.FRICTION, 0.3)
+    assert scene.motion.tilt_rad == pytest.approx((math.radians(0.5), math.radians(1.0)))
+    assert scene.centre_m == (0.2e-3, 0.0)
+    assert describe(scene.indenter) == "mesh:cube.obj,unit=mm"
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ('replay.law="rubber"', "replay.law: 'rubber' is no law"),
+        ('replay.indenter="cone:5mm"', "replay.indenter: 'cone:5mm': no such indenter"),
+        ('replay.indenter="mesh:absent.stl"', "replay.indenter"),
+        ('replay.friction="-0.1"', "replay.friction"),
+        ('replay.tilt=["20 deg", "0 deg"]', "replay.tilt"),
+        ('replay.pose="guessed"', "replay.pose"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_by_its_field(override: str, told: str) -> None:
+    """Before anything is pressed, with a remedy."""
+    with pytest.raises(ConfigError) as caught:
+        inputs_of(configured(override))
+    assert told in caught.value.message
+    assert caught.value.remedy

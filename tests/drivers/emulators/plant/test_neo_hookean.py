@@ -45,3 +45,23 @@ def test_small_strain_is_hooke() -> None:
 def test_inside_out_costs_infinite_energy() -> None:
     """An inverted element is refused by its energy, so that a line search backs off."""
     assert NeoHookean(poisson=0.48).energy(np.array([-1.0, 0.0, 0.0, 1.0, 1.0])) == np.inf
+
+
+def test_what_leaves_the_plane_is_the_derivative_of_the_whole_stress() -> None:
+    """In three dimensions, by central differences, about an axisymmetric state."""
+    law = NeoHookean(poisson=0.45)
+    plane = np.array([1.1, 0.2, -0.1, 0.8, 1.05])
+
+    def stress(out: np.ndarray) -> np.ndarray:
+        gradient = np.zeros((3, 3))
+        gradient[0, 0], gradient[0, 2], gradient[2, 0], gradient[2, 2], gradient[1, 1] = plane
+        gradient[0, 1], gradient[1, 0], gradient[1, 2], gradient[2, 1] = out
+        j, inverse = np.linalg.det(gradient), np.linalg.inv(gradient).T
+        ic = np.sum(gradient**2)
+        whole = law.shear * j ** (-2 / 3) * (gradient - ic / 3.0 * inverse)
+        whole += law.bulk * (j - 1.0) * j * inverse
+        return np.array([whole[0, 1], whole[1, 0], whole[1, 2], whole[2, 1]])
+
+    step = 1e-6
+    columns = [(stress(step * e) - stress(-step * e)) / (2.0 * step) for e in np.eye(4)]
+    np.testing.assert_allclose(law.turning_tangent(plane), np.array(columns).T, atol=1e-8)

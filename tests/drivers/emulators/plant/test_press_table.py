@@ -19,6 +19,7 @@ from drivers.emulators.plant.press_table import (
     press_table,
 )
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
+from drivers.emulators.plant.truth import FRICTION
 
 SMALL = PressCase(tip=SphereTip(diameter_m=4e-3), max_depth_m=0.2e-3)
 
@@ -32,7 +33,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("poisson", POISSON_STEPS)
 def test_shipped_tables_are_found_and_smooth(poisson: float) -> None:
     """Each tabulated gel rises steadily in force, without a jump, to beyond the guard's limit."""
-    table = press_table(case_for(CylinderTip(diameter_m=5e-3), poisson))
+    table = press_table(case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION))
     assert not cache_folder().exists()
     assert table.force[0] == 0.0
     assert table.force[-1] * 0.435e6 > 5.0
@@ -44,8 +45,8 @@ def test_shipped_tables_are_found_and_smooth(poisson: float) -> None:
 
 def test_a_shipped_table_can_be_computed_again() -> None:
     """The solver of today gives the shipped numbers (another mesh: the depth decides on it)."""
-    shipped = press_table(case_for(CylinderTip(diameter_m=5e-3), 0.48))
-    again = compute_table(PressCase(poisson=0.48, max_depth_m=0.12e-3))
+    shipped = press_table(case_for(CylinderTip(diameter_m=5e-3), 0.48, friction=FRICTION))
+    again = compute_table(PressCase(poisson=0.48, max_depth_m=0.12e-3, friction=FRICTION))
     force = np.interp(again.depths[-1], shipped.depths, shipped.force)
     assert again.force[-1] == pytest.approx(force, rel=0.01)
 

@@ -85,6 +85,7 @@ def test_a_dent_hides_a_grazing_light_from_the_gel_behind_it() -> None:
         radius=radius,
         height=-5e-4 * np.exp(-((radius / 1e-3) ** 2)),
         radius_rest=radius,
+        leaning=np.zeros(0),
     )
     relief = relief_of(profile, dome_radius_m=math.inf)
     assert relief is not None

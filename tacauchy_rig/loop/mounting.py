@@ -1,0 +1,236 @@
+"""How a run's indenter hangs on the arm: what its moments and images tell, and what to simulate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from reports.arrays import ColorImage, FloatArray
+from reports.evidence.attempt import AttemptReading
+from reports.evidence.force_depth import fit_modulus, merge_histories
+from reports.evidence.leaning import LeanFit, fit_lean
+from reports.scores.contact import contact_footprint, contact_region, image_change
+from reports.scores.correction import register_changes
+from sim.effects.plan import output_tolerances, plan_effects
+from sim.leaning import LeaningPress, can_lean, lean_costs, press_leaning
+from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.config.devices import RobotModel
+from tacauchy_rig.config.model import ModulusSource, PoseSource, RigConfig
+from tacauchy_rig.errors import RigError
+from tacauchy_rig.loop.inputs import ReplayInputs
+from tacauchy_rig.replayed import FoundValue
+
+TAKEN_FROM = 2.0
+"""Standard uncertainties: what is found within them of zero stays zero."""
+PLACE_ERROR_M = {RobotModel.E_SERIES: 30e-6, RobotModel.CB3: 100e-6}
+"""To which an arm comes back to a pose, as data sheets say: once to calibrate, once to press."""
+_TRIED_RAD = math.radians(1.0)
+"""The moment grows in proportion up to there: at a quarter of it K is the same to 2 %."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundMounting:
+    """What was found and what of it is simulated.
+
+    Attributes:
+        inputs: Of the replay, with what is simulated.
+        values: What was found.
+        effects: Rows of the plan, as a replay keeps them.
+    """
+
+    inputs: ReplayInputs
+    values: tuple[FoundValue, ...] = ()
+    effects: tuple[dict[str, Any], ...] = field(default=())
+
+
+def with_found_lean(
+    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
+) -> FoundMounting:
+    """Return how a run is replayed with the lean that its moments tell, where that is asked for."""
+    if config.replay.pose is not PoseSource.FOUND:
+        return FoundMounting(inputs=inputs)
+    fit, why = _lean(attempts, inputs, config)
+    mounting = inputs.mounting
+    if fit is None:
+        values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
+        row = _row(any(mounting.lean_rad), f"as stated: {why}")
+        return FoundMounting(inputs=inputs, values=values, effects=(row,))
+    size = float(np.linalg.norm(fit.lean_rad))
+    doubt = float(np.linalg.norm(fit.lean_rad * fit.uncertainty_rad)) / max(size, 1e-30)
+    taken = size > TAKEN_FROM * doubt
+    values = tuple(
+        FoundValue(
+            name=f"lean towards {axis}",
+            value=float(value),
+            uncertainty=float(uncertainty),
+            unit="rad",
+            taken=taken,
+            basis=why,
+        )
+        for axis, value, uncertainty in zip("xy", fit.lean_rad, fit.uncertainty_rad, strict=True)
+    )
+    found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
+    row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
+    if taken:
+        row = _planned(inputs, [r.record.force_measured_n or 0.0 for r in attempts], size, found)
+    lean = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
+    inputs = replace(inputs, mounting=replace(mounting, lean_rad=lean))
+    return FoundMounting(inputs=inputs, values=values, effects=(row,))
+
+
+def _lean(
+    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
+) -> tuple[LeanFit | None, str]:
+    """Return what moments tell, and how; None and the reason where they tell nothing."""
+    seen = [(a.record, a.dwell_wrench) for a in attempts]
+    known = sorted(
+        ((r, w) for r, w in seen if w is not None and r.force_measured_n),
+        key=lambda pair: pair[0].force_measured_n or 0.0,
+    )
+    forces_n = np.array([record.force_measured_n for record, _ in known])
+    scene = inputs.scene(forces_n.tolist())
+    if not can_lean(scene):
+        return None, "a ball looks alike from all sides"
+    try:
+        pressed = press_leaning(scene, forces_n.tolist(), _TRIED_RAD)
+    except RigError as error:
+        return None, f"no coarse press with a lean: {error.message}"
+    factor = 1.0
+    if config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None:
+        curve = merge_histories([pressed.history])
+        contact_n = config.protocol.contact_force
+        told = fit_modulus([r for r, _ in known], curve, contact_force_n=contact_n)
+        factor = 1.0 if told is None else told.factor
+    turn = _base_from_cell(config)
+    moments, errors = (np.array([w[i][3:] for _, w in known]) for i in range(2))
+    fit = fit_lean(
+        forces_n,
+        (moments @ turn.T)[:, :2],
+        np.sqrt(np.square(errors) @ np.square(turn).T)[:, :2],
+        _stiffness(pressed, forces_n, factor),
+    )
+    if fit is None:
+        return None, f"{len(known)} trials tell no lean: three do"
+    return fit, f"the moments of {len(known)} trials"
+
+
+def _stiffness(pressed: LeaningPress, forces_n: FloatArray, factor: float) -> FloatArray:
+    """Return the moment against a lean of one radian, of a gel ``factor`` times as stiff [N m]."""
+    found = np.interp(forces_n / factor, forces_n, pressed.moments_nm / _TRIED_RAD)
+    return np.asarray(factor * found)
+
+
+def _base_from_cell(config: RigConfig) -> FloatArray:
+    """Return the rotation of the cell's readings into the base frame, shape [3, 3].
+
+    The cell's axes are the tool's, turned by half a turn about x where its Fz is positive while
+    something presses.
+    """
+    sign = config.force_sensor.compression_sign
+    tool = Rotation.from_rotvec(config.robot.tool_rotation).as_matrix()
+    return np.asarray(tool @ np.diag([1.0, -sign, -sign]))
+
+
+def _planned(
+    inputs: ReplayInputs, forces_n: Sequence[float], lean_rad: float, found: str
+) -> dict[str, Any]:
+    """Return whether a lean is simulated: what leaving it out costs is tried, as for effects."""
+    scene = inputs.scene(forces_n)
+    try:
+        costs = lean_costs(scene, max(forces_n), lean_rad)
+    except RigError as error:
+        return _row(True, f"{found}; on, as a coarse press failed: {error.message}")
+    upright = replace(inputs, mounting=replace(inputs.mounting, lean_rad=(0.0, 0.0)))
+    plan, allowed = plan_effects(upright.scene(forces_n)), output_tolerances(scene)
+    sums = {output: cost + plan.left_out(output) for output, cost in costs.items()}
+    worst = max(sums, key=lambda output: sums[output] / allowed[output])
+    on = sums[worst] > allowed[worst]
+    verb = "would be" if on else "is"
+    reason = (
+        f"{found}; tried coarsely: with all that is left out {worst.value} {verb} "
+        f"{sums[worst]:.2%} off, {allowed[worst]:.2%} allowed"
+    )
+    return _row(on, reason, {output.value: cost for output, cost in costs.items()})
+
+
+def _row(on: bool, reason: str, costs: dict[str, float] | None = None) -> dict[str, Any]:
+    known = {} if costs is None and not on else costs
+    error = None if known is None else max(known.get(name, 0.0) for name in ("force", "depth"))
+    return {
+        "name": "tilt",
+        "on": on,
+        "reason": reason,
+        "estimated_error": error,
+        "costs": known,
+        "asked": False,
+    }
+
+
+def find_offset(
+    attempts: Sequence[AttemptReading],
+    images: Mapping[int, ColorImage],
+    geometry: CameraGeometry,
+    config: RigConfig,
+) -> tuple[FoundValue, ...]:
+    """Return how far beside its simulated place the contact is seen, along x and y."""
+    scale_m = np.array([geometry.scale_x_m, geometry.scale_y_m])
+    shifts = []
+    for attempt in attempts:
+        seen, simulated = attempt.images, images.get(attempt.record.index)
+        if seen is None or simulated is None:
+            continue
+        real, made = (image_change(each, seen.reference) for each in (seen.real, simulated))
+        footprint = contact_footprint(real)
+        if footprint is None:
+            continue
+        shift = register_changes(real, made, contact_region(footprint))
+        if shift is not None:
+            shifts.append(np.array(shift) * scale_m)
+    names = [f"offset along {axis}" for axis in "xy"]
+    if len(shifts) < 2:
+        why = f"{len(shifts)} images show the contact: two tell its place"
+        return tuple(_unknown(name, "m", why) for name in names)
+    mean = np.mean(shifts, axis=0)
+    scatter = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
+    doubt = np.hypot(scatter, PLACE_ERROR_M[config.robot.model])
+    taken = bool(np.any(np.abs(mean) > TAKEN_FROM * doubt))
+    basis = f"the images of {len(shifts)} trials and the arm's repeatability"
+    return tuple(
+        FoundValue(
+            name=name,
+            value=float(mean[k]),
+            uncertainty=float(doubt[k]),
+            unit="m",
+            taken=taken,
+            basis=basis,
+        )
+        for k, name in enumerate(names)
+    )
+
+
+def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
+    """Return the offset that is to be simulated [m]; None where none is."""
+    if not all(value.taken for value in values):
+        return None
+    x, y = (value.value or 0.0 for value in values)
+    return x, y
+
+
+def moved(inputs: ReplayInputs, by_m: tuple[float, float]) -> ReplayInputs:
+    """Return the inputs with the indenter coming down elsewhere."""
+    x, y = inputs.mounting.offset_m
+    place = (x + by_m[0], y + by_m[1])
+    return replace(inputs, mounting=replace(inputs.mounting, offset_m=place))
+
+
+def _unknown(name: str, unit: str, why: str) -> FoundValue:
+    return FoundValue(name=name, value=None, uncertainty=None, unit=unit, taken=False, basis=why)
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.2f} deg"
