@@ -19,7 +19,7 @@ from sim.batch.dense import DenseProduct
 from sim.batch.pilot import Pilot, PilotState
 from sim.device import Device
 from sim.mesh.sparsity import SparsePattern
-from sim.solve.linear_solver import single_precision_solver
+from sim.solve.linear_solver import linear_solver
 from tacauchy_rig.errors import ConfigError
 
 # Ten dense inverses of this size are 5 GB, and take a processor minutes to make.
@@ -103,7 +103,7 @@ class _Factor:
     """One stiffness; the indenter's height, if it is an unknown, borders the sparse part."""
 
     def __init__(self, pattern: SparsePattern, stiffness: PilotState, *, pushed: bool) -> None:
-        self._solver = single_precision_solver(pattern)
+        self._solver = linear_solver(pattern)
         self._solver.factorise(stiffness.data)
         self._border = stiffness.border
         self._pushed = pushed

@@ -21,12 +21,11 @@ _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_POSITIVE_DEFINITE = -4
 # Places of its arguments, from 0: how many vectors, their right sides, and the solutions.
 _VECTOR_COUNT, _RIGHT = 10, 13
-# Pardiso's iparm by place, from 1: no defaults, nested dissection, no steps of refinement.
-_UNREFINED = {1: 1, 2: 2, 8: 0, 10: 0, 11: 0, 13: 0, 21: 1, 35: 0}
-# The same for single precision: no scaling, rows from 0. Second is the order of elimination:
-# minimum degree takes a tenth fewer operations than nested dissection at a few thousand unknowns,
-# and a fifth more at ten thousand.
-_SINGLE_PRECISION = {1: 1, 2: 0, 8: 0, 10: 0, 11: 0, 13: 0, 28: 1, 35: 1}
+# Pardiso's iparm by place, from 1: no defaults, no steps of refinement, no scaling, rows from 0.
+# Second is the order of elimination: minimum degree takes a tenth fewer operations than nested
+# dissection at a few thousand unknowns, and a fifth more at ten thousand.
+_SETTINGS = {1: 1, 2: 0, 8: 0, 10: 0, 11: 0, 13: 0, 35: 1}
+_SINGLE_PRECISION = 28
 _DISSECTED_FROM, _DISSECTION = 6_000, 2
 
 
@@ -52,66 +51,17 @@ class LinearSolver(Protocol):
         ...
 
 
-def linear_solver(pattern: SparsePattern, *, refined: bool = True) -> LinearSolver:
+def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolver:
     """Return Pardiso where it is installed, else SuperLU; both take the same pattern.
 
     Args:
-        refined: Let Pardiso refine its solutions, which a preconditioner does not need; each then
-            takes three times as long.
+        kind: What Pardiso computes in: float32 is enough for a preconditioner, and cheaper.
+            SuperLU takes float64.
     """
     try:
-        return PardisoSolver(pattern, pardiso_module(), refined=refined)
+        return PardisoSolver(pattern, pardiso_module(), kind)
     except ImportError:
         return SuperLuSolver(pattern)
-
-
-class PardisoSolver:
-    """Cholesky by Intel MKL Pardiso (matrix type 2)."""
-
-    name = "pardiso"
-
-    def __init__(self, pattern: SparsePattern, pypardiso: Any, *, refined: bool) -> None:
-        self._error = pypardiso.pardiso_wrapper.PyPardisoError
-        self._pardiso = pypardiso.PyPardisoSolver(mtype=2)
-        if not refined:
-            for place, value in _UNREFINED.items():
-                self._pardiso.set_iparm(place, value)
-        self._matrix = pattern.upper(np.ones(len(pattern.indices)))
-        self._zero = np.zeros(pattern.dof_count)
-        weakref.finalize(self, _release, self._pardiso, self._matrix, self._zero)
-        self._run(_ANALYSE, self._zero)
-
-    def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix, as ``LinearSolver`` says."""
-        self._matrix.data[:] = data
-        self._run(_FACTORISE, self._zero)
-
-    def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, as ``LinearSolver`` says."""
-        if right_side.ndim == 1:
-            return self._run(_SOLVE, right_side)
-        return np.stack([self._run(_SOLVE, each) for each in right_side])
-
-    def _run(self, phase: int, right_side: FloatArray) -> FloatArray:
-        take_threads(self._pardiso.libmkl, len(self._zero))
-        self._pardiso.set_phase(phase)
-        try:
-            solution = self._pardiso._call_pardiso(self._matrix, right_side)  # noqa: SLF001
-        except self._error as error:
-            if error.value == _NOT_POSITIVE_DEFINITE:
-                raise NotPositiveDefiniteError("negative pivot") from error
-            raise
-        return np.asarray(solution)
-
-
-def symmetric_factor(matrix: scipy.sparse.csr_matrix) -> Any:
-    """Return SuperLU's factor of a matrix that is symmetric and about positive definite."""
-    return scipy.sparse.linalg.splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
 
 
 class SuperLuSolver:
@@ -128,7 +78,12 @@ class SuperLuSolver:
         self._upper.data[:] = data
         full = self._upper + scipy.sparse.triu(self._upper, 1).T
         try:
-            self._factor = symmetric_factor(full)
+            self._factor = scipy.sparse.linalg.splu(
+                full.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
         if np.any(self._factor.U.diagonal() <= 0.0):
@@ -139,36 +94,22 @@ class SuperLuSolver:
         return np.asarray(self._factor.solve(right_side.T).T)
 
 
-def _release(pardiso: Any, matrix: Any, zero: FloatArray) -> None:
-    take_threads(pardiso.libmkl, len(zero))
-    pardiso.set_phase(_RELEASE)
-    pardiso._call_pardiso(matrix, zero)  # noqa: SLF001
+class PardisoSolver:
+    """Cholesky by Intel MKL Pardiso (matrix type 2)."""
 
-
-def single_precision_solver(pattern: SparsePattern) -> LinearSolver:
-    """Return Pardiso in single precision where it is installed, else SuperLU in double."""
-    try:
-        return SinglePrecisionPardiso(pattern, pardiso_module())
-    except ImportError:
-        return linear_solver(pattern, refined=False)
-
-
-class SinglePrecisionPardiso:
-    """Cholesky by Intel MKL Pardiso (matrix type 2) in single precision."""
-
-    name = "pardiso, single precision"
-
-    def __init__(self, pattern: SparsePattern, pypardiso: Any) -> None:
-        # pypardiso knows where MKL is, but passes double precision only.
+    def __init__(self, pattern: SparsePattern, pypardiso: Any, kind: Any) -> None:
+        # pypardiso knows where MKL is, but passes double precision only, and one vector at a time.
+        self.name, self._kind = f"pardiso, {np.dtype(kind)}", kind
         self._library = ctypes.CDLL(pypardiso.PyPardisoSolver(mtype=2).libmkl._name)  # noqa: SLF001
         count = pattern.dof_count
         settings = np.zeros(64, dtype=np.int32)
-        for place, value in _SINGLE_PRECISION.items():
+        for place, value in _SETTINGS.items():
             settings[place - 1] = value
+        settings[_SINGLE_PRECISION - 1] = kind is np.float32
         if count >= _DISSECTED_FROM:
             settings[1] = _DISSECTION
-        self._values = np.ones(len(pattern.indices), dtype=np.float32)
-        self._right, self._found = (np.zeros(count, dtype=np.float32) for _ in range(2))
+        self._values = np.ones(len(pattern.indices), dtype=kind)
+        self._right, self._found = (np.zeros(count, dtype=kind) for _ in range(2))
         self._error = ctypes.c_int32(0)
         arrays = [np.zeros(64, dtype=np.int64), self._values]
         arrays += [np.asarray(index, np.int32) for index in (pattern.indptr, pattern.indices)]
@@ -188,12 +129,12 @@ class SinglePrecisionPardiso:
             self._right[:] = right_side
             self._run(_SOLVE)
             return self._found.astype(np.float64)
-        right = right_side.astype(np.float32, order="C")
+        right = right_side.astype(self._kind, order="C")
         found = np.empty_like(right)
         self._run(_SOLVE, right, found)
         return found.astype(np.float64)
 
-    def _run(self, phase: int, *vectors: NDArray[np.float32]) -> None:
+    def _run(self, phase: int, *vectors: NDArray[Any]) -> None:
         take_threads(self._library, len(self._found))
         self._call(phase, *vectors)
         if self._error.value == _NOT_POSITIVE_DEFINITE:
@@ -230,7 +171,7 @@ class _Call:
             ctypes.byref(error),
         )
 
-    def __call__(self, phase: int, *vectors: NDArray[np.float32]) -> None:
+    def __call__(self, phase: int, *vectors: NDArray[Any]) -> None:
         self._phase.value = phase
         arguments = list(self._arguments)
         if vectors:  # other than those that are kept

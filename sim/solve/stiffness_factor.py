@@ -26,7 +26,6 @@ from sim.solve.linear_solver import (
     LinearSolver,
     NotPositiveDefiniteError,
     linear_solver,
-    single_precision_solver,
 )
 from sim.solve.model import Model
 from sim.solve.potential import Potential
@@ -54,7 +53,7 @@ class StiffnessFactor:
         self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
     ) -> None:
         self._model, self._indenter, self.potentials = model, indenter, potentials
-        self._quick: LinearSolver = single_precision_solver(model.pattern)
+        self._quick: LinearSolver = linear_solver(model.pattern)
         self._exact: LinearSolver | None = None
         self._solver = self._quick
         self._border = self._along = np.zeros(0)
@@ -140,5 +139,5 @@ class StiffnessFactor:
 
     def _in_double_precision(self) -> LinearSolver:
         if self._exact is None:
-            self._exact = linear_solver(self._model.pattern, refined=False)
+            self._exact = linear_solver(self._model.pattern, np.float64)
         return self._exact

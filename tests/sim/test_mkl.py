@@ -10,7 +10,7 @@ import pytest
 
 from sim import mkl
 from sim.mesh.sparsity import sparse_pattern
-from sim.solve.linear_solver import LinearSolver, linear_solver, single_precision_solver
+from sim.solve.linear_solver import LinearSolver, linear_solver
 
 VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS")
 CORES = len(os.sched_getaffinity(0))
@@ -75,8 +75,8 @@ def test_a_user_overrules_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None
 def test_solvers_of_both_kinds_live_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """One with several threads and one with one take turns; a mixture of both would crash."""
     monkeypatch.setattr(mkl, "_SEVERAL_FROM_UNKNOWNS", 100)
-    for make in (linear_solver, single_precision_solver):
-        small, large = make(chain(20)), make(chain(60))
+    for kind in (np.float64, np.float32):
+        small, large = (linear_solver(chain(count), kind) for count in (20, 60))
         for _ in range(2):
             factored(large, 60)
             factored(small, 20)

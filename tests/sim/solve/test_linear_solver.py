@@ -13,7 +13,6 @@ from sim.solve.linear_solver import (
     NotPositiveDefiniteError,
     SuperLuSolver,
     linear_solver,
-    single_precision_solver,
 )
 
 
@@ -24,6 +23,11 @@ def pattern() -> SparsePattern:
     fixed = np.zeros((21, 3), dtype=np.bool_)
     fixed[0] = True
     return sparse_pattern(elements, fixed)
+
+
+def in_double(pattern: SparsePattern) -> LinearSolver:
+    """Return what computes in float64."""
+    return linear_solver(pattern, np.float64)
 
 
 def matrix(pattern: SparsePattern, diagonal: float) -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +42,7 @@ def matrix(pattern: SparsePattern, diagonal: float) -> tuple[np.ndarray, np.ndar
 
 def test_it_solves_to_single_precision(pattern: SparsePattern) -> None:
     """Refactored with other values, it solves with those."""
-    solver = single_precision_solver(pattern)
+    solver = linear_solver(pattern)
     right = np.linspace(-1.0, 1.0, pattern.dof_count)
     for diagonal in (4.0, 9.0):
         data, dense = matrix(pattern, diagonal)
@@ -49,7 +53,7 @@ def test_it_solves_to_single_precision(pattern: SparsePattern) -> None:
 
 def test_an_indefinite_matrix_is_refused(pattern: SparsePattern) -> None:
     """A negative pivot is told apart from other errors, and the solver goes on after it."""
-    solver = single_precision_solver(pattern)
+    solver = linear_solver(pattern)
     with pytest.raises(NotPositiveDefiniteError):
         solver.factorise(matrix(pattern, -4.0)[0])
     data, dense = matrix(pattern, 4.0)
@@ -58,7 +62,7 @@ def test_an_indefinite_matrix_is_refused(pattern: SparsePattern) -> None:
     np.testing.assert_allclose(dense @ found, 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("make", [linear_solver, single_precision_solver, SuperLuSolver])
+@pytest.mark.parametrize("make", [linear_solver, in_double, SuperLuSolver])
 def test_many_at_once_are_each_alone(
     pattern: SparsePattern, make: Callable[[SparsePattern], LinearSolver]
 ) -> None:
