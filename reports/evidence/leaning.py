@@ -16,7 +16,7 @@ from reports.arrays import FloatArray
 TRIALS_MIN = 3
 """Two presses are met by any lean and arm together."""
 STIFFNESS_UNCERTAINTY = 0.1
-"""Of K, relative: what preset fast on edges 1.4 times as long is apart from preset balanced."""
+"""Of K, relative: what its mesh, the gel's height and Poisson's ratio leave uncertain of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

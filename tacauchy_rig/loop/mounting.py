@@ -17,13 +17,14 @@ from reports.evidence.leaning import LeanFit, fit_lean
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
-from sim.leaning import LeaningPress, can_lean, lean_costs, press_leaning
+from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.config.model import ModulusSource, PoseSource, RigConfig
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.replayed import FoundValue
+from tacauchy_rig.run import TrialRecord
 
 TAKEN_FROM = 2.0
 """Standard uncertainties: what is found within them of zero stays zero."""
@@ -48,13 +49,31 @@ class FoundMounting:
     effects: tuple[dict[str, Any], ...] = field(default=())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dwell:
+    """A held press, as the cell felt it.
+
+    Attributes:
+        wrench: Mean and standard error in the cell's frame [N, N m], shape [6] each; None where
+            the recording does not tell.
+    """
+
+    record: TrialRecord
+    wrench: tuple[FloatArray, FloatArray] | None
+
+
+def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
+    """Return what the cell felt in each trial."""
+    return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
+
+
 def with_found_lean(
-    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
+    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> FoundMounting:
     """Return how a run is replayed with the lean that its moments tell, where that is asked for."""
     if config.replay.pose is not PoseSource.FOUND:
         return FoundMounting(inputs=inputs)
-    fit, why = _lean(attempts, inputs, config)
+    fit, why = lean_of(dwells, inputs, config)
     mounting = inputs.mounting
     if fit is None:
         values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
@@ -77,19 +96,18 @@ def with_found_lean(
     found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
     row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
     if taken:
-        row = _planned(inputs, [r.record.force_measured_n or 0.0 for r in attempts], size, found)
+        row = _planned(inputs, [d.record.force_measured_n or 0.0 for d in dwells], size, found)
     lean = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
     inputs = replace(inputs, mounting=replace(mounting, lean_rad=lean))
     return FoundMounting(inputs=inputs, values=values, effects=(row,))
 
 
-def _lean(
-    attempts: Sequence[AttemptReading], inputs: ReplayInputs, config: RigConfig
+def lean_of(
+    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> tuple[LeanFit | None, str]:
     """Return what moments tell, and how; None and the reason where they tell nothing."""
-    seen = [(a.record, a.dwell_wrench) for a in attempts]
     known = sorted(
-        ((r, w) for r, w in seen if w is not None and r.force_measured_n),
+        ((d.record, d.wrench) for d in dwells if d.wrench and d.record.force_measured_n),
         key=lambda pair: pair[0].force_measured_n or 0.0,
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
@@ -97,11 +115,11 @@ def _lean(
     if not can_lean(scene):
         return None, "a ball looks alike from all sides"
     try:
-        pressed = press_leaning(scene, forces_n.tolist(), _TRIED_RAD)
+        restoring, pressed = restoring_moments(scene, forces_n.tolist(), _TRIED_RAD)
     except RigError as error:
         return None, f"no coarse press with a lean: {error.message}"
     factor = 1.0
-    if config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None:
+    if tells_modulus(config):
         curve = merge_histories([pressed.history])
         contact_n = config.protocol.contact_force
         told = fit_modulus([r for r, _ in known], curve, contact_force_n=contact_n)
@@ -112,17 +130,40 @@ def _lean(
         forces_n,
         (moments @ turn.T)[:, :2],
         np.sqrt(np.square(errors) @ np.square(turn).T)[:, :2],
-        _stiffness(pressed, forces_n, factor),
+        factor * np.interp(forces_n / factor, forces_n, restoring),
     )
     if fit is None:
         return None, f"{len(known)} trials tell no lean: three do"
     return fit, f"the moments of {len(known)} trials"
 
 
-def _stiffness(pressed: LeaningPress, forces_n: FloatArray, factor: float) -> FloatArray:
-    """Return the moment against a lean of one radian, of a gel ``factor`` times as stiff [N m]."""
-    found = np.interp(forces_n / factor, forces_n, pressed.moments_nm / _TRIED_RAD)
-    return np.asarray(factor * found)
+def tells_modulus(config: RigConfig) -> bool:
+    """Return whether a run's depths tell the gel's modulus."""
+    return config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None
+
+
+def upright(inputs: ReplayInputs) -> ReplayInputs:
+    """Return the inputs with an indenter that does not lean."""
+    return replace(inputs, mounting=replace(inputs.mounting, lean_rad=(0.0, 0.0)))
+
+
+def leaned(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
+    """Return the (depth [m], force [N]) of an upright press as a lean changes it.
+
+    By as much as it changes coarse presses: it begins deeper, off the middle.
+
+    Raises:
+        RigError: One of them cannot be solved.
+    """
+    if curve is None:
+        return None
+    forces_n = np.unique(curve[curve[:, 1] > 0.0, 1]).tolist()
+    scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.mounting.lean_rad)
+    even, leaning = (np.array(press_leaning(scene, forces_n, by).history) for by in (0.0, lean_rad))
+    extra_m = np.concatenate([[0.0], leaning[:, 0] - even[:, 0]])
+    shifted = curve.copy()
+    shifted[:, 0] += np.interp(curve[:, 1], [0.0, *forces_n], extra_m)
+    return shifted
 
 
 def _base_from_cell(config: RigConfig) -> FloatArray:
@@ -145,8 +186,7 @@ def _planned(
         costs = lean_costs(scene, max(forces_n), lean_rad)
     except RigError as error:
         return _row(True, f"{found}; on, as a coarse press failed: {error.message}")
-    upright = replace(inputs, mounting=replace(inputs.mounting, lean_rad=(0.0, 0.0)))
-    plan, allowed = plan_effects(upright.scene(forces_n)), output_tolerances(scene)
+    plan, allowed = plan_effects(upright(inputs).scene(forces_n)), output_tolerances(scene)
     sums = {output: cost + plan.left_out(output) for output, cost in costs.items()}
     worst = max(sums, key=lambda output: sums[output] / allowed[output])
     on = sums[worst] > allowed[worst]

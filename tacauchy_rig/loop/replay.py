@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.settings import setting_of
@@ -13,14 +14,18 @@ from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.scene.material import Material
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.config.model import ModulusSource, PoseSource, RigConfig
+from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
     FoundMounting,
+    dwells_of,
     find_offset,
+    leaned,
     moved,
     offset_of,
+    tells_modulus,
+    upright,
     with_found_lean,
 )
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
@@ -92,7 +97,7 @@ def mounted(
         RecordError: No trial has a measured force.
         ConfigError: No preset keeps the tolerance.
     """
-    found = with_found_lean(measured_attempts(run), inputs, run.store.config)
+    found = with_found_lean(dwells_of(measured_attempts(run)), inputs, run.store.config)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found
@@ -103,6 +108,9 @@ def press_again(
 ) -> tuple[Replay, dict[int, TrialFields]]:
     """Press every measured force of a run, with the modulus that its depths tell if it asks so.
 
+    Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
+    breaks the symmetry, and a press with it takes ten times as long.
+
     Returns:
         The replay, of which nothing is rendered yet, and the fields by trial.
 
@@ -111,22 +119,24 @@ def press_again(
         ConfigError: No preset keeps the tolerance.
         ConvergenceError: A force cannot be reached.
     """
+    config = run.store.config
     records = [attempt.record for attempt in measured_attempts(run)]
-    on_progress(f"replaying {len(records)} trials")
-    replay, fields = _replayed(inputs, records, on_progress)
-    stated, fit = replay, _modulus_of(run.store.config, records, replay, on_progress)
+    leans = any(inputs.mounting.lean_rad) and tells_modulus(config)
+    on_progress(f"replaying {len(records)} trials{', upright first' if leans else ''}")
+    replay, fields = _replayed(upright(inputs) if leans else inputs, records, on_progress)
+    stated, fit = replay, None
+    if tells_modulus(config):
+        curve = merge_histories([trial.force_history for trial in replay.trials])
+        fit = _fitted(config, records, leaned(curve, inputs) if leans else curve, on_progress)
     if fit is not None:
-        on_progress(
-            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-            f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
-        )
-        stiffened = replace(inputs, sensor=stiffer(inputs.sensor, fit.factor))
-        replay, fields = _replayed(stiffened, records, on_progress)
+        inputs = replace(inputs, sensor=stiffer(inputs.sensor, fit.factor))
+    if fit is not None or leans:
+        replay, fields = _replayed(inputs, records, on_progress)
     trials = tuple(
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    model = _with_modulus(replay.model, fit, stated)
+    model = _with_modulus(replay.model, fit, None if leans else stated)
     by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
     return replace(replay, trials=trials, model=model), by_trial
 
@@ -171,17 +181,21 @@ def _replayed(
     )
 
 
-def _modulus_of(
-    config: RigConfig, records: Sequence[TrialRecord], replay: Replay, on_progress: Say
+def _fitted(
+    config: RigConfig,
+    records: Sequence[TrialRecord],
+    curve: FloatArray | None,
+    on_progress: Say,
 ) -> ModulusFit | None:
-    """Return what the gel's modulus is to be multiplied by, where the run's depths decide it."""
-    given = config.replay
-    if given.young is not None or given.modulus is not ModulusSource.DEPTHS:
-        return None
-    curve = merge_histories([trial.force_history for trial in replay.trials])
+    """Return what the gel's modulus is to be multiplied by, as the run's depths tell."""
     fit = fit_modulus(records, curve, contact_force_n=config.protocol.contact_force)
     if fit is None:
         on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
+        return None
+    on_progress(
+        f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+        f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
+    )
     return fit
 
 
@@ -195,16 +209,17 @@ def stiffer(sensor: Sensor, factor: float) -> Sensor:
     return replace(sensor, material=times(sensor.material), layers=layers)
 
 
-def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: Replay) -> ReplayModel:
+def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: Replay | None) -> ReplayModel:
     """Add what the run's depths say of the modulus, if they decided it."""
     if fit is None:
         return model
+    trials = () if stated is None else stated.trials
     return replace(
         model,
         modulus_factor=fit.factor,
         modulus_factor_deviation=fit.factor_deviation,
         modulus_trials=fit.trial_count,
-        stated_force_history=tuple(pair for trial in stated.trials for pair in trial.force_history),
+        stated_force_history=tuple(pair for trial in trials for pair in trial.force_history),
     )
 
 
