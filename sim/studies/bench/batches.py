@@ -33,14 +33,13 @@ _SPREAD, _POISSON_SPREAD = 0.1, 0.01
 def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
     """Time the launches of a step of the descents, all environments taking it, and of stress [s].
 
-    The batch is reset.
+    It is taken where the batch stands, so that what touches there is pressed; the batch is reset.
     """
     parts = {"stress": _time_of(batch.stress.launch, device=batch.device, repeats=repeats)}
     blocks = batch.together.blocks
     one_serves = np.arange(len(blocks)) * batch.together.width < batch.count
     blocks.assign(np.where(one_serves, 0, -1).astype(np.int32))
     for name, launch in batch.descents.launches.items():
-        batch.reset()
         batch.descents.pretend_to_step(remembered=_REMEMBERED)
         parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
     batch.reset()
