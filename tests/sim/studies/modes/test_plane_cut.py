@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.effects.presets import mesh_for
-from sim.fields.plane_cut import PlaneCut, cut
+from sim.studies.modes.plane_cut import PlaneCut, cut
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
