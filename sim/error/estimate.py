@@ -6,9 +6,10 @@ factor of safety: Roache 1994, the grid convergence index). Meshes are not neste
 edges the sectors go: what a contact's edge happens to cut, and a wide barrier, add a part that no
 extrapolation sees:
 
-    error = slope |d| + rest / refinement^2
+    error = slope |d| + rest / refinement^2 + barrier d_hat / depth
 
-with a slope and a rest for each output, laid so that nine drawn presses in ten err by less.
+with three numbers for each output, laid so that nine drawn presses in ten err by less. A rim cuts
+edges otherwise than a ball does, and what slides in part has a shear of its own.
 """
 
 from __future__ import annotations
@@ -19,26 +20,35 @@ from sim.effects.called_for import everything
 from sim.effects.coarse import RUNGS, CoarsePress, coarse_press
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs
-from sim.scene.scene import Effect, Output, Preset, Scene
+from sim.scene.indenter import Sphere
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import RigError
 
-# (slope, rest) from 32 drawn presses on preset fast and 20 on balanced, against what edges half as
-# long tend to (docs/sim.md). Shear and markers on preset fast were widened after 68 others.
-_FAST = {
-    Output.FORCE: (0.1, 0.04),
-    Output.DEPTH: (0.4, 0.02),
-    Output.PRESSURE: (1.5, 0.05),
-    Output.SHEAR: (0.5, 0.06),
-    Output.IMAGE: (1.5, 0.03),
-    Output.MARKERS: (0.6, 0.035),
+# (slope, rest, barrier) from 94 drawn presses on preset fast, against what edges two thirds as long
+# tend to, and 20 on finer ones, against half as long (docs/sim.md).
+_Rule = dict[Output, tuple[float, float, float]]
+_FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}
+_UNDER_BALL: _Rule = {
+    **_FORCES,
+    Output.PRESSURE: (0.2, 0.08, 0.1),
+    Output.IMAGE: (0.9, 0.012, 0.25),
+    Output.MARKERS: (0.1, 0.07, 0.4),
 }
-_FINER = {
-    Output.FORCE: (0.2, 0.004),
-    Output.DEPTH: (0.4, 0.003),
-    Output.PRESSURE: (1.0, 0.10),
-    Output.SHEAR: (0.6, 0.006),
-    Output.IMAGE: (0.6, 0.011),
-    Output.MARKERS: (0.6, 0.003),
+_UNDER_RIM: _Rule = {
+    **_FORCES,
+    Output.PRESSURE: (0.5, 0.31, 0.0),
+    Output.IMAGE: (0.3, 0.004, 0.7),
+    Output.MARKERS: (0.4, 0.05, 0.0),
+}
+_FREE_SHEAR: _Rule = {Output.SHEAR: (0.6, 0.003, 0.0)}
+_GRIPPED_SHEAR: _Rule = {Output.SHEAR: (0.4, 0.012, 0.8)}
+_FINER: _Rule = {
+    Output.FORCE: (0.2, 0.004, 0.0),
+    Output.DEPTH: (0.4, 0.003, 0.0),
+    Output.PRESSURE: (1.0, 0.10, 0.0),
+    Output.SHEAR: (0.6, 0.006, 0.0),
+    Output.IMAGE: (0.6, 0.011, 0.0),
+    Output.MARKERS: (0.6, 0.003, 0.0),
 }
 # Linear tetrahedra lock on coarser meshes too, and preset paper has but one: they are held against
 # preset fast's quadratic ones on edges a third longer, which err by this much in one of ten.
@@ -102,14 +112,14 @@ def estimate_from(
     if not found.force_n[2] > 0.0:
         return ErrorEstimate(relative={}, basis="there is no force to be wrong about")
     changes = coarse.outputs.changes(found)
-    if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
-        rule, refinement = dict.fromkeys(Output, (1.0, _BESIDE_ERROR)), 1.0
-    else:
-        rule = _FAST if scene.preset is Preset.FAST else _FINER
-        refinement = scene.refinement
+    rule, refinement = _rule(scene, plan)
+    gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
     relative = {
-        output: slope * changes[output] + rest / refinement**2 + plan.left_out(output)
-        for output, (slope, rest) in rule.items()
+        output: slope * changes[output]
+        + rest / refinement**2
+        + barrier * gap
+        + plan.left_out(output)
+        for output, (slope, rest, barrier) in rule.items()
     }
     if scene.target.force_n is None:
         del relative[Output.DEPTH]
@@ -117,7 +127,7 @@ def estimate_from(
         share = found.stiffness_n_m * found.depth_m / float(found.force_n[2])
         relative[Output.FORCE] = max(1.0, share) * relative[Output.DEPTH]
     judged = Output.FORCE if scene.target.force_n is None else Output.DEPTH
-    slope, rest = rule[judged]
+    slope, rest, _ = rule[judged]
     basis = (
         f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
         f"{changes[judged]:.2%}; {slope:g} times that and {rest / refinement**2:.2%}"
@@ -127,3 +137,14 @@ def estimate_from(
         relative=relative,
         basis=f"{basis}, {omitted:.2%} for effects left out" if omitted else basis,
     )
+
+
+def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
+    """Return by what a scene's outputs err, and how many times shorter its edges are."""
+    if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
+        return dict.fromkeys(Output, (1.0, _BESIDE_ERROR, 0.0)), 1.0
+    if scene.preset is not Preset.FAST:
+        return _FINER, scene.refinement
+    bodies = _UNDER_BALL if isinstance(scene.indenter, Sphere) else _UNDER_RIM
+    grips = plan.is_on(Effect.FRICTION) or scene.contact is ContactMode.BONDED
+    return {**bodies, **(_GRIPPED_SHEAR if grips else _FREE_SHEAR)}, scene.refinement

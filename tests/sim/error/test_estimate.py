@@ -65,13 +65,13 @@ def test_what_is_left_out_is_added(found: PressOutputs) -> None:
 
 
 def test_shorter_edges_leave_a_smaller_rest(found: PressOutputs) -> None:
-    """What no extrapolation sees falls with the square of the edges."""
+    """What no extrapolation sees falls with the edges, and with the barrier, which has a floor."""
     coarse = beside(found, 1.0)
     once, twice = (
         estimate_from(replace(SCENE, refinement=k), PLAN, found, coarse).relative[Output.IMAGE]
         for k in (1.0, 2.0)
     )
-    assert twice == pytest.approx(0.25 * once, rel=1e-2)
+    assert 0.25 * once <= twice < 0.5 * once
 
 
 def test_no_force_has_no_error(found: PressOutputs) -> None:
