@@ -144,15 +144,17 @@ class Memory:
 # On a GPU a lane of the first warp has one of the pairs: a loop over them is a triangular solution,
 # where every lane takes what the ones before it have found.
 _LOOP = """
-    const int length = table.shape[1], start = next.data[b] + length;
-    const double* t = table.data + (size_t)b * length * length;
-    const double* product = products.data + (size_t)b * length;
-    double* share = shares.data + (size_t)b * length;
-    double* kept = left.data + (size_t)b * length;
+    const int length = memory.table.shape[1], count = memory.counts.data[b];
+    const int start = memory.next.data[b] + length;
+    double* t = memory.table.data + (size_t)b * length * length;
+    const double* product = memory.products.data + (size_t)b * length;
+    double* before = memory.on_gradient.data + (size_t)b * length;
+    double* on = memory.along.data + (size_t)b * length;
+    double* share = memory.shares.data + (size_t)b * length;
+    double* kept = memory.left.data + (size_t)b * length;
 """
 _FIRST = f"""
     {_LOOP}
-    double* before = on_gradient.data + (size_t)b * length;
 #if defined(__CUDA_ARCH__)
     if (threadIdx.x < 32) {{
         const int lane = threadIdx.x;
@@ -188,7 +190,6 @@ _FIRST = f"""
 """
 _SECOND = f"""
     {_LOOP}
-    double* on = along.data + (size_t)b * length;
 #if defined(__CUDA_ARCH__)
     if (threadIdx.x < 32) {{
         const int lane = threadIdx.x;
@@ -234,68 +235,25 @@ _SECOND = f"""
     }}
 #endif
 """
-_NOTE = """
-    const int length = table.shape[1], at = (next.data[b] + length - 1) % length;
-    double* t = table.data + (size_t)b * length * length;
-    const double* product = products.data + (size_t)b * length;
-    const double* before = on_gradient.data + (size_t)b * length;
-    const double* on = along.data + (size_t)b * length;
+_NOTE = f"""
+    {_LOOP}
+    const int at = (start - 1) % length;
 #if defined(__CUDA_ARCH__)
     for (int i = threadIdx.x; i < count; i += blockDim.x)
 #else
     for (int i = 0; i < count; ++i)
 #endif
-    {
+    {{
         t[at * length + i] = i == at ? own : fraction * on[i];
         if (i != at) t[i * length + at] = product[i] - before[i];
-    }
+    }}
 #if defined(__CUDA_ARCH__)
     __syncthreads();
 #endif
 """
 
 
-@wp.func_native(_FIRST)
-def _first_loop(
-    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
-    table: wp.array3d(dtype=wp.float64),
-    products: wp.array2d(dtype=wp.float64),
-    shares: wp.array2d(dtype=wp.float64),
-    left: wp.array2d(dtype=wp.float64),
-    on_gradient: wp.array2d(dtype=wp.float64),
-    count: wp.int32,
-    b: wp.int32,
-): ...
-
-
-@wp.func_native(_SECOND)
-def _second_loop(
-    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
-    table: wp.array3d(dtype=wp.float64),
-    products: wp.array2d(dtype=wp.float64),
-    shares: wp.array2d(dtype=wp.float64),
-    left: wp.array2d(dtype=wp.float64),
-    along: wp.array2d(dtype=wp.float64),
-    count: wp.int32,
-    b: wp.int32,
-): ...
-
-
 @wp.func_native(_NOTE)
-def _note(
-    next: wp.array(dtype=wp.int32),  # noqa: A002 - as the structure has it
-    table: wp.array3d(dtype=wp.float64),
-    products: wp.array2d(dtype=wp.float64),
-    on_gradient: wp.array2d(dtype=wp.float64),
-    along: wp.array2d(dtype=wp.float64),
-    fraction: wp.float64,
-    own: wp.float64,
-    count: wp.int32,
-    b: wp.int32,
-): ...
-
-
-@wp.func
 def note_products(memory: Memory, b: wp.int32, fraction: wp.float64, own: wp.float64):
     """Fill in the table for the newest of an environment.
 
@@ -305,44 +263,13 @@ def note_products(memory: Memory, b: wp.int32, fraction: wp.float64, own: wp.flo
         fraction: Of the direction that the step was.
         own: s . y of the newest [J].
     """
-    _note(
-        memory.next,
-        memory.table,
-        memory.products,
-        memory.on_gradient,
-        memory.along,
-        fraction,
-        own,
-        memory.counts[b],
-        b,
-    )
 
 
-@wp.func
+@wp.func_native(_FIRST)
 def first_loop(memory: Memory, b: wp.int32):
     """Turn products of all s with the gradient into shares of all y in what the inverse takes."""
-    _first_loop(
-        memory.next,
-        memory.table,
-        memory.products,
-        memory.shares,
-        memory.left,
-        memory.on_gradient,
-        memory.counts[b],
-        b,
-    )
 
 
-@wp.func
+@wp.func_native(_SECOND)
 def second_loop(memory: Memory, b: wp.int32):
     """Turn products of all y with the inverse's answer into shares of all s in the direction."""
-    _second_loop(
-        memory.next,
-        memory.table,
-        memory.products,
-        memory.shares,
-        memory.left,
-        memory.along,
-        memory.counts[b],
-        b,
-    )
