@@ -36,20 +36,15 @@ class LeanFit:
 
 def fit_lean(
     forces_n: FloatArray, moments_nm: FloatArray, errors_nm: FloatArray, stiffness_nm: FloatArray
-) -> LeanFit | None:
+) -> LeanFit:
     """Fit lean and arm along x and along y.
 
     Args:
-        forces_n: Pressing forces, shape [trial_count].
+        forces_n: Pressing forces of at least three trials, shape [trial_count].
         moments_nm: On the tool about x and y, base frame, shape [trial_count, 2].
         errors_nm: Their standard errors, likewise.
         stiffness_nm: Moment against a lean of one radian at each force, shape [trial_count].
-
-    Returns:
-        None for fewer than three trials.
     """
-    if len(forces_n) < TRIALS_MIN:
-        return None
     columns = np.stack([stiffness_nm, forces_n], axis=1)
     # Positive along x and y: a force at +x turns the tool about -y, one at +y about +x.
     seen = np.stack([-moments_nm[:, 1], moments_nm[:, 0]], axis=1)

@@ -123,7 +123,9 @@ class RobotSection(DeviceSection):
 class ForceSensorSection(DeviceSection):
     """The force sensor. Capacity and overload come from its own calibration sheet.
 
-    ``compression_sign`` times the raw Fz is positive while the indenter is pressed.
+    ``compression_sign`` times the raw Fz is positive while the indenter is pressed. ``to_tip`` is
+    how far the indenter's tip lies from the point that the moments refer to, along the tool's axis;
+    without it no real cell's moments tell how the tool leans.
     """
 
     ceilings = CEILINGS["force_sensor"]
@@ -137,6 +139,7 @@ class ForceSensorSection(DeviceSection):
     capacity: Force = Field(gt=0)
     calibration_sheet: str
     connect_timeout: Time = Field(gt=0, le=60)
+    to_tip: Length | None = None
 
 
 class CameraSection(DeviceSection):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from reports.arrays import ColorImage, FloatArray
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.force_depth import fit_modulus, merge_histories
-from reports.evidence.leaning import LeanFit, fit_lean
+from reports.evidence.leaning import TRIALS_MIN, LeanFit, fit_lean
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
@@ -107,13 +107,17 @@ def lean_of(
 ) -> tuple[LeanFit | None, str]:
     """Return what moments tell, and how; None and the reason where they tell nothing."""
     known = sorted(
-        ((d.record, d.wrench) for d in dwells if d.wrench and d.record.force_measured_n),
+        ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
         key=lambda pair: pair[0].force_measured_n or 0.0,
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
     scene = inputs.scene(forces_n.tolist())
     if not can_lean(scene):
         return None, "a ball looks alike from all sides"
+    if len(known) < TRIALS_MIN:
+        return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
+    if config.force_sensor.is_real and config.force_sensor.to_tip is None:
+        return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
     try:
         restoring, pressed = restoring_moments(scene, forces_n.tolist(), _TRIED_RAD)
     except RigError as error:
@@ -124,16 +128,16 @@ def lean_of(
         contact_n = config.protocol.contact_force
         told = fit_modulus([r for r, _ in known], curve, contact_force_n=contact_n)
         factor = 1.0 if told is None else told.factor
-    turn = _base_from_cell(config)
-    moments, errors = (np.array([w[i][3:] for _, w in known]) for i in range(2))
+    moments, errors = _about_tip(np.array([w for _, w in known]), config)
     fit = fit_lean(
-        forces_n,
-        (moments @ turn.T)[:, :2],
-        np.sqrt(np.square(errors) @ np.square(turn).T)[:, :2],
-        factor * np.interp(forces_n / factor, forces_n, restoring),
+        forces_n, moments, errors, factor * np.interp(forces_n / factor, forces_n, restoring)
     )
-    if fit is None:
-        return None, f"{len(known)} trials tell no lean: three do"
+    size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
+    if size > most:
+        return None, (
+            f"moments tell {_degrees(size)}, more than workspace.max_tilt, {_degrees(most)}: check "
+            "force_sensor.to_tip and how the cell is turned"
+        )
     return fit, f"the moments of {len(known)} trials"
 
 
@@ -166,15 +170,24 @@ def leaned(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
     return shifted
 
 
-def _base_from_cell(config: RigConfig) -> FloatArray:
-    """Return the rotation of the cell's readings into the base frame, shape [3, 3].
+def _about_tip(wrenches: FloatArray, config: RigConfig) -> tuple[FloatArray, FloatArray]:
+    """Return moments about x and y of the base frame at the tip, and their errors [N m].
 
     The cell's axes are the tool's, turned by half a turn about x where its Fz is positive while
     something presses.
+
+    Args:
+        wrenches: Mean and standard error in the cell's frame, shape [trial_count, 2, 6].
     """
-    sign = config.force_sensor.compression_sign
+    sign, to_tip_m = config.force_sensor.compression_sign, config.force_sensor.to_tip or 0.0
     tool = Rotation.from_rotvec(config.robot.tool_rotation).as_matrix()
-    return np.asarray(tool @ np.diag([1.0, -sign, -sign]))
+    turn = tool @ np.diag([1.0, -sign, -sign])
+    x, y, z = to_tip_m * tool[:, 2]
+    # Of a force at the tip, the moment about the cell's point.
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    maps = np.concatenate([-lever @ turn, turn], axis=1)[:2]
+    mean, error = wrenches[:, 0], wrenches[:, 1]
+    return mean @ maps.T, np.sqrt(np.square(error) @ np.square(maps).T)
 
 
 def _planned(

@@ -13,7 +13,15 @@ from tacauchy_rig.cli.drawn_tools import drawn_dwells
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.loop.inputs import inputs_of
-from tacauchy_rig.loop.mounting import Dwell, find_offset, leaned, moved, offset_of, with_found_lean
+from tacauchy_rig.loop.mounting import (
+    Dwell,
+    find_offset,
+    lean_of,
+    leaned,
+    moved,
+    offset_of,
+    with_found_lean,
+)
 
 DEGREE = math.radians(1.0)
 FAST = "replay.preset=fast"
@@ -67,6 +75,8 @@ def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
     [
         (('indenter.kind="sphere"',), slice(None), "alike from all sides"),
         ((), slice(2), "2 trials tell no lean"),
+        ((), slice(0), "0 trials tell no lean"),
+        (('workspace.max_tilt="0.5 deg"',), slice(None), "more than workspace.max_tilt"),
     ],
 )
 def test_what_tells_no_lean_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:
@@ -76,6 +86,30 @@ def test_what_tells_no_lean_says_why(overrides: tuple[str, ...], kept: slice, wh
     found = with_found_lean(dwells, inputs_of(config), config)
     assert all(value.value is None and why in value.basis for value in found.values)
     assert found.inputs.mounting.lean_rad == (0.5 * DEGREE, 0.0)
+
+
+def test_moments_are_taken_about_the_tip() -> None:
+    """A side force at the tip is no lean, however far the cell's point is from it."""
+    config = configured('force_sensor.to_tip="80 mm"')
+    dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())
+    near, _ = lean_of(dwells, inputs_of(config), configured())
+    moved_dwells = [Dwell(record=d.record, wrench=_about(d.wrench, 0.08)) for d in dwells]
+    far, _ = lean_of(moved_dwells, inputs_of(config), config)
+    assert near is not None
+    assert far is not None
+    assert far.lean_rad == pytest.approx(near.lean_rad, abs=0.05 * DEGREE)
+    # Cross talk of half a per cent would be 0.4 mm on that lever.
+    assert far.arm_m == pytest.approx(near.arm_m, abs=2e-5)
+
+
+def _about(
+    wrench: tuple[np.ndarray, np.ndarray] | None, above_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a wrench of the emulated cell, its z up, about a point above the tip."""
+    assert wrench is not None
+    mean, error = wrench[0].copy(), wrench[1]
+    mean[3:] += np.cross([0.0, 0.0, -above_m], mean[:3])
+    return mean, error
 
 
 def test_a_stated_pose_is_taken_as_it_is() -> None:
