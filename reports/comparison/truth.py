@@ -11,8 +11,8 @@ from reports.comparison.results import TrialResult
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TruthComparison
 from tacauchy_rig.run import FZ, TrialRecord
 
-_PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3}
-"""Of each unit in a newton, metre, pascal or newton per second."""
+_PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3, "mrad": 1e3}
+"""Of each unit in a newton, metre, pascal, newton per second or radian."""
 
 
 def recover_truth(
@@ -27,6 +27,7 @@ def recover_truth(
         *_dwell_means(world, trials),
         *_surface(world, evidence),
         *_contact_place(world, evidence, trials),
+        *_lean(world, evidence),
         *_modulus(world, evidence, trials),
         *_force_channel(world, evidence),
     )
@@ -81,6 +82,16 @@ def _contact_place(
                 recovered=calibrated[axis] * 1e3 + float(np.mean(off_mm)),
                 unit="mm",
             )
+
+
+def _lean(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    """Yield what moments told of the tool's lean, whether it was taken or not."""
+    true = world.values.get("tilt_rad")
+    found = {} if evidence.model is None else {each.name: each for each in evidence.model.found}
+    for axis, name in enumerate(("lean towards x", "lean towards y")):
+        value = found[name].value if name in found else None
+        if value is not None and isinstance(true, list | tuple):
+            yield _compared(f"tool's {name}", "mrad", float(true[axis]), value)
 
 
 def _modulus(

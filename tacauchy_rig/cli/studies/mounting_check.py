@@ -45,12 +45,12 @@ def mounting_check(
     for table in (residuals, leans):
         show_table(table)
     lean = ", ".join(f"{math.degrees(angle):.2f} deg" for angle in bench.inputs.mounting.lean_rad)
-    true = config.emulation.tilt or (0.0, 0.0)
+    true = [f'"{math.degrees(angle):g} deg"' for angle in config.emulation.tilt or ()]
+    tilt = f" --set 'emulation.tilt=[{', '.join(true)}]'" if true else ""
     facts = {
         "command": f"tacauchy-rig mounting-check RUN --drawn {drawn} --seed {seed}",
         "version": __version__,
-        "settings": f"emulation.seed={config.emulation.seed}, emulation.tilt="
-        f"{[f'{math.degrees(angle):g} deg' for angle in true]}",
+        "settings": f"--set emulation.seed={config.emulation.seed}{tilt}",
         "preset": preset.value,
         "residuals": residuals,
         "lean": f"{lean} towards x and y",

@@ -10,6 +10,7 @@ from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
+from tacauchy_rig.replayed import FoundValue
 from tacauchy_rig.run import Tare
 from tests.made_model import made_model
 
@@ -70,6 +71,20 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
     assert modulus.recovered == pytest.approx(435.0 / 0.98, rel=0.02)
     assert found["noise of a force sample"].recovered == pytest.approx(7.0)
     assert found["drift of the force sensor"].recovered == pytest.approx(-0.5)
+
+
+def test_a_lean_stands_beside_its_truth(report: ValidationReport, evidence: RunEvidence) -> None:
+    """Whether it was taken or not; what moments did not tell is left out."""
+    world = replace(WORLD, values={**WORLD.values, "tilt_rad": [0.017, -0.001]})
+    told = FoundValue(
+        name="lean towards x", value=0.016, uncertainty=0.002, unit="rad", taken=True, basis=""
+    )
+    untold = replace(told, name="lean towards y", value=None, uncertainty=None, taken=False)
+    run = replace(evidence, world=world, model=made_model(found=(told, untold)), truth=())
+    found = {c.name: c for c in recover_truth(run, report.trials)}
+    lean = found["tool's lean towards x"]
+    assert (lean.true, lean.recovered, lean.unit) == (17.0, 16.0, "mrad")
+    assert "tool's lean towards y" not in found
 
 
 def test_real_run_has_no_truth(evidence: RunEvidence) -> None:
