@@ -146,9 +146,5 @@ class Frames:
         return self._device.record(made.drag, shape, [*at, descents.grip], [])
 
     def _copied(self, stage: int, given: Any, out: Any) -> Any:
-        arrays = [given.held, given.anchors, given.loads]
-        found = [out.held, out.anchors, out.loads]
-        shape = tuple(given.held.shape)
-        return self._device.record(
-            kernels.copy_grip, shape, [self._batch.trail.stage, stage, *arrays], found
-        )
+        inputs = [self._batch.trail.stage, stage, given]
+        return self._device.record(kernels.copy_grip, tuple(given.held.shape), inputs, [out])

@@ -12,6 +12,7 @@ from __future__ import annotations
 import warp as wp
 
 from sim.batch.pilots_way import Guide, Stand, depth_at, motion_at, stand_of
+from sim.contact.friction import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import BEGIN, DONE, RUNNING, Descent
 from sim.solve.memory_kernels import Memory
@@ -353,19 +354,15 @@ def predict(
 def copy_grip(
     wanted: wp.array(dtype=wp.int32),
     goal: wp.int32,
-    held: wp.array3d(dtype=wp.float64),
-    anchors: wp.array3d(dtype=wp.vec3d),
-    loads: wp.array3d(dtype=wp.vec3d),
-    held_out: wp.array3d(dtype=wp.float64),
-    anchors_out: wp.array3d(dtype=wp.vec3d),
-    loads_out: wp.array3d(dtype=wp.vec3d),
+    grip: GripArrays,
+    grip_out: GripArrays,
 ):
     """Copy what points hold where ``wanted`` is the goal; launches over the points."""
     b, f, q = wp.tid()
     if wanted[b] == goal:
-        held_out[b, f, q] = held[b, f, q]
-        anchors_out[b, f, q] = anchors[b, f, q]
-        loads_out[b, f, q] = loads[b, f, q]
+        grip_out.held[b, f, q] = grip.held[b, f, q]
+        grip_out.anchors[b, f, q] = grip.anchors[b, f, q]
+        grip_out.loads[b, f, q] = grip.loads[b, f, q]
 
 
 @wp.kernel(enable_backward=False)

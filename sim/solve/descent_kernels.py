@@ -109,6 +109,13 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         b, thread = wp.tid()
         if b == 0 and thread == 0:
             busy_out[0] = 0
+        if thread == 0:
+            d.act[b] = NOTHING
+            d.wanted[b] = 0
+            d.strained[b] = 0
+            d.holding[b] = 0
+            d.takes[b] = 0
+            d.learns[b] = 0
         if d.status[b] == RUNNING:
             mode = d.mode[b]
             looks = mode < GO  # it begins, tries or is held anew
@@ -172,20 +179,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             mins = wp.vec3d(ratios[0], gaps[0], fractions[0])
             if thread == 0:
                 d.push[b] = push
-                d.act[b] = NOTHING
-                d.wanted[b] = 0
-                d.strained[b] = 0
-                d.holding[b] = 0
-                d.takes[b] = 0
-                d.learns[b] = 0
                 decide(d, memory, b, limits, total, mins, push)
-        elif thread == 0:
-            d.act[b] = NOTHING
-            d.wanted[b] = 0
-            d.strained[b] = 0
-            d.holding[b] = 0
-            d.takes[b] = 0
-            d.learns[b] = 0
 
     @wp.kernel(**made)
     def prepare(
