@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sim.scene.scene import Effect
-from tacauchy_rig.cli.options import JsonFile
+from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
@@ -37,12 +40,10 @@ def effects_check(
     errors: Annotated[
         bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
     ] = False,
+    jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
-    from sim.studies.effects_check.check import check_effects
-    from sim.studies.processes import OwnProcess, ProcessFailedError
-
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit")
     chosen = _drawn(seed, random) if random else _chosen(only or [])
     if list_only:
@@ -53,24 +54,47 @@ def effects_check(
     failed: dict[str, str] = {}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
     command += " --errors" * errors
-    with OwnProcess() as beside:
-        for case in chosen:
-            try:
-                found = beside.call(partial(check_effects, case, errors=errors), limit_s=limit_s)
-            except ProcessFailedError as error:
-                failed[case.name] = f"{error.message} ({case.shows})"
-                complain(f"{case.name:22} not pressed: {error.message}")
-            else:
-                checks.append(found)
-                say(_line(found))
-            # After every scene, so that Ctrl-C leaves what was found until then.
-            if out is not None and checks:
-                write_text(out, _page(checks, failed, f"{command} --limit {limit} --out {out}"))
-            write_json(
-                json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
-            )
+    for case, found in _checked(chosen, errors=errors, limit_s=limit_s, jobs=jobs):
+        if isinstance(found, str):
+            failed[case.name] = f"{found} ({case.shows})"
+            complain(f"{case.name:22} not pressed: {found}")
+        else:
+            checks.append(found)
+            say(_line(found))
+        # After every scene, so that Ctrl-C leaves what was found until then.
+        if out is not None and checks:
+            write_text(out, _page(checks, failed, f"{command} --limit {limit} --out {out}"))
+        write_json(
+            json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
+        )
     _summarise(checks, failed)
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
+
+
+def _checked(
+    cases: Sequence[EffectCase], *, errors: bool, limit_s: float, jobs: int
+) -> Iterator[tuple[EffectCase, EffectCheck | str]]:
+    """Yield the cases in their order with what was found, or why nothing was."""
+    from sim.studies.effects_check.check import check_effects
+    from sim.studies.processes import OwnProcess, ProcessFailedError
+
+    free: SimpleQueue[OwnProcess] = SimpleQueue()
+
+    def check(case: EffectCase) -> EffectCheck | str:
+        process = free.get()
+        try:
+            return process.call(partial(check_effects, case, errors=errors), limit_s=limit_s)
+        except ProcessFailedError as error:
+            return error.message
+        finally:
+            free.put(process)
+
+    pool = ThreadPoolExecutor(jobs)
+    with ExitStack() as running:
+        for _ in range(jobs):
+            free.put(running.enter_context(OwnProcess()))
+        running.callback(pool.shutdown, wait=False, cancel_futures=True)
+        yield from zip(cases, pool.map(check, cases), strict=True)
 
 
 def _chosen(names: list[str]) -> list[EffectCase]:
