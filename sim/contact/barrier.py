@@ -108,24 +108,6 @@ def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
 
 
 @wp.kernel(enable_backward=False)
-def scatter(
-    # Model:
-    faces: wp.array2d(dtype=wp.int32),
-    values: wp.array2d(dtype=wp.float64),
-    # Data in:
-    point_vectors: wp.array2d(dtype=wp.vec3d),
-    # Data out:
-    nodes_out: wp.array(dtype=wp.vec3d),
-):
-    """Add a vector at every contact point to its nodes; launches over [face_count, point_count]."""
-    f, q = wp.tid()
-    v = point_vectors[f, q]
-    if wp.dot(v, v) > wp.float64(0.0):
-        for k in range(faces.shape[1]):
-            wp.atomic_add(nodes_out, faces[f, k], v * values[q, k])
-
-
-@wp.kernel(enable_backward=False)
 def hessian(
     # Model:
     blocks: wp.array3d(dtype=wp.int32),
