@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from sim.effects.coarse import CoarsePath
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.estimate import ErrorEstimate, estimate_from, failed, rung
+from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
 from sim.scene.indenter import Indenter, describe
-from sim.scene.scene import ContactMode, Drive, Motion, Output, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force, push_to_force
@@ -41,6 +42,7 @@ def replay_scene(
     friction: float = 0.0,
     tilt_rad: tuple[float, float] = (0.0, 0.0),
     centre_m: tuple[float, float] = (0.0, 0.0),
+    duration_s: float = 1.0,
 ) -> Scene:
     """Return the press to the largest of some forces.
 
@@ -55,6 +57,7 @@ def replay_scene(
         friction: Coulomb coefficient between indenter and gel.
         tilt_rad: Rotations of the indenter about x and y [rad].
         centre_m: Where its tip comes down [m].
+        duration_s: Time from touch to dwell [s], for a gel that relaxes.
 
     Raises:
         ConfigError: No preset keeps the tolerance.
@@ -68,6 +71,7 @@ def replay_scene(
         "friction": friction,
         "motion": Motion(tilt_rad=tilt_rad),
         "centre_m": centre_m,
+        "duration_s": duration_s,
         "outputs": frozenset(Output),
     }
     scene = sensor.scene(indenter, target, **asked)
@@ -86,7 +90,8 @@ def replay_forces(
 
     Driven by load, the force is met to rounding. The paper's displacement search (section IV-C)
     goes on to a tenth of the scene's tolerance, since that costs one Newton step or two: the
-    remaining mismatch then says nothing about the simulation.
+    remaining mismatch then says nothing about the simulation. A gel that relaxes is pressed anew
+    for each force, in the scene's time: what it remembers of a smaller one was another trial.
 
     Args:
         scene: As ``replay_scene`` makes it.
@@ -108,6 +113,8 @@ def replay_forces(
     worth = _Worth(scene, plan)
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
+        if plan.is_on(Effect.VISCOELASTICITY):
+            path = path_for(scene, plan, model=path.model)
         trials[position] = _trial(scene, plan, path, worth, position, forces_n[position])
         done = trials[position][0]
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
@@ -135,6 +142,9 @@ class _Worth:
 
     def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
         """Push the other path with a point's force; forces do not fall from call to call."""
+        if self._plan.is_on(Effect.VISCOELASTICITY):
+            alone = replace(self._scene, target=Target(force_n=float(point.force_n[2])))
+            return estimated(alone, self._plan, outputs_of(path, point))
         try:
             if self._failure is not None:
                 raise self._failure
@@ -154,8 +164,9 @@ def _trial(
     force_n: float,
 ) -> tuple[ReplayTrial, TrialFields]:
     started = time.perf_counter()
-    if scene.drive is Drive.LOAD:
-        match = push_to_force(path, force_n)
+    relaxes = plan.is_on(Effect.VISCOELASTICITY)
+    if scene.drive is Drive.LOAD or relaxes:
+        match = push_to_force(path, force_n, duration_s=scene.duration_s if relaxes else None)
     else:
         match = find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
     solved = time.perf_counter()
@@ -178,7 +189,8 @@ def _trial(
         balance_relative=result.force_balance_relative,
         gap_min_m=result.gap_min_m,
         min_jacobian=result.min_jacobian,
-        force_history=match.history,
+        # On its way a gel that relaxes is pressed quicker than at its end.
+        force_history=match.history[-1:] if relaxes else match.history,
     )
     return trial, fields
 

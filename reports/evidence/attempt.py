@@ -130,6 +130,15 @@ class AttemptReading:
         return self._curve(self.arm.stamp_ns, contact_z_m - self.arm.pose[:, Z])
 
     @property
+    def press_duration_s(self) -> float | None:
+        """Time from the first touch to the middle of the dwell [s]; None where one is not known."""
+        curve, dwell = self.depth_curve, self.dwell_s
+        if curve is None or dwell is None:
+            return None
+        touched = curve.time_s[(curve.value > 0.0) & (curve.time_s < dwell[0])]
+        return 0.5 * sum(dwell) - float(touched[0]) if len(touched) else None
+
+    @property
     def streams(self) -> tuple[StreamTiming, ...]:
         """When the samples of each stream arrived, and how many are missing."""
         config = self.store.config

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sim.scene.indenter import Indenter
-from sim.scene.material import Layer, Material, interface_shares
+from sim.scene.material import Layer, Material, RelaxationTerm, interface_shares
 from sim.scene.pad import BoxPad, Pad
 from sim.scene.scene import Scene, Target
 from sim.scene.tetwild_options import TetWildOptions, tetwild_options_of
@@ -21,6 +21,7 @@ from sim.sensor.tables import (
     read_counts,
     read_number,
     read_numbers,
+    read_relaxation,
     refuse_unknown,
     surface_of,
 )
@@ -76,6 +77,14 @@ class Sensor:
         }
         return Scene(indenter=indenter, target=target, **{**own, **further})
 
+    def relaxing(self, terms: tuple[RelaxationTerm, ...]) -> Sensor:
+        """Return the sensor with a gel, all of its layers, that relaxes by these terms."""
+        layers = tuple(
+            replace(layer, material=replace(layer.material, relaxation=terms))
+            for layer in self.layers
+        )
+        return replace(self, material=replace(self.material, relaxation=terms), layers=layers)
+
     def young_uncertainty(self) -> tuple[float, str]:
         """Return the relative uncertainty of the stiffness and its source.
 
@@ -128,7 +137,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
     numbers = read_numbers(data, origin)
     counts = read_counts(data, origin)
     layers = _layers(data, numbers, origin)
-    return Sensor(
+    known = Sensor(
         name=str(data["name"]),
         title=str(data["title"]),
         pad=_pad(data["pad"], numbers, origin, folder or Path()),
@@ -140,6 +149,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         tetwild=tetwild_options_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
         numbers=numbers,
     )
+    return known.relaxing(read_relaxation(data.get("relaxation", []), origin))
 
 
 def _pad(section: dict[str, Any], numbers: dict[str, Measured], origin: str, folder: Path) -> Pad:

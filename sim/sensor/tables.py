@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim.scene.material import RelaxationTerm
 from sim.scene.pad import SurfacePad, read_surface_pad
 from sim.scene.triangle_file import MeshUnit
 from tacauchy_rig.errors import ConfigError, naming
@@ -42,7 +43,7 @@ def refuse_unknown(data: dict[str, Any], origin: str) -> None:
     Raises:
         ConfigError: The message names the keys.
     """
-    known = {"name", "title", "lamps", "layers", "optics", "mesh", *DIMENSIONS}
+    known = {"name", "title", "lamps", "layers", "optics", "mesh", "relaxation", *DIMENSIONS}
     keys = [key for key in data if key not in known]
     for section, dimensions in DIMENSIONS.items():
         allowed = {*dimensions, *_COUNTS.get(section, ()), *_PLAIN.get(section, ())}
@@ -99,6 +100,35 @@ def read_number(entry: Any, name: str, dimension: Dimension) -> Measured:
         for part in ("value", "uncertainty")
     )
     return Measured(value=value, uncertainty=uncertainty, source=str(entry["source"]))
+
+
+def read_relaxation(entries: Any, origin: str) -> tuple[RelaxationTerm, ...]:
+    """Read the ``[[relaxation]]`` tables, one a term of a Prony series of all of the gel.
+
+    Raises:
+        ConfigError: One lacks share, time or source, or they are no such numbers.
+    """
+    terms = []
+    for index, entry in enumerate(entries, start=1):
+        name = f"relaxation.{index}"
+        if not isinstance(entry, dict) or set(entry) != {"share", "time", "source"}:
+            raise ConfigError(
+                f"{origin}: {name} needs a share, a time and a source",
+                remedy='write share = "3 %", time = "0.3 s", source = "where it is from"',
+            )
+        share, time_s = (
+            parse_quantity(str(entry[key]), dimension=dimension, field=f"{origin}: {name}.{key}")
+            for key, dimension in (("share", Dimension.RATIO), ("time", Dimension.TIME))
+        )
+        with naming(f"{origin}: {name}"):
+            terms.append(RelaxationTerm(share=share, time_s=time_s))
+    total = sum(term.share for term in terms)
+    if total >= 1.0:
+        raise ConfigError(
+            f"{origin}: the relaxation's shares sum to {total:g}",
+            remedy="give shares of the stiffness that is there at once; together less than 1",
+        )
+    return tuple(terms)
 
 
 def read_counts(data: dict[str, Any], origin: str) -> dict[str, int]:

@@ -174,10 +174,11 @@ class ReplaySection(Section):
     ``modulus`` ``depths`` the stated modulus, of all layers, is multiplied by what makes the
     simulated forces at the run's measured depths agree with the measured ones; ``young`` is taken
     as it is. ``law`` is the gel's constitutive law, ``friction`` Coulomb's coefficient between
-    indenter and gel. ``indenter``, as ``press --indenter`` has it, takes the place of
-    ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one of triangles. ``tilt`` is how far the
-    indenter's axis leans towards x and y, ``offset`` where it comes down beside ``sensor.surface``;
-    with ``pose`` ``found`` what moments and images tell takes their place.
+    indenter and gel; with ``relaxation`` a gel relaxes if its file says how. ``indenter``, as
+    ``press --indenter`` has it, takes the place of ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one
+    of triangles. ``tilt`` is how far the indenter's axis leans towards x and y, ``offset`` where it
+    comes down beside ``sensor.surface``; with ``pose`` ``found`` what moments and images tell takes
+    their place.
     """
 
     ceilings = CEILINGS["replay"]
@@ -191,6 +192,7 @@ class ReplaySection(Section):
     poisson: float | None = Field(default=None, gt=-1, lt=0.5)
     law: str | None = None
     friction: Ratio = Field(default=0.0, ge=0)
+    relaxation: bool = True
     indenter: str | None = None
     pose: PoseSource = PoseSource.STATED
     tilt: tuple[Angle, Angle] | None = None

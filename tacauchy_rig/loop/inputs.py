@@ -48,6 +48,7 @@ class ReplayInputs:
         tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
         force_tolerance_n: Largest |F_z simulated - measured| [N].
         friction: Coulomb coefficient between indenter and gel.
+        duration_s: Time from touch to dwell [s], for a gel that relaxes.
     """
 
     sensor: Sensor
@@ -58,6 +59,7 @@ class ReplayInputs:
     tolerance: Tolerance | None = None
     friction: float = 0.0
     mounting: Mounting = field(default_factory=Mounting)
+    duration_s: float = 1.0
 
     def scene(self, forces_n: Sequence[float]) -> Scene:
         """Return the press to the largest of some forces [N].
@@ -76,6 +78,7 @@ class ReplayInputs:
             friction=self.friction,
             tilt_rad=self.mounting.tilt_rad,
             centre_m=self.mounting.offset_m,
+            duration_s=self.duration_s,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from statistics import median
 
 from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading, RunReading
@@ -91,13 +92,18 @@ def replay_run(
 def mounted(
     run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
 ) -> FoundMounting:
-    """Return how a run is replayed with what its moments tell of the indenter's lean.
+    """Return how a run is replayed in its own time, and with the lean that its moments tell.
 
     Raises:
         RecordError: No trial has a measured force.
         ConfigError: No preset keeps the tolerance.
     """
-    found = with_found_lean(dwells_of(measured_attempts(run)), inputs, run.store.config)
+    attempts = measured_attempts(run)
+    lasted = [each.press_duration_s for each in attempts]
+    known = [seconds for seconds in lasted if seconds is not None]
+    if known:
+        inputs = replace(inputs, duration_s=median(known))
+    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found

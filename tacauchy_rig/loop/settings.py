@@ -80,7 +80,8 @@ def sensor_of(config: RigConfig) -> Sensor:
     layers = tuple(
         replace(layer, material=replace(layer.material, law=law)) for layer in sensor.layers
     )
-    return replace(sensor, material=replace(material, law=law), layers=layers)
+    sensor = replace(sensor, material=replace(material, law=law), layers=layers)
+    return sensor if config.replay.relaxation else sensor.relaxing(())
 
 
 def preset_of(config: RigConfig) -> Preset:

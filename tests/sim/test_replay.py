@@ -13,8 +13,9 @@ from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder
+from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Preset
-from sim.sensor.sensor import load_sensor
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.replayed import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
@@ -129,3 +130,25 @@ def test_vtu_opens_in_vtk(
     assert len(grid.cell_data) == 5
     for data in (grid.point_data, grid.cell_data):
         assert all(np.array_equal(data[name], fields[0].arrays[name]) for name in data)
+
+
+def test_a_gel_that_relaxes_is_pressed_in_the_time_it_took() -> None:
+    """A tenth of the stiffness at once, gone within 3 s: after 2 s the same force is less deep.
+
+    Of a straight ramp 1 - exp(-x) over x is left, x = 2/3: 8 % more stiffness than for ever.
+    """
+    sensor = load_sensor("gelsight-mini")
+    relaxing = sensor.relaxing((RelaxationTerm(share=0.1, time_s=3.0),))
+
+    def depths(gel: Sensor, duration_s: float) -> list[float]:
+        scene = replay_scene(gel, PUNCH, FORCES, preset=Preset.FAST, duration_s=duration_s)
+        replay, _ = replay_forces(scene, FORCES)
+        on = {row["name"]: row["on"] for row in replay.model.effects}["viscoelasticity"]
+        assert on is (gel is relaxing)
+        assert all(trial.force_error_estimate for trial in replay.trials)
+        return [trial.depth_simulated_m for trial in replay.trials]
+
+    slow, quick, waited = depths(sensor, 2.0), depths(relaxing, 2.0), depths(relaxing, 300.0)
+    share = 0.1 / 0.9 * (1.0 - np.exp(-2.0 / 3.0)) / (2.0 / 3.0)
+    assert np.divide(slow, quick) == pytest.approx(1.0 + share, abs=0.02)
+    assert waited == pytest.approx(slow, rel=2e-3)

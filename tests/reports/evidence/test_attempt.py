@@ -147,6 +147,30 @@ def test_force_is_tared_and_positive_in_compression(
     assert curve.time_s == pytest.approx([0.0, 0.01])
 
 
+def test_the_wrench_of_a_dwell_is_tared_and_has_an_error(
+    store: RunStore, press: SimpleNamespace
+) -> None:
+    """Its mean in the cell's own frame; a dwell of few samples has none."""
+    attempt = read(store, press, [], force_n=(3.0, 3.2) * 8)
+    found, tare = attempt.dwell_wrench, attempt.record.tare_before
+    assert found is not None
+    assert tare is not None
+    mean, error = found
+    assert mean[2] == pytest.approx(3.1 - tare.mean[2])
+    scatter = 0.1 * np.sqrt(16 / 15)
+    least = scatter / np.sqrt(16)
+    assert error[2] == pytest.approx(np.hypot(least, tare.deviation[2] / tare.sample_count**0.5))
+    assert read(store, press, [], force_n=(3.0, 3.2)).dwell_wrench is None
+
+
+def test_a_press_lasts_from_the_touch_to_the_middle_of_its_dwell(
+    store: RunStore, press: SimpleNamespace
+) -> None:
+    """Heights are recorded from the dwell on alone: nobody knows when it was touched."""
+    attempt = read(store, press, [], z_m=(0.1995, 0.1992))
+    assert attempt.press_duration_s is None
+
+
 def test_depth_grows_downwards(store: RunStore, press: SimpleNamespace) -> None:
     """Half a millimetre below first contact is a depth of 0.5 mm."""
     curve = read(store, press, [], z_m=(0.2002, 0.1992)).depth_curve

@@ -106,3 +106,44 @@ def test_broken_layers_are_refused(old: str, new: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
         parse_sensor(LAYERED.replace(old, new), origin="mine.toml")
     assert "mine.toml" in caught.value.message
+
+
+RELAXING = (
+    LAYERED
+    + """
+[[relaxation]]
+share = "3 %"
+time = "0.3 s"
+source = "made up"
+
+[[relaxation]]
+share = "4 %"
+time = "3 s"
+source = "made up"
+"""
+)
+
+
+def test_a_gel_relaxes_as_its_file_says() -> None:
+    """All layers by the same terms; without any it is elastic."""
+    sensor = parse_sensor(RELAXING, origin="mine.toml")
+    terms = sensor.material.relaxation
+    assert [(term.share, term.time_s) for term in terms] == [(0.03, 0.3), (0.04, 3.0)]
+    assert all(layer.material.relaxation == terms for layer in sensor.layers)
+    assert sensor.relaxing(()) == parse_sensor(LAYERED, origin="mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('time = "0.3 s"', 'time = "0.3 mm"', "relaxation.1.time"),
+        ('time = "3 s"', 'times = "3 s"', "relaxation.2 needs a share, a time"),
+        ('share = "3 %"', 'share = "-3 %"', "relaxation.1: relaxation term of share -0.03"),
+        ('share = "3 %"', 'share = "97 %"', "shares sum to 1.01"),
+    ],
+)
+def test_a_broken_relaxation_is_refused(old: str, new: str, message: str) -> None:
+    """The message names the file and the term."""
+    with pytest.raises(ConfigError, match=message) as caught:
+        parse_sensor(RELAXING.replace(old, new), origin="mine.toml")
+    assert "mine.toml" in caught.value.message

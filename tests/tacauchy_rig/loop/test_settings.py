@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,17 @@ def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
     assert scene.motion.tilt_rad == pytest.approx((math.radians(0.5), math.radians(1.0)))
     assert scene.centre_m == (0.2e-3, 0.0)
     assert describe(scene.indenter) == "mesh:cube.obj,unit=mm"
+
+
+def test_relaxation_may_be_left_out(tmp_path: Path) -> None:
+    """It comes from the sensor's file, and goes with one word."""
+    text = (files("sim.sensor") / "files" / "gelsight-mini.toml").read_text()
+    relaxing = '\n[[relaxation]]\nshare = "3 %"\ntime = "0.3 s"\nsource = "made up"\n'
+    (tmp_path / "mine.toml").write_text(text + relaxing)
+    named = f'sensor.name="{tmp_path / "mine.toml"}"'
+    assert inputs_of(configured(named)).sensor.material.relaxation
+    without = inputs_of(configured(named, "replay.relaxation=false"))
+    assert without.sensor.material.relaxation == ()
 
 
 @pytest.mark.parametrize(
