@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -65,16 +66,24 @@ if __name__ == "__main__":
 """
 
 
-def _long_command(folder: Path, names: list[str]) -> subprocess.Popen[bytes]:
+@contextmanager
+def _long_command(folder: Path, names: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the command in a session of its own; nothing of it is left, whatever a test finds."""
     script = folder / "long.py"
     script.write_text(_LONG.format(names=names), encoding="utf-8")
     root = Path(__file__).parents[2]
-    return subprocess.Popen(
+    command = subprocess.Popen(
         [sys.executable, str(script)],
         env=os.environ | {"PYTHONPATH": str(root)},
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+    try:
+        yield command
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(command.pid, signal.SIGKILL)
+        command.wait()
 
 
 def _stay(name: str) -> None:
