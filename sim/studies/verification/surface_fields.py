@@ -35,7 +35,10 @@ _YOUNG_PA, _POISSON = 0.3e6, 0.49
 _MODULUS_PA, _SHEAR_PA = _YOUNG_PA / (1.0 - _POISSON**2), 0.5 * _YOUNG_PA / (1.0 + _POISSON)
 _GEL = f"--young {_YOUNG_PA * 1e-6:g}MPa --poisson {_POISSON} --law linear"
 _DEEP = f"--pad disc:radius=15mm,height=10mm {_GEL}"
-_GRIPS = f"--contact friction:{_FRICTION} --effect friction=on --effect locking-free-element=on"
+_GRIPS = (
+    f"--contact friction:{_FRICTION} --effect friction=on --effect locking-free-element=on"
+    " --output shear"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
