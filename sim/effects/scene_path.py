@@ -5,19 +5,23 @@ from __future__ import annotations
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.presets import build_model
 from sim.material.elastic_body import densities_of
-from sim.scene.scene import Drive, Effect, Scene
+from sim.scene.scene import Drive, Effect, Output, Scene
 from sim.scene.tilted_indenter import tilted
 from sim.solve.dynamics.implicit import moving_press
 from sim.solve.dynamics.weight_and_inertia import weight
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.load_steps.path import STEP_SHARE, Hold, LoadingPath
 from sim.solve.model import Model
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
+# Where shear is asked for and points may slide, steps are so many times shorter, since the shear
+# depends on the way. Three balls with mu 0.5: it is 0.8 to 2.0 % of the pressure off, with steps 4
+# times shorter 0.2 to 0.6 %, for 1.3 to 1.8 times the time (against 8 times shorter ones).
+_SHEAR_STEPS = 4.0
 
 
 def path_for(
@@ -40,11 +44,13 @@ def path_for(
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
     heavy = plan.is_on(Effect.GRAVITY)
+    way_counts = Output.SHEAR in scene.outputs and plan.is_on(Effect.FRICTION)
     return LoadingPath(
         model,
         scene.indenter,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
+        step_max_m=STEP_SHARE * model.height_m / (_SHEAR_STEPS if way_counts else 1.0),
         potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
         options=_options(scene),
     )
