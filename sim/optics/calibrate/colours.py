@@ -11,21 +11,11 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
-from sim.optics.calibrate.fit.photometric_fit import (
-    REFERENCE,
-    RIDGE,
-    fit_photometric,
-    fit_response,
-)
+from sim.optics.calibrate.fit.photometric_fit import REFERENCE, RIDGE, fit_photometric, fit_response
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints, joined
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.presses.light import exposed, light_weights, seen_change
-from sim.optics.calibrate.presses.scene import (
-    BEYOND_RIM,
-    PlacedPress,
-    PredictedPixels,
-    PressScene,
-)
+from sim.optics.calibrate.presses.scene import BEYOND_RIM, PlacedPress, PredictedPixels, PressScene
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
@@ -34,6 +24,7 @@ from tacauchy_rig.errors import ConfigError
 
 log = logging.getLogger(__name__)
 
+_ROUNDS = 3  # how often circles are nudged and the model is fitted again
 _FEW = 6000  # samples by which a response and lamps are searched for
 
 
@@ -63,16 +54,8 @@ class Calibration:
         return [PlacedPress(press=p, circle=circle, light=light) for p, circle, light in found]
 
 
-def calibrate_optics(
-    presses: Sequence[BallPress],
-    scene: PressScene,
-    *,
-    rounds: int = 3,
-) -> Calibration:
+def calibrate_optics(presses: Sequence[BallPress], scene: PressScene) -> Calibration:
     """Fit model, circles, light and no-contact frame by turns.
-
-    Args:
-        rounds: How often circles are nudged and the model is fitted again.
 
     Raises:
         ConfigError: There is no press, or one has another size than the no-contact frame.
@@ -84,15 +67,15 @@ def calibrate_optics(
         PlacedPress(press=press, circle=press.circle, light=scene.light(press, press.circle, None))
         for press in presses
     ]
-    model = fit_model(placed, scene, None)
+    model = fit_model(placed, scene)
     averaged = scene
-    for turn in range(rounds):
+    for turn in range(_ROUNDS):
         for i, each in enumerate(placed):
             lit = replace(each, light=averaged.light(each.press, each.circle, model))
             placed[i] = replace(lit, circle=averaged.nudged(lit, model))
         averaged = replace(scene, background=averaged_no_contact(placed, model, scene))
         model = fit_model(placed, averaged, model)
-        log.debug("calibration round %d of %d done", turn + 1, rounds)
+        log.debug("calibration round %d of %d done", turn + 1, _ROUNDS)
     return Calibration(
         model=model,
         scene=averaged,
@@ -104,7 +87,7 @@ def calibrate_optics(
 def fit_model(
     placed: Sequence[PlacedPress],
     scene: PressScene,
-    known: PhotometricModel | None,
+    known: PhotometricModel | None = None,
     *,
     blur_px: float = 0.0,
 ) -> PhotometricModel:
@@ -198,9 +181,7 @@ def averaged_no_contact(
         change = pixels.predict(circle).reshape(total.shape)
         level = image - scene.light_image(each.light) - change
         outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        told = outside[..., None] & exposed(image)
-        if scene.masked is not None:
-            told &= ~scene.masked[..., None]
+        told = (outside & scene.bare)[..., None] & exposed(image)
         total += np.where(told, level, 0.0)
         count += told
     return np.asarray(total / count)
@@ -218,12 +199,7 @@ class PressSamples:
     """
 
     def __init__(
-        self,
-        scene: PressScene,
-        placed: PlacedPress,
-        *,
-        blur_px: float = 0.0,
-        every: int = 1,
+        self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0, every: int = 1
     ) -> None:
         press, circle = placed.press, placed.circle
         rows, columns = (places[::every] for places in scene.pixels_around(press.circle))

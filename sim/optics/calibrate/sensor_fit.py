@@ -12,7 +12,7 @@ from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
 from sim.optics.calibrate.fit.photometric_fit import lowest_place
 from sim.optics.calibrate.press_image import lit_presses
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
@@ -48,21 +48,14 @@ def calibrate_presses(
         found = calibrate_with_shadows(presses, scene, shadows)
     if not blurred:
         return found
-    return _sharpened(lit_presses(presses, found), found)
-
-
-def _sharpened(placed: Sequence[PlacedPress], found: Calibration) -> Calibration:
-    """Fit the blur, and the colours once more to the gel as the blur shows it.
-
-    Without that the colours take a part of the blur for the gel's own.
-    """
+    placed = lit_presses(presses, found)
     found = replace(found, blur_px=fit_blur(placed, found))
     for _ in range(_BLUR_TURNS):
         blur_px = found.blur_px
         if blur_px == 0.0:
             break
-        model = fit_model(placed, found.scene, found.model, blur_px=blur_px)
-        found = replace(found, model=model)
+        # The colours once more, to the gel as the blur shows it: or they take a part of it.
+        found = replace(found, model=fit_model(placed, found.scene, found.model, blur_px=blur_px))
         found = replace(found, blur_px=fit_blur(placed, found))
         if abs(found.blur_px - blur_px) < _SETTLED_PX:
             break
@@ -80,13 +73,15 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     scene = found.scene
     for each in placed:
         press, circle = each.press, each.circle
-        window = _around(circle, *press.image.shape[:2])
-        rows, columns = np.mgrid[window]
+        reach = _REACH * circle.radius_px + _MARGIN_PX
+        window = tuple(
+            slice(max(0, int(middle - reach)), int(middle + reach) + 2)
+            for middle in (circle.y_px, circle.x_px)
+        )
+        rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
-        if scene.masked is not None:
-            near &= ~scene.masked[window]
         image = press.image[window]
-        told = near[..., None] & exposed(image)
+        told = (near & scene.bare[window])[..., None] & exposed(image)
         seen = image - scene.background[window] - scene.light_image(each.light)[window]
         pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)
@@ -94,15 +89,6 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
     return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)
-
-
-def _around(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
-    """Return the rows and columns that are looked at, and as far beyond as a blur reaches."""
-    reach = _REACH * circle.radius_px + _MARGIN_PX
-    return (
-        slice(max(0, int(circle.y_px - reach)), min(height, int(circle.y_px + reach) + 2)),
-        slice(max(0, int(circle.x_px - reach)), min(width, int(circle.x_px + reach) + 2)),
-    )
 
 
 def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -34,19 +34,12 @@ _STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Dent:
-    """One press at coarse pixels: bulge [m], tilt, and what the colours leave over, [n, 3]."""
-
-    bulge: Float32Array
-    tilt: Float32Array
-    left_over: Float32Array
+_Dent = tuple[Float32Array, Float32Array, Float32Array]
+"""A press at coarse pixels: bulge [m], tilt, and what the colours leave over, shape [n, 3]."""
 
 
 def calibrate_with_shadows(
-    presses: Sequence[BallPress],
-    scene: PressScene,
-    nominal: ShadowCaster,
+    presses: Sequence[BallPress], scene: PressScene, nominal: ShadowCaster
 ) -> Calibration:
     """Fit colours, and direction, elevation and colour of the lamps' shadows.
 
@@ -99,7 +92,7 @@ def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
         small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         return np.asarray(small, dtype=np.float32)
 
-    return _Dent(coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3))
+    return coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3)
 
 
 def _coloured(
@@ -108,15 +101,15 @@ def _coloured(
     """Give the lamps the colours that explain best what is left over; return the misfit too."""
     count = len(shadows.lamps)
     normal, load, total = np.zeros((count, count)), np.zeros((count, 3)), 0.0
-    for dent in dents:
+    for bulge, tilt, left_over in dents:
         lost = [
-            lost_share(dent.bulge, dent.tilt, lamp, geometry, softness_m=shadows.softness_m)
+            lost_share(bulge, tilt, lamp, geometry, softness_m=shadows.softness_m)
             for lamp in shadows.lamps
         ]
         terms = np.stack(lost).reshape(count, -1).astype(np.float64)
         normal += terms @ terms.T
-        load -= terms @ dent.left_over
-        total += float(np.sum(dent.left_over**2))
+        load -= terms @ left_over
+        total += float(np.sum(left_over**2))
     colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
     misfit = total - 2.0 * float(np.sum(colours * load))
     misfit += float(np.einsum("ic,ij,jc->", colours, normal, colours))

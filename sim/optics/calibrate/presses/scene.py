@@ -27,6 +27,8 @@ from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 
+PixelIndices = NDArray[np.intp]
+
 BEYOND_RIM = 1.15
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
@@ -99,7 +101,7 @@ class PressScene:
         tilt = np.stack([dx * outward, dy * outward])
         if self.rest_slope is not None:
             upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
-            tilt = _tilt_of(tilt / upright + self._slope_at_rest(self.rest_slope, columns, rows))
+            tilt = _tilt_of(tilt / upright + _slope_at(self.rest_slope, columns, rows))
         return SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature)
 
     def reach_px(self, circle: Circle) -> float:
@@ -113,13 +115,9 @@ class PressScene:
         """Return the unloaded gel at pixels; None where it is level."""
         if self.rest_slope is None:
             return None
-        tilt = _tilt_of(self._slope_at_rest(self.rest_slope, columns, rows))
         level = np.zeros(len(columns))
+        tilt = _tilt_of(_slope_at(self.rest_slope, columns, rows))
         return SurfacePoints(tilt=tilt, indentation_m=level, curvature=level)
-
-    @staticmethod
-    def _slope_at_rest(slope: FloatArray, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
-        return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
 
     def whole_image(self, model: PhotometricModel) -> PredictedPixels:
         """Return all pixels, row after row, made ready to be predicted."""
@@ -131,31 +129,30 @@ class PressScene:
         rows, columns = self._lattice(1)
         return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
 
+    @property
+    def bare(self) -> NDArray[np.bool_]:
+        """True where no marker hides the gel, shape [height, width]."""
+        shape = self.background.shape[:2]
+        return np.ones(shape, dtype=np.bool_) if self.masked is None else ~self.masked
+
     def normalised(self, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
         """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
         height, width = self.background.shape[:2]
         return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
 
-    def pixels_around(self, circle: Circle) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def pixels_around(self, circle: Circle) -> tuple[PixelIndices, PixelIndices]:
         """Return rows and columns of the fitting lattice in contact and skirt."""
         rows, columns = self._lattice(self.stride)
         near = circle.distance(columns, rows) < _SKIRT_RADII * circle.radius_px
-        near &= self._bare(rows, columns)
+        near &= self.bare[rows, columns]
         return rows[near], columns[near]
 
-    def _bare(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.bool_]:
-        if self.masked is None:
-            return np.ones(rows.shape, dtype=np.bool_)
-        return ~self.masked[rows, columns]
-
-    def _lattice(self, stride: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _lattice(self, stride: int) -> tuple[PixelIndices, PixelIndices]:
         height, width = self.background.shape[:2]
         rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
 
-    def expected(
-        self, rows: NDArray[np.intp], columns: NDArray[np.intp], light: FloatArray
-    ) -> FloatArray:
+    def expected(self, rows: PixelIndices, columns: PixelIndices, light: FloatArray) -> FloatArray:
         """Return levels of a frame's unloaded gel at pixels of the image, shape [n, 3]."""
         position = self.normalised(columns, rows)
         return np.asarray(self.background[rows, columns] + light_at(light, position))
@@ -173,7 +170,7 @@ class PressScene:
         distance = circle.distance(columns, rows)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
-        outside &= self._bare(rows, columns)
+        outside &= self.bare[rows, columns]
         rows, columns = rows[outside], columns[outside]
         seen = seen_change(press.image[rows, columns], self.background[rows, columns])
         change = seen.change
@@ -221,6 +218,10 @@ def _tilt_of(slope: FloatArray) -> FloatArray:
     return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
 
 
+def _slope_at(slope: FloatArray, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
+    return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
+
+
 class PredictedPixels:
     """Pixels of a scene through a model, whatever is pressed.
 
@@ -233,8 +234,8 @@ class PredictedPixels:
         self,
         scene: PressScene,
         model: PhotometricModel,
-        columns: NDArray[np.intp],
-        rows: NDArray[np.intp],
+        columns: PixelIndices,
+        rows: PixelIndices,
     ) -> None:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
         self._position = scene.normalised(columns, rows)
@@ -247,31 +248,27 @@ class PredictedPixels:
     def light_change(self, circle: Circle) -> FloatArray:
         """Return the model's change of light over its reference, shape [n, 3]."""
         found = np.zeros_like(self._light)
-        moved = self._moved(circle)
-        found[moved] = self._change(circle, moved)
+        moved, change = self._moved(circle)
+        found[moved] = change
         return found
 
     def predict(self, circle: Circle) -> FloatArray:
         """Return the model's colour change [grey levels], shape [n, 3]."""
         found = np.zeros_like(self._light)
-        moved, response = self._moved(circle), self._model.response
-        light, change = self._light[moved], self._change(circle, moved)
+        moved, change = self._moved(circle)
+        light, response = self._light[moved], self._model.response
         gain = self._model.gain(light)
         loaded = light + (change if gain is None else gain * change)
         found[moved] = response.levels(loaded) - response.levels(light)
         return found
 
-    def _moved(self, circle: Circle) -> NDArray[np.intp]:
-        """Return which pixels see gel that the contact moves."""
+    def _moved(self, circle: Circle) -> tuple[PixelIndices, FloatArray]:
+        """Return which pixels see gel that the contact moves, and how their light changes."""
         distance = circle.distance(self._columns, self._rows)
-        return np.flatnonzero(distance < self._scene.reach_px(circle))
-
-    def _change(self, circle: Circle, chosen: NDArray[np.intp]) -> FloatArray:
-        gel = self._scene.surface(circle, self._columns[chosen], self._rows[chosen])
-        change = self._modelled(gel, self._position[:, chosen])
-        if self._rest_change is not None:
-            change = change - self._rest_change[chosen]
-        return change
+        moved = np.flatnonzero(distance < self._scene.reach_px(circle))
+        gel = self._scene.surface(circle, self._columns[moved], self._rows[moved])
+        change = self._modelled(gel, self._position[:, moved])
+        return moved, change if self._rest_change is None else change - self._rest_change[moved]
 
     def _modelled(self, gel: SurfacePoints, position: FloatArray) -> FloatArray:
         change = self._model.evaluate(gel.tilt, position, gel.indentation_m, gel.curvature)
@@ -292,12 +289,10 @@ def pressed_scene(
     Args:
         sensor: Its pad is pressed, its lamps are counted, its markers left out.
         unloaded: No-contact frame, RGB, shape [height, width, 3].
-        geometry: Scale of the pixels.
-        ball_diameter_m: Diameter of the ball [m].
 
     Raises:
         ConfigError: The sensor's renderer cannot be calibrated.
-        ConvergenceError: The simulated ball press finds no equilibrium.
+        ConvergenceError: As ``ball_profiles``.
     """
     return PressScene(
         exponents=exponents_for(sensor),  # before anything is simulated

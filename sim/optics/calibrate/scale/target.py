@@ -6,8 +6,7 @@ ChArUco boards, ArUco grids and grids of dots: ``charuco:columns=8,rows=6,square
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import cv2
@@ -78,8 +77,10 @@ class BoardTarget(ScaleTarget):
     def find(self, image: GreyArray) -> TargetPoints:
         """Return the board's points that a grey image shows."""
         board = self.board()
-        large, factor = _enlarged(image)
-        corners, found, wanted = self.detected(board, large)
+        # The detectors want markers of more pixels than a 320 x 240 image gives.
+        factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
+        large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        corners, found, wanted = self.detected(board, np.asarray(large, dtype=np.uint8))
         known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
         if known is None or pixels is None:
             known, pixels = np.empty((0, 3)), np.empty((0, 2))
@@ -89,6 +90,15 @@ class BoardTarget(ScaleTarget):
             pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
             wanted=wanted,
         )
+
+    def _markers(self) -> cv2.aruco.Dictionary:
+        number = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
+        if number is None:
+            raise ConfigError(
+                f"no ArUco dictionary {self.dictionary!r}",
+                remedy="for example 4X4_50, 5X5_100 or 6X6_250",
+            )
+        return cv2.aruco.getPredefinedDictionary(number)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,8 +118,8 @@ class CharucoTarget(BoardTarget):
 
     def board(self) -> cv2.aruco.CharucoBoard:
         """Return OpenCV's description of the board, in metres."""
-        size, markers = (self.columns, self.rows), _dictionary(self.dictionary)
-        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, markers)
+        size = (self.columns, self.rows)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._markers())
 
     def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
         """Find the inner corners of the chessboard."""
@@ -126,8 +136,8 @@ class ArucoTarget(BoardTarget):
 
     def board(self) -> cv2.aruco.GridBoard:
         """Return OpenCV's description of the grid, in metres."""
-        size, markers = (self.columns, self.rows), _dictionary(self.dictionary)
-        return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, markers)
+        size = (self.columns, self.rows)
+        return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, self._markers())
 
     def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
         """Find the four corners of every marker."""
@@ -208,27 +218,10 @@ def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPo
     return found
 
 
-def _dictionary(name: str) -> cv2.aruco.Dictionary:
-    number = getattr(cv2.aruco, f"DICT_{name.upper()}", None)
-    if number is None:
-        raise ConfigError(
-            f"no ArUco dictionary {name!r}", remedy="for example 4X4_50, 5X5_100 or 6X6_250"
-        )
-    return cv2.aruco.getPredefinedDictionary(number)
-
-
-def _enlarged(image: GreyArray) -> tuple[GreyArray, int]:
-    """Enlarge small images: the detectors want markers of more pixels than a 320 x 240 gives."""
-    factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
-    enlarged = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-    return np.asarray(enlarged, dtype=np.uint8), factor
-
-
-_COUNTS = ("columns", "rows")
-_KINDS: dict[str, tuple[Callable[..., ScaleTarget], tuple[str, ...]]] = {
-    "charuco": (CharucoTarget, ("square", "marker")),
-    "aruco": (ArucoTarget, ("marker", "gap")),
-    "dots": (DotTarget, ("pitch",)),
+_KINDS: dict[str, type[ScaleTarget]] = {
+    "charuco": CharucoTarget,
+    "aruco": ArucoTarget,
+    "dots": DotTarget,
 }
 
 
@@ -243,29 +236,27 @@ def parse_target(text: str) -> ScaleTarget:
         raise ConfigError(
             f"--target {text!r}: no such target", remedy=f"write {', '.join(_EXAMPLES.values())}"
         )
-    made, lengths = _KINDS[kind]
     given = dict(part.partition("=")[::2] for part in terms.split(",") if part)
-    needed = {*_COUNTS, *lengths}
-    optional = set() if kind == "dots" else {"dictionary"}
-    wrong = sorted((needed - set(given)) | (set(given) - needed - optional))
+    known = {field.name.removesuffix("_m"): field.name for field in fields(_KINDS[kind])}
+    wrong = sorted((known.keys() - given.keys() - {"dictionary"}) | (given.keys() - known.keys()))
     if wrong:
         raise ConfigError(
             f"--target {kind}: missing or unknown: {', '.join(wrong)}",
             remedy=f"write {_EXAMPLES[kind]}",
         )
-    numbers: dict[str, Any] = {key: _count(given[key], f"--target {key}") for key in _COUNTS}
-    numbers |= {f"{key}_m": _length(given[key], f"--target {key}") for key in lengths}
-    return made(**numbers, **{key: given[key] for key in optional & set(given)})
+    return _KINDS[kind](**{known[key]: _value(key, text) for key, text in given.items()})
 
 
-def _count(text: str, field: str) -> int:
-    if not text.isdigit() or int(text) < 2:
-        raise ConfigError(f"{field} {text!r} is not a whole number above 1", remedy="count again")
-    return int(text)
-
-
-def _length(text: str, field: str) -> float:
-    value = parse_quantity(text, dimension=Dimension.LENGTH, field=field)
-    if not value > 0.0:
-        raise ConfigError(f"{field} {text!r} is not positive", remedy="measure the print")
-    return value
+def _value(key: str, text: str) -> Any:
+    if key == "dictionary":
+        return text
+    if key in ("columns", "rows"):
+        if not text.isdigit() or int(text) < 2:
+            raise ConfigError(
+                f"--target {key} {text!r} is not a whole number above 1", remedy="count again"
+            )
+        return int(text)
+    length_m = parse_quantity(text, dimension=Dimension.LENGTH, field=f"--target {key}")
+    if not length_m > 0.0:
+        raise ConfigError(f"--target {key} {text!r} is not positive", remedy="measure the print")
+    return length_m

@@ -126,7 +126,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
 
 def test_calibration_survives_its_file(tmp_path: Path) -> None:
     """A fitted model renders the same after saving and loading."""
-    model = calibrate_optics(presses(3)[0], press_scene(), rounds=1).model
+    model = calibrate_optics(presses(3)[0], press_scene()).model
     model.save(tmp_path / "calibration.npz")
     loaded = load_photometric(tmp_path / "calibration.npz")
     probe = (np.array([[0.2], [0.1]]), np.array([[0.5], [-0.5]]), np.array([3e-4]))
@@ -163,8 +163,8 @@ def test_skirt_continues_the_ball() -> None:
 def test_rounds_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     """Long fits say how far they are."""
     with caplog.at_level(logging.DEBUG, logger="sim.optics.calibrate.colours"):
-        calibrate_optics(presses(2)[0], press_scene(), rounds=2)
-    assert "round 2 of 2" in caplog.text
+        calibrate_optics(presses(2)[0], press_scene())
+    assert "round 3 of 3" in caplog.text
 
 
 def test_noise_holds_a_fit_back() -> None:

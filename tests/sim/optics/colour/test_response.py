@@ -54,10 +54,10 @@ def test_presses_tell_where_the_shoulder_begins() -> None:
     bent = replace(bright, response=Response(knee=205.0))
     shown, _, _ = presses(10, model=bent, seed=4)
     scene = replace(press_scene(), exponents=BALL_EXPONENTS)
-    found = calibrate_optics(shown, scene, rounds=1)
+    found = calibrate_optics(shown, scene)
     assert found.model.response.knee == pytest.approx(205.0, abs=3.0)
     straight, _, _ = presses(10, model=bright, seed=4)
-    found = calibrate_optics(straight, scene, rounds=1)
+    found = calibrate_optics(straight, scene)
     assert found.model.response == LINEAR
 
 
