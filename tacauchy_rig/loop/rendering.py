@@ -52,7 +52,7 @@ def render_trial(
             "readable no-contact frame",
             remedy=f"`tacauchy-rig recover {attempt.store.paths.root}`, or repeat the trial",
         )
-    printed = printed_markers(unloaded, sensor.markers, geometry) if sensor.markers else None
+    printed = printed_markers(unloaded, sensor.markers, geometry)
     bare = unloaded if printed is None else printed.bare
     maps, image = image_of(fields.surface, sensor, optics, unloaded=bare)
     moved = None

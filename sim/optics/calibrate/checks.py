@@ -21,8 +21,8 @@ from sim.optics.calibrate.presses.scene import PressScene
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
-FEWEST = 5
-FEW = 14
+_FEWEST = 5
+_FEW = 14
 _SATURATED_WARN = 0.01
 _SATURATED_REFUSE = 0.6
 _ODD_ONE_OUT = 2.5
@@ -30,7 +30,8 @@ _FAR_NUDGE = 0.25
 _CONTRADICTORY_R2 = 0.5
 _FEW_SLOPES = 0.9
 _LITTLE_OF_THE_IMAGE = 0.5
-BINS = 24
+_BINS = 24
+_LISTED = 6  # images that a warning names
 
 
 def check_before(
@@ -42,10 +43,8 @@ def check_before(
         Warnings, one a line.
 
     Raises:
-        ConfigError: There are too few, most are saturated, or a circle is larger than the ball.
+        ConfigError: Most are saturated, or a circle is larger than the ball.
     """
-    if len(presses) < FEWEST:
-        raise too_few(len(presses))
     for press in presses:
         radius_m = press.circle.radius_px * geometry.mean_scale_m
         if radius_m >= ball_radius_m:
@@ -55,9 +54,9 @@ def check_before(
                 remedy="correct the circle's radius_px, --scale or --ball-diameter",
             )
     warnings = []
-    if len(presses) < FEW:
+    if len(presses) < _FEW:
         warnings.append(
-            f"only {len(presses)} presses: {FEW} or more, all over the image, are wanted"
+            f"only {len(presses)} presses: {_FEW} or more, all over the image, are wanted"
         )
     shares = {press.name: _saturated_share(press) for press in presses}
     bad = [name for name, share in shares.items() if share > _SATURATED_WARN]
@@ -69,19 +68,25 @@ def check_before(
             remedy="lower exposure or gain, switch automatic exposure off, and press again",
         )
     if bad:
+        rest = f" and {len(bad) - _LISTED} more" if len(bad) > _LISTED else ""
         warnings.append(
             f"saturated contacts (up to {max(shares.values()):.0%} of the pixels at the end of the "
-            f"camera's range): {_listed(bad)}; lower exposure or gain"
+            f"camera's range): {', '.join(bad[:_LISTED])}{rest}; lower exposure or gain"
         )
     return warnings
 
 
-def too_few(count: int) -> ConfigError:
-    """Return what is said of too few presses."""
-    return ConfigError(
-        f"{count} ball presses are too few to calibrate and to check by",
-        remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
-    )
+def check_count(count: int) -> None:
+    """Refuse too few presses.
+
+    Raises:
+        ConfigError: There are.
+    """
+    if count < _FEWEST:
+        raise ConfigError(
+            f"{count} ball presses are too few to calibrate and to check by",
+            remedy=f"give at least {_FEWEST}, better 20 all over the image and at several depths",
+        )
 
 
 def check_coverage(coverage: SlopeCoverage) -> list[str]:
@@ -143,11 +148,6 @@ def _saturated_share(press: BallPress) -> float:
     return float(np.mean(~exposed(inside).all(axis=-1))) if inside.size else 0.0
 
 
-def _listed(names: Sequence[str], *, most: int = 6) -> str:
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlopeCoverage:
     """How often each slope was seen.
@@ -156,8 +156,8 @@ class SlopeCoverage:
         tilt_limit: Largest tilt seen.
         slopes_seen_share: Part of the disc of tilts up to the limit that at least one press shows.
         image_share: Part of the image that lies in at least one contact.
-        tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [BINS + 1].
-        presses_seen: Presses that show a tilt, by tilt along rows and columns, [BINS, BINS].
+        tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1].
+        presses_seen: Presses that show a tilt, by tilt along rows and columns, [_BINS, _BINS].
     """
 
     tilt_limit: float
@@ -178,7 +178,7 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
         inside.append(scene.surface(circle, columns[near], rows[near]).tilt)
         touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)
-    edges = np.linspace(-limit, limit, BINS + 1)
+    edges = np.linspace(-limit, limit, _BINS + 1)
     seen = sum(
         (np.histogram2d(tilt[1], tilt[0], bins=(edges, edges))[0] > 0).astype(np.int64)
         for tilt in inside

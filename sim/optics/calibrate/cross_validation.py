@@ -24,6 +24,7 @@ from tacauchy_rig.side_by_side import side_by_side
 
 _NUDGES = 2
 CROP_PX = 120
+_SSIM = partial(structural_similarity, channel_axis=2, data_range=255.0)
 
 
 def render_presses(
@@ -51,18 +52,6 @@ def _rendered(press: BallPress, placed: PlacedPress, found: Calibration) -> Rend
     """Return a press as it is, where it was placed."""
     circle, image = placed.circle, press_image(found, placed.circle)
     return RenderedPress(press=press, rendered=image, light=placed.light, circle=circle)
-
-
-def check_presses(
-    presses: Sequence[BallPress], calibration: Calibration, scene: PressScene
-) -> tuple[CheckScores, list[RenderedPress]]:
-    """Score a calibration on presses that it has not seen.
-
-    Returns:
-        Scores, and each press as rendered (nudged circle).
-    """
-    labelled, nudged = render_presses(presses, calibration)
-    return _scores(labelled, nudged, scene), nudged
 
 
 def cross_validate(
@@ -94,7 +83,7 @@ def cross_validate(
         labelled += as_labelled
         nudged += as_nudged
         on_fold(fold)
-    return _scores(labelled, nudged, scene), nudged, calibration
+    return check_scores(labelled, nudged, scene), nudged, calibration
 
 
 def _fitted(
@@ -107,9 +96,14 @@ def _fitted(
     return found, *render_presses(held_out, found)
 
 
-def _scores(
-    labelled: list[RenderedPress], nudged: list[RenderedPress], scene: PressScene
+def check_scores(
+    labelled: Sequence[RenderedPress], nudged: Sequence[RenderedPress], scene: PressScene
 ) -> CheckScores:
+    """Score presses that a calibration has not seen, rendered as labelled and with nudged circles.
+
+    Args:
+        scene: With the no-contact frame that was taken, not averaged.
+    """
     moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
     return CheckScores(
         **asdict(score_presses(nudged, scene, light_matched=True)),
@@ -189,8 +183,8 @@ def score_presses(
         changes.append((real - without)[inside])
         errors.append((image - real)[inside])
         window = crop_window(item.press.circle, *real.shape[:2])
-        similarities.append(_ssim(real[window], image[window]))
-        floors.append(_ssim(real[window], without[window]))
+        similarities.append(_SSIM(real[window], image[window]))
+        floors.append(_SSIM(real[window], without[window]))
     change, error = np.concatenate(changes), np.concatenate(errors)
     variance = np.sum((change - change.mean(axis=0)) ** 2)
     return PressScores(
@@ -223,18 +217,6 @@ def crop_window(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
     return slice(top, top + CROP_PX), slice(left, left + CROP_PX)
 
 
-def _ssim(real: FloatArray, image: FloatArray) -> float:
-    similarity: float = structural_similarity(  # type: ignore[no-untyped-call]
-        real, image, channel_axis=2, data_range=255.0
-    )
-    return float(similarity)
-
-
 def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> list[float]:
     """Return each press's mean absolute error inside its contact, light taken off [grey levels]."""
-    errors = []
-    for item in rendered:
-        image = as_seen(item.rendered, item.light, scene)
-        inside = contact_mask(item.press.circle, image.shape[0], image.shape[1])
-        errors.append(float(np.mean(np.abs((image - item.press.image)[inside]))))
-    return errors
+    return [score_presses([item], scene, light_matched=True).mae for item in rendered]

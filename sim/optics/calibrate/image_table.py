@@ -43,23 +43,21 @@ def read_image_table(
             f"{path} lacks the column {', '.join(missing)}",
             remedy=f"its first line must be: {','.join(columns)}",
         )
-    return [
-        (place, _name(row, place, columns), [_number(row, name, place) for name in numbers])
-        for place, row in lines
-    ]
+    found = []
+    for place, row in lines:
+        if not row[_IMAGE]:
+            raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(columns)}")
+        found.append(
+            (place, row[_IMAGE], [_number(row[name], f"{place}: {name}") for name in numbers])
+        )
+    return found
 
 
-def _name(row: dict[str, str], place: str, columns: tuple[str, ...]) -> str:
-    if not row[_IMAGE]:
-        raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(columns)}")
-    return row[_IMAGE]
-
-
-def _number(row: dict[str, str], name: str, place: str) -> float:
+def _number(text: str | None, field: str) -> float:
     try:
-        value = float(row[name])
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{place}: {name}: {error}", remedy="give a number") from error
+        value = float(text or "")
+    except ValueError as error:
+        raise ConfigError(f"{field}: {error}", remedy="give a number") from error
     if not math.isfinite(value):
-        raise ConfigError(f"{place}: {name} is {value:g}", remedy="give a finite number")
+        raise ConfigError(f"{field} is {value:g}", remedy="give a finite number")
     return value

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim.optics.calibrate.checks import FEWEST, check_before, too_few
+from sim.optics.calibrate.checks import check_before, check_count
 from sim.optics.calibrate.presses.ball_press import (
     BallPress,
     check_presses_fit,
     check_size,
-    images_in,
     read_ball_presses,
     read_rgb,
 )
@@ -22,6 +21,7 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 
 _CIRCLES = "circles.csv"
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 _FEWEST_FOLDS = 2
 
 
@@ -110,17 +110,22 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
     table = _table(request)
-    labelled = [] if table is None else read_ball_presses(request.folder, table)
-    images = _images(request, background) if table is None else {}
-    warnings = []
-    if table is not None:
+    labelled: list[BallPress] = []
+    images: dict[str, ImageArray] = {}
+    if table is None:
+        images = _images(request, background)
+    else:
+        labelled = read_ball_presses(request.folder, table)
         check_presses_fit(labelled, background)
+    check_count(len(labelled) + len(images))
+    warnings = []
+    if labelled:
         warnings = check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
-    elif len(images) < FEWEST:
-        raise too_few(len(images))
     check = []
     if request.check is not None:
-        check = read_ball_presses(request.check, _check_table(request, request.check))
+        other = request.check / (request.circles or Path(_CIRCLES)).name
+        table = other if other.exists() else request.check / _CIRCLES
+        check = read_ball_presses(request.check, table)
         check_presses_fit(check, background)
     return OpticsInput(
         background=background,
@@ -166,14 +171,19 @@ def _table(request: OpticsRequest) -> Path | None:
     return table if table.exists() else None
 
 
-def _check_table(request: OpticsRequest, folder: Path) -> Path:
-    name = Path(request.circles.name) if request.circles is not None else Path(_CIRCLES)
-    return folder / name if (folder / name).exists() else folder / _CIRCLES
-
-
 def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageArray]:
+    """Return the images of the folder but those that are no presses, by name."""
     own = (_found(request.background, request.folder), request.slopes, request.held_out)
-    images = {path.name: read_rgb(path) for path in images_in(request.folder, but=own)}
+    others = {path.resolve() for path in own}
+    images = {
+        path.name: read_rgb(path)
+        for path in sorted(request.folder.iterdir())
+        if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() not in others
+    }
+    if not images:
+        raise ConfigError(
+            f"{request.folder} holds no image", remedy="give a folder of PNG or JPEG files"
+        )
     for name, image in images.items():
         check_size(name, image, background)
     return images

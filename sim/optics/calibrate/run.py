@@ -14,9 +14,10 @@ from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.cross_validation import (
     CheckScores,
     RenderedPress,
-    check_presses,
+    check_scores,
     cross_validate,
     held_out_errors,
+    render_presses,
 )
 from sim.optics.calibrate.figures import draw_coverage, draw_presses
 from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
@@ -94,7 +95,9 @@ def calibrate_and_check(
     warnings = warnings + check_after(scores, held_out, scene)
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_coverage(coverage)
-    checked = check_presses(read.check, calibration, scene)[0] if read.check else None
+    checked = None
+    if read.check:
+        checked = check_scores(*render_presses(read.check, calibration), scene)
     provenance = _provenance(request, presses, scores, calibration)
     files = _write(request, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(

@@ -89,12 +89,9 @@ def fit_fots(
 
     def misfit(factors: FloatArray) -> FloatArray:
         trial = model(factors)
-        return np.concatenate(
-            [
-                (trial.displacement(places, scene) - known).ravel() * 1e6
-                for scene, known in zip(scenes, displacements, strict=True)
-            ]
-        )
+        pairs = zip(scenes, displacements, strict=True)
+        off = [trial.displacement(places, scene) - known for scene, known in pairs]
+        return np.ravel(off) * 1e6
 
     return model(least_squares(misfit, np.ones(len(names)), bounds=(0.0, np.inf)).x)
 
@@ -123,21 +120,16 @@ class MarkerComparison:
     lost: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerFidelity:
-    """Exponentials fitted to the simulator, and what is left between the two."""
-
-    fitted: FotsMarkers
-    motions: Mapping[str, MarkerComparison]
-
-
 def compare_marker_fidelities(
     scene: Scene, motions: Mapping[str, Motion], grid: MarkerGrid, geometry: CameraGeometry
-) -> MarkerFidelity:
+) -> tuple[FotsMarkers, dict[str, MarkerComparison]]:
     """Press as the scene says, move on as each motion says, and compare the markers' ways.
 
     Args:
         scene: A press to a depth, with friction where a motion needs it.
+
+    Returns:
+        Exponentials fitted to the simulator, and what is left between the two, by motion.
 
     Raises:
         ConvergenceError: A motion finds no equilibrium.
@@ -153,7 +145,7 @@ def compare_marker_fidelities(
         name: _compare(places, shift, fitted.displacement(places, moving), grid, geometry)
         for name, moving, shift in zip(motions, scenes, moved, strict=True)
     }
-    return MarkerFidelity(fitted=fitted, motions=found)
+    return fitted, found
 
 
 def _compare(

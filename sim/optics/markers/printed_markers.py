@@ -64,14 +64,15 @@ class PrintedMarkers:
         for start, end in zip(self.centres_px, moved, strict=True):
             left, top = (int(value) - size // 2 for value in np.rint(end))
             if -size < left < width and -size < top < height:
-                patch = _shifted(self.ink, start - end + (left, top), size)
+                middle = start - end + (left, top) + 0.5 * (size - 1)
+                patch = cv2.getRectSubPix(self.ink, (size, size), middle.tolist())
                 cover[top + size : top + 2 * size, left + size : left + 2 * size] *= patch
         seen = cover[size:-size, size:-size]
         return np.asarray(np.clip(np.rint(image * seen), 0.0, 255.0), dtype=np.uint8)
 
 
 def printed_markers(
-    frame: ImageArray, grid: MarkerGrid, geometry: CameraGeometry
+    frame: ImageArray, grid: MarkerGrid | None, geometry: CameraGeometry
 ) -> PrintedMarkers | None:
     """Read the markers off a no-contact frame; None where it shows none.
 
@@ -79,10 +80,13 @@ def printed_markers(
 
     Args:
         frame: RGB, uint8, shape [height, width, 3].
+        grid: The markers of the sensor's file; None where it has none.
 
     Raises:
         ConfigError: Markers are there, but not where the file says.
     """
+    if grid is None:
+        return None
     radius_px = grid.radius_m / geometry.mean_scale_m
     expected = geometry.to_pixels(marker_places(grid))
     border = _REACH * radius_px + 1.0
@@ -127,25 +131,6 @@ def _cut_off(
     missing = cKDTree(found).query(predicted)[0] > reach_px
     shown = np.all((predicted > -reach_px) & (predicted < size + reach_px), axis=1)
     return np.asarray(predicted[missing & shown])
-
-
-def marker_mask(
-    frame: ImageArray, grid: MarkerGrid | None, geometry: CameraGeometry
-) -> NDArray[np.bool_] | None:
-    """Return where the markers of a no-contact frame hide the gel; None where it has none.
-
-    Raises:
-        ConfigError: Markers are there, but not where the file says.
-    """
-    printed = None if grid is None else printed_markers(frame, grid, geometry)
-    return None if printed is None else printed.mask
-
-
-def _shifted(ink: NDArray[np.float32], corner: FloatArray, size: int) -> NDArray[np.float32]:
-    """Cut out a window whose first pixel lies between pixels, at ``corner``."""
-    middle = corner + 0.5 * (size - 1)
-    patch = cv2.getRectSubPix(ink, (size, size), (float(middle[0]), float(middle[1])))
-    return np.asarray(patch, dtype=np.float32)
 
 
 def marker_places(grid: MarkerGrid) -> FloatArray:

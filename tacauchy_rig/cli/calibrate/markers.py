@@ -48,14 +48,14 @@ def markers(
         "shear": Motion(shift_m=(slide, 0.0)),
         "twist": Motion(twist_rad=turn),
     }
-    found = compare_marker_fidelities(scene, motions, known.markers, known.camera)
+    fitted, found = compare_marker_fidelities(scene, motions, known.markers, known.camera)
     say("motion   largest    exponentials off       tracked off            markers")
-    for name, row in found.motions.items():
+    for name, row in found.items():
         say(
             f"{name:8} {row.largest_m * 1e3:.3f} mm   {row.difference_rms_m * 1e3:.3f} rms, "
             f"{row.difference_largest_m * 1e3:.3f} mm   {row.tracking_rms_px:.3f} rms, "
             f"{row.tracking_largest_px:.3f} px   {row.tracked} tracked, {row.lost} lost"
         )
-    for name, value in asdict(found.fitted).items():
+    for name, value in asdict(fitted).items():
         say(f"{name:14} {value:.4g}{' 1/m^2' if name.endswith('decay') else ''}")
-    write_json(json_file, found)
+    write_json(json_file, {"fitted": fitted, "motions": found})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.rgb import decode_rgb
 
 _COLUMNS = ("center_x_px", "center_y_px", "radius_px")
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,23 +89,6 @@ def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
         circle = Circle(x_px=x, y_px=y, radius_px=radius)
         presses.append(BallPress(name=name, image=read_rgb(folder / name), circle=circle))
     return presses
-
-
-def images_in(folder: Path, *, but: Collection[Path]) -> list[Path]:
-    """Return the images of a folder by name, but some.
-
-    Raises:
-        ConfigError: The folder is missing or holds no image.
-    """
-    others = {path.resolve() for path in but}
-    found = sorted(
-        path
-        for path in (folder.iterdir() if folder.is_dir() else ())
-        if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() not in others
-    )
-    if not found:
-        raise ConfigError(f"{folder} holds no image", remedy="give a folder of PNG or JPEG files")
-    return found
 
 
 def check_presses_fit(presses: Sequence[BallPress], background: ImageArray) -> None:

@@ -35,11 +35,12 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     Raises:
         ConfigError: The image shows no contact.
     """
-    strength = _strength(image, scene.background)
-    rows, columns = np.mgrid[: strength.shape[0] : _STRIDE, : strength.shape[1] : _STRIDE]
-    sparse = strength[::_STRIDE, ::_STRIDE]
-    x, y = columns.ravel().astype(np.float64), rows.ravel().astype(np.float64)
-    seen = sparse.ravel()
+    change = image - scene.background
+    change = change - np.median(change, axis=(0, 1))  # that of the frame's light
+    smooth = ndimage.gaussian_filter(change, (_SMOOTHING_PX, _SMOOTHING_PX, 0.0))
+    seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2).ravel()
+    height, width = image.shape[:2]
+    y, x = np.mgrid[:height:_STRIDE, :width:_STRIDE].astype(np.float64).reshape(2, -1)
     strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
     start = float(np.median(x[strong])), float(np.median(y[strong]))
     scale = scene.geometry.mean_scale_m
@@ -63,7 +64,6 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     )
     px, py, radius = (float(value) for value in found.x)
     explained = 1.0 - float(found.fun) / max(float(np.var(seen)), 1e-12)
-    height, width = strength.shape
     inside = 0.0 <= px < width and 0.0 <= py < height and 1.0 < radius < ball_radius_m / scale
     if not inside or seen.max() < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
         raise ConfigError(
@@ -71,11 +71,3 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
             remedy="remove the image, or give its circle in a table: --circles circles.csv",
         )
     return Circle(x_px=px, y_px=py, radius_px=radius)
-
-
-def _strength(image: ImageArray, background: FloatArray) -> FloatArray:
-    """Return how much the colour changes, without the frame's light, shape [height, width]."""
-    change = image - background
-    change = change - np.median(change, axis=(0, 1))
-    smooth = ndimage.gaussian_filter(change, (_SMOOTHING_PX, _SMOOTHING_PX, 0.0))
-    return np.asarray(np.linalg.norm(smooth, axis=2))

@@ -91,26 +91,19 @@ class PressedProfiles:
     def __call__(self, contact_radius_m: float) -> RadialProfile:
         """Return the gel's surface where the contact has this radius [m]."""
         place = float(np.interp(contact_radius_m, self._radii, np.arange(len(self._radii))))
-        lower = min(int(place), len(self._radii) - 1)
-        upper = min(lower + 1, len(self._radii) - 1)
+        lower = int(place)
         share = place - lower
-        reach = max(
-            self._presses[i][1].radius_m[-1] * contact_radius_m / self._radii[i]
-            for i in (lower, upper)
-        )
-        count = max(len(self._presses[i][1].radius_m) for i in (lower, upper))
-        radius = np.linspace(0.0, reach, count)
-        low, high = (self._scaled(i, contact_radius_m, radius) for i in (lower, upper))
-        tilt, depth = (1.0 - share) * low + share * high
+        near = [self._presses[i] for i in (lower, min(lower + 1, len(self._radii) - 1))]
+        reach = max(profile.radius_m[-1] * contact_radius_m / own for own, profile in near)
+        radius = np.linspace(0.0, reach, max(len(profile.radius_m) for _, profile in near))
+        scaled = []
+        for own, profile in near:
+            scale = contact_radius_m / own
+            tilt = np.interp(radius / scale, profile.radius_m, profile.tilt, right=0.0)
+            depth = np.interp(radius / scale, profile.radius_m, profile.indentation_m, right=0.0)
+            scaled.append(np.stack([scale * tilt, scale**2 * depth]))
+        tilt, depth = (1.0 - share) * scaled[0] + share * scaled[1]
         return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth)
-
-    def _scaled(self, i: int, contact_radius_m: float, radius: FloatArray) -> FloatArray:
-        """Return tilt and indentation [m] of a press at radii as of another contact, [2, n]."""
-        known_radius, profile = self._presses[i]
-        scale = contact_radius_m / known_radius
-        tilt = scale * np.interp(radius / scale, profile.radius_m, profile.tilt, right=0.0)
-        depth = np.interp(radius / scale, profile.radius_m, profile.indentation_m, right=0.0)
-        return np.stack([tilt, scale**2 * depth])
 
 
 def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, RadialProfile]:
@@ -129,10 +122,9 @@ def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, R
     ring = np.rint(r / step).astype(np.int64).ravel()
     kept = ring <= int(half_width / step)
     ring, indentation = ring[kept], (maps.rest - maps.loaded).ravel()[kept]
-    count = np.bincount(ring)
-    filled = count > 0
-    radius = (np.bincount(ring, r.ravel()[kept]) / np.maximum(count, 1))[filled]
-    depth = (np.bincount(ring, indentation) / np.maximum(count, 1))[filled]
+    _, ring, count = np.unique(ring, return_inverse=True, return_counts=True)
+    radius = np.bincount(ring, r.ravel()[kept]) / count
+    depth = np.bincount(ring, indentation) / count
     slope = -np.gradient(depth, radius)
     area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
     return float(np.sqrt(area / np.pi)), RadialProfile(

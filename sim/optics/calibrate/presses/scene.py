@@ -22,7 +22,7 @@ from sim.optics.calibrate.presses.light import fit_light, light_at, seen_change
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.rest_slope import rest_slopes
-from sim.optics.markers.printed_markers import marker_mask
+from sim.optics.markers.printed_markers import printed_markers
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
@@ -294,12 +294,14 @@ def pressed_scene(
         ConfigError: The sensor's renderer cannot be calibrated.
         ConvergenceError: As ``ball_profiles``.
     """
+    exponents = exponents_for(sensor)  # before anything is simulated
+    printed = printed_markers(unloaded, sensor.markers, geometry)
     return PressScene(
-        exponents=exponents_for(sensor),  # before anything is simulated
+        exponents=exponents,
         lamp_count=lamp_count_of(sensor),
         geometry=geometry,
         background=unloaded.astype(np.float64),
-        masked=marker_mask(unloaded, sensor.markers, geometry),
+        masked=None if printed is None else printed.mask,
         profile=ball_profiles(
             sensor, ball_diameter_m=ball_diameter_m, preset=preset, on_press=on_press
         ),

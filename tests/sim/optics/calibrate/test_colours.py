@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
-from sim.optics.calibrate.cross_validation import check_presses, cross_validate
+from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
@@ -90,7 +90,8 @@ def test_circles_and_light_are_recovered() -> None:
     np.testing.assert_allclose(calibration.lights[:, 0], offsets, atol=1.0)
     np.testing.assert_allclose(calibration.lights[:, 1:], 0.0, atol=1.0)
     unseen = presses(6, noise=1.0, click_px=2.0, light=10.0, seed=9)[0]
-    scores, rendered = check_presses(unseen, calibration, press_scene())
+    labels, rendered = render_presses(unseen, calibration)
+    scores = check_scores(labels, rendered, press_scene())
     assert [item.press.name for item in rendered] == [press.name for press in unseen]
     raw = scores.as_labelled_frames_as_they_came
     assert scores.mae < 1.3

@@ -10,7 +10,6 @@ import pytest
 
 from sim.optics.markers.printed_markers import (
     draw_markers,
-    marker_mask,
     marker_places,
     printed_markers,
 )
@@ -80,8 +79,7 @@ def test_markers_at_the_border_move_too() -> None:
 def test_a_frame_without_markers_has_none() -> None:
     """Units are sold without markers: nothing is drawn, nothing is masked."""
     assert printed_markers(_gel(), GRID, FINE) is None
-    assert marker_mask(_gel(), GRID, FINE) is None
-    assert marker_mask(_frame(), None, FINE) is None
+    assert printed_markers(_frame(), None, FINE) is None
 
 
 def test_markers_off_their_places_are_refused() -> None:
