@@ -123,15 +123,14 @@ def check_after(
             remedy="check that --background is of the same sensor, lights and camera mode as the "
             "presses, and that --circles, --scale and --ball-diameter are theirs",
         )
-    warnings = []
     errors = held_out_errors(held_out, scene)
-    limit = _ODD_ONE_OUT * float(np.median(errors))
-    for item, error in zip(held_out, errors, strict=True):
-        if error > limit:
-            warnings.append(
-                f"{item.press.name} contradicts the other presses: held out, its mean error is "
-                f"{error:.1f} grey levels, theirs {np.median(errors):.1f}"
-            )
+    usual = float(np.median(errors))
+    warnings = [
+        f"{item.press.name} contradicts the other presses: held out, its mean error is "
+        f"{error:.1f} grey levels, theirs {usual:.1f}"
+        for item, error in zip(held_out, errors, strict=True)
+        if error > _ODD_ONE_OUT * usual
+    ]
     for item in held_out:
         label, found = item.press.circle, item.circle
         move = max(map(abs, found.moved_from(label)))
@@ -179,17 +178,14 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
         touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)
     edges = np.linspace(-limit, limit, _BINS + 1)
-    seen = sum(
-        (np.histogram2d(tilt[1], tilt[0], bins=(edges, edges))[0] > 0).astype(np.int64)
-        for tilt in inside
-    )
+    shown = [np.histogram2d(tilt[1], tilt[0], bins=(edges, edges))[0] > 0 for tilt in inside]
+    seen = np.stack(shown).sum(axis=0, dtype=np.int64)
     middle = 0.5 * (edges[1:] + edges[:-1])
     disc = np.hypot(*np.meshgrid(middle, middle)) <= limit
-    counted = np.asarray(seen, dtype=np.int64)
     return SlopeCoverage(
         tilt_edges=edges,
-        presses_seen=counted,
+        presses_seen=seen,
         tilt_limit=limit,
-        slopes_seen_share=float(np.mean(counted[disc] > 0)) if limit > 0.0 else 0.0,
+        slopes_seen_share=float(np.mean(seen[disc] > 0)) if limit > 0.0 else 0.0,
         image_share=float(touched.mean()),
     )

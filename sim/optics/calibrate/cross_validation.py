@@ -50,8 +50,8 @@ def _lit(press: BallPress, circle: Circle, found: Calibration) -> PlacedPress:
 
 def _rendered(press: BallPress, placed: PlacedPress, found: Calibration) -> RenderedPress:
     """Return a press as it is, where it was placed."""
-    circle, image = placed.circle, press_image(found, placed.circle)
-    return RenderedPress(press=press, rendered=image, light=placed.light, circle=circle)
+    image = press_image(found, placed.circle)
+    return RenderedPress(press=press, rendered=image, light=placed.light, circle=placed.circle)
 
 
 def cross_validate(
@@ -72,8 +72,7 @@ def cross_validate(
         Scores over all presses, each press as rendered by the model that had not seen it
         (nudged circle), in fold order, and the calibration from all presses.
     """
-    labelled: list[RenderedPress] = []
-    nudged: list[RenderedPress] = []
+    labelled, nudged = [], []
     held_out = [presses[fold::folds] for fold in range(folds)]
     seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
     parts = [*zip(seen, held_out, strict=True), (presses, [])]
@@ -133,9 +132,9 @@ class PressScores:
         r2: Share of the variance of the colour change explained inside the contacts.
         mae: Mean absolute error inside the contacts [grey levels].
         ssim_crop: Mean SSIM in the crops.
-        r2_no_contact: The same of the no-contact frame in place of the rendering.
-        mae_no_contact: The same of the no-contact frame.
-        ssim_crop_no_contact: The same of the no-contact frame.
+        r2_no_contact: The same of the no-contact frame in place of the rendering; likewise the
+            next two.
+        mae_no_contact: [grey levels].
         press_count: Presses scored.
     """
 

@@ -22,7 +22,6 @@ from tacauchy_rig.errors import ConfigError
 
 _CIRCLES = "circles.csv"
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-_FEWEST_FOLDS = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +52,8 @@ class OpticsRequest:
     check: Path | None
     sensor: Sensor
     preset: Preset
-    folds: int = 7
-    jobs: int = 1
+    folds: int
+    jobs: int
 
     @property
     def slopes(self) -> Path:
@@ -77,7 +76,6 @@ class OpticsInput:
         labelled: The presses where there is a table of their circles.
         images: The images of the presses where there is none, by name.
         check: Other labelled presses.
-        warnings: One a line.
     """
 
     background: ImageArray
@@ -85,7 +83,6 @@ class OpticsInput:
     labelled: list[BallPress]
     images: dict[str, ImageArray]
     check: list[BallPress]
-    warnings: list[str]
 
 
 def read_input(request: OpticsRequest) -> OpticsInput:
@@ -97,11 +94,6 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     """
     if request.out.suffix != ".npz":
         raise ConfigError(f"{request.out} is no .npz file", remedy="give --out calibration.npz")
-    if request.folds < _FEWEST_FOLDS:
-        raise ConfigError(
-            f"--folds {request.folds} leaves nothing to check by",
-            remedy=f"give at least {_FEWEST_FOLDS}",
-        )
     for folder in (request.folder, request.check):
         if folder is not None and not folder.is_dir():
             raise ConfigError(f"{folder} is no folder", remedy="give a folder of images")
@@ -109,18 +101,15 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     height, width = background.shape[:2]
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
-    table = _table(request)
-    labelled: list[BallPress] = []
-    images: dict[str, ImageArray] = {}
-    if table is None:
-        images = _images(request, background)
-    else:
-        labelled = read_ball_presses(request.folder, table)
-        check_presses_fit(labelled, background)
+    table = _found(request.circles, request.folder) if request.circles else None
+    if table is None and (request.folder / _CIRCLES).exists():
+        table = request.folder / _CIRCLES
+    labelled = read_ball_presses(request.folder, table) if table else []
+    check_presses_fit(labelled, background)
+    images = _images(request, background) if table is None else {}
     check_count(len(labelled) + len(images))
-    warnings = []
     if labelled:
-        warnings = check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
+        check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
     check = []
     if request.check is not None:
         other = request.check / (request.circles or Path(_CIRCLES)).name
@@ -133,7 +122,6 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         labelled=labelled,
         images=images,
         check=check,
-        warnings=warnings,
     )
 
 
@@ -145,9 +133,7 @@ def find_presses(
     Raises:
         ConfigError: An image shows no contact.
     """
-    if read.labelled:
-        return read.labelled, read.warnings
-    presses = [
+    presses = read.labelled or [
         BallPress(
             name=name,
             image=image,
@@ -161,14 +147,6 @@ def find_presses(
 def _found(path: Path, folder: Path) -> Path:
     """Return the path in the folder if it is there, else as it stands."""
     return folder / path if (folder / path).exists() else path
-
-
-def _table(request: OpticsRequest) -> Path | None:
-    """Return the table of circles; None where the contacts have to be found."""
-    if request.circles is not None:
-        return _found(request.circles, request.folder)
-    table = request.folder / _CIRCLES
-    return table if table.exists() else None
 
 
 def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageArray]:

@@ -24,7 +24,7 @@ from sim.optics.calibrate.presses.ball_press import BallPress
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import lost_share
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.optics import ShadowCaster
+from sim.sensor.optics import Lamp, ShadowCaster
 
 SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2
@@ -68,12 +68,15 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     geometry = found.scene.geometry.refined(1.0 / _COARSE)
     best, misfit = _coloured(start, dents, geometry)
     for step in _STEPS:
-        numbers = product(range(len(start.lamps)), ("azimuth_rad", "elevation_rad"), (-step, step))
-        for index, name, by in numbers:
-            trial, error = _coloured(_moved(best, index, name, by), dents, geometry)
-            while error < misfit:
+        moves = product(range(len(start.lamps)), (_turned, _raised), (-step, step))
+        for index, move, by in moves:
+            while True:
+                lamps = list(best.lamps)
+                lamps[index] = move(lamps[index], by)
+                trial, error = _coloured(replace(best, lamps=lamps), dents, geometry)
+                if error >= misfit:
+                    break
                 best, misfit = trial, error
-                trial, error = _coloured(_moved(best, index, name, by), dents, geometry)
     return best
 
 
@@ -113,22 +116,18 @@ def _coloured(
     colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
     misfit = total - 2.0 * float(np.sum(colours * load))
     misfit += float(np.einsum("ic,ij,jc->", colours, normal, colours))
-    lamps = [
-        replace(lamp, colour=(float(c[0]), float(c[1]), float(c[2])))
-        for lamp, c in zip(shadows.lamps, colours, strict=True)
-    ]
+    pairs = zip(shadows.lamps, colours.tolist(), strict=True)
+    lamps = [replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs]
     return replace(shadows, lamps=lamps), misfit
 
 
-def _moved(shadows: ShadowCaster, index: int, name: str, step: float) -> ShadowCaster:
-    """Return the lamps with one of them turned, or raised or lowered."""
-    lamp = shadows.lamps[index]
-    if name == "azimuth_rad":
-        moved = replace(lamp, azimuth_rad=lamp.azimuth_rad + step)
-    else:
-        raised_rad = lamp.elevation_rad * math.exp(step)
-        moved = replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
-    return replace(shadows, lamps=[*shadows.lamps[:index], moved, *shadows.lamps[index + 1 :]])
+def _turned(lamp: Lamp, by_rad: float) -> Lamp:
+    return replace(lamp, azimuth_rad=lamp.azimuth_rad + by_rad)
+
+
+def _raised(lamp: Lamp, by: float) -> Lamp:
+    raised_rad = lamp.elevation_rad * math.exp(by)
+    return replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
 
 
 def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:

@@ -75,8 +75,7 @@ class PhotometricSamples:
         found = np.asarray(values(first), dtype=np.float64)
         for points in others:
             found += values(points)
-        if others:
-            found /= 1 + len(others)
+        found /= 1 + len(others)
         if self.rest is not None:
             found -= values(self.rest)
         return found
@@ -91,18 +90,15 @@ def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
 def _each_array(parts: Sequence[Any], made_of: Callable[[Sequence[FloatArray]], FloatArray]) -> Any:
     """Return what is like the parts, of arrays that are made of theirs."""
     first = parts[0]
+    if first is None:
+        return None
     if isinstance(first, np.ndarray):
         return made_of(parts)
     if isinstance(first, tuple):
         return tuple(_each_array(each, made_of) for each in zip(*parts, strict=True))
-    if first is None:
-        return None
     names = [field.name for field in fields(first)]
-    members = ([getattr(part, name) for part in parts] for name in names)
-    return replace(
-        first,
-        **{name: _each_array(own, made_of) for name, own in zip(names, members, strict=True)},
-    )
+    found = {n: _each_array([getattr(part, n) for part in parts], made_of) for n in names}
+    return replace(first, **found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,12 +139,8 @@ class NormalEquations:
     @classmethod
     def total(cls, parts: Sequence[NormalEquations]) -> NormalEquations:
         """Return the equations of all samples together."""
-        return cls(
-            **{
-                field.name: sum(getattr(part, field.name) for part in parts)
-                for field in fields(cls)
-            }
-        )
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: sum(getattr(part, name) for part in parts) for name in names})
 
     def solved(self, ridge: float) -> FloatArray:
         """Return each colour's coefficients, shape [3, n].

@@ -43,7 +43,6 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     y, x = np.mgrid[:height:_STRIDE, :width:_STRIDE].astype(np.float64).reshape(2, -1)
     strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
     start = float(np.median(x[strong])), float(np.median(y[strong]))
-    scale = scene.geometry.mean_scale_m
     level_gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
 
     def misfit(parameters: FloatArray) -> float:
@@ -55,14 +54,11 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
         gain = max(float(tilt @ level) / max(float(tilt @ tilt), 1e-12), 0.0)
         return float(np.mean((level - gain * tilt) ** 2))
 
-    found = min(
-        (
-            minimize(misfit, [*start, share * ball_radius_m / scale], method="Nelder-Mead")
-            for share in _RADII
-        ),
-        key=lambda result: float(result.fun),
-    )
-    px, py, radius = (float(value) for value in found.x)
+    scale = scene.geometry.mean_scale_m
+    starts = [[*start, share * ball_radius_m / scale] for share in _RADII]
+    searches = (minimize(misfit, begin, method="Nelder-Mead") for begin in starts)
+    found = min(searches, key=lambda search: float(search.fun))
+    px, py, radius = found.x.tolist()
     explained = 1.0 - float(found.fun) / max(float(np.var(seen)), 1e-12)
     inside = 0.0 <= px < width and 0.0 <= py < height and 1.0 < radius < ball_radius_m / scale
     if not inside or seen.max() < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:

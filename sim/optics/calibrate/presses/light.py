@@ -36,11 +36,7 @@ def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
 
 
 def fit_light(
-    change: FloatArray,
-    exposed: NDArray[np.bool_],
-    position: FloatArray,
-    *,
-    level_only: bool = False,
+    change: FloatArray, exposed: NDArray[np.bool_], position: FloatArray, *, level_only: bool
 ) -> FloatArray:
     """Fit the plane to differences from the no-contact frame, bounding what outliers can do.
 
@@ -54,16 +50,15 @@ def fit_light(
         Coefficients as ``light_at`` wants them, shape [3, 3].
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
-    light = np.zeros((3, 3))
-    for channel in range(light.shape[1]):
-        weight = exposed[:, channel].astype(np.float64)
+    light = []
+    for seen, told in zip(change.T, exposed.T, strict=True):
+        weight = told.astype(np.float64)
         for _ in range(_LIGHT_ROUNDS):
             weighted = (terms * weight[:, None]).T
-            normal, load = weighted @ terms, weighted @ change[:, channel]
-            light[:, channel] = np.linalg.lstsq(normal, load, rcond=None)[0]
-            off = change[:, channel] - terms @ light[:, channel]
-            weight = exposed[:, channel] / (1.0 + (off / _LIGHT_OUTLIER_LEVELS) ** 2)
-    return light
+            plane = np.linalg.lstsq(weighted @ terms, weighted @ seen, rcond=None)[0]
+            weight = told / (1.0 + ((seen - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
+        light.append(plane)
+    return np.stack(light, axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
