@@ -8,7 +8,7 @@ The same mesh and field give the same result on every machine.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +33,12 @@ def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetM
         ConfigError: The target asks for more tetrahedra than can be solved for.
     """
     while True:
-        edges = _edges(mesh)
-        middles = mesh.vertices[edges.ends].mean(axis=1)
-        too_long = edges.lengths > _TOO_LONG * size_at(middles)
+        ends, lengths, of_tets, longest = _edges(mesh)
+        middles = mesh.vertices[ends].mean(axis=1)
+        too_long = lengths > _TOO_LONG * size_at(middles)
         if not too_long.any():
             return mesh
-        mesh = _halved(mesh, edges, middles, _wanted(edges, too_long))
+        mesh = _halved(mesh, ends, longest, middles, _wanted(of_tets, longest, too_long))
         if len(mesh.tets) > _TETS_MAX:
             raise ConfigError(
                 f"the mesh would have more than {_TETS_MAX} tetrahedra",
@@ -46,25 +46,11 @@ def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetM
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Edges:
-    """The edges of a mesh.
+def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
+    """Return the edges' ends and lengths [m], and those of every tetrahedron: all and the longest.
 
-    Attributes:
-        ends: Vertices, shape [edge_count, 2].
-        lengths: Shape [edge_count] [m].
-        of_tets: Shape [tet_count, 6].
-        longest: The longest edge of every tetrahedron, shape [tet_count]; among equals the same
-            one for all.
+    Among equal edges the longest is the same one for all tetrahedra.
     """
-
-    ends: IntArray
-    lengths: FloatArray
-    of_tets: IntArray
-    longest: IntArray
-
-
-def _edges(mesh: TetMesh) -> _Edges:
     count = len(mesh.vertices)
     pairs = np.sort(mesh.tets[:, _EDGES].astype(np.int64), axis=2)
     keys, of_tets = np.unique(pairs[..., 0] * count + pairs[..., 1], return_inverse=True)
@@ -74,39 +60,38 @@ def _edges(mesh: TetMesh) -> _Edges:
     rank = np.empty(len(keys), dtype=np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(keys))
     place = np.argmax(rank[of_tets], axis=1)
-    return _Edges(
-        ends=ends,
-        lengths=lengths,
-        of_tets=of_tets,
-        longest=of_tets[np.arange(len(of_tets)), place],
-    )
+    return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), place]
 
 
-def _wanted(edges: _Edges, too_long: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _wanted(of_tets: IntArray, longest: IntArray, too_long: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which edges are to be halved now, no two of one tetrahedron."""
-    marked = np.zeros(len(edges.ends), dtype=np.bool_)
-    reached = too_long[edges.of_tets].any(axis=1)
+    marked = np.zeros(len(too_long), dtype=np.bool_)
+    reached = too_long[of_tets].any(axis=1)
     while True:
-        marked[edges.longest[reached]] = True
-        spread = marked[edges.of_tets].any(axis=1)
+        marked[longest[reached]] = True
+        spread = marked[of_tets].any(axis=1)
         if np.array_equal(spread, reached):
             break
         reached = spread
-    around = np.bincount(edges.of_tets.reshape(-1), minlength=len(marked))
-    agreeing = np.bincount(edges.longest, minlength=len(marked))
+    around = np.bincount(of_tets.reshape(-1), minlength=len(marked))
+    agreeing = np.bincount(longest, minlength=len(marked))
     return np.asarray(marked & (around == agreeing))
 
 
 def _halved(
-    mesh: TetMesh, edges: _Edges, middles: FloatArray, wanted: NDArray[np.bool_]
+    mesh: TetMesh,
+    ends: IntArray,
+    longest: IntArray,
+    middles: FloatArray,
+    wanted: NDArray[np.bool_],
 ) -> TetMesh:
     number = np.full(len(wanted), -1)
     number[wanted] = len(mesh.vertices) + np.arange(int(wanted.sum()))
-    split = wanted[edges.longest]
-    edge = edges.longest[split]
+    split = wanted[longest]
+    edge = longest[split]
     parents = mesh.tets[split]
     middle = number[edge][:, None].astype(np.int32)
-    first, second = edges.ends[edge, :1], edges.ends[edge, 1:]
+    first, second = ends[edge, :1], ends[edge, 1:]
     children = [
         np.where(parents == first, middle, parents),
         np.where(parents == second, middle, parents),

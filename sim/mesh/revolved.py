@@ -64,11 +64,11 @@ def revolved_mesh(
     points, triangles, section_layers = triangulate_half_section(
         mean_reach, pad.height_m, grading, levels_m=levels
     )
-    rings = [
-        _plan(points[:, 0], angle, reach, round_m, mean_reach)
-        for angle, reach in zip(angles, reaches, strict=True)
-    ]
-    plan = np.stack(rings) + centre
+    # Radii beyond the round part are stretched so that the outermost meets the outline.
+    share = np.clip((points[:, 0] - round_m) / (mean_reach - round_m), 0.0, 1.0)
+    stretched = points[:, 0] + share * (reaches - mean_reach)[:, None]
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    plan = stretched[..., None] * directions[:, None] + centre
     # Heights are of a section that is as high all over; they are scaled to the pad's top.
     z = pad.height_at(plan[..., 0], plan[..., 1]) * points[:, 1] / pad.height_m
     vertices = np.concatenate([plan, z[..., None]], axis=2).reshape(-1, 3)
@@ -106,15 +106,6 @@ def _sectors(
         start, end = (0.0 if symmetry.mirror_y else -0.5 * np.pi), 0.5 * np.pi
     angles, reaches = pad.sectors(centre, count, start_rad=start, end_rad=end)
     return angles, reaches, float(0.5 * (reaches[1:] + reaches[:-1]).mean())
-
-
-def _plan(
-    radius: FloatArray, angle: float, reach_m: float, round_m: float, mean_reach_m: float
-) -> FloatArray:
-    """Stretch radii beyond the round part so that the outermost meets the outline."""
-    share = np.clip((radius - round_m) / (mean_reach_m - round_m), 0.0, 1.0)
-    stretched = radius + share * (reach_m - mean_reach_m)
-    return np.asarray(stretched[:, None] * np.array([np.cos(angle), np.sin(angle)]))
 
 
 def _revolve(

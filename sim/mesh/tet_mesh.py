@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.mesh.elements import boundary_faces
+from sim.mesh.elements import FACES, boundary_faces
 from sim.mesh.symmetry import MirrorSymmetry
 from tacauchy_rig.errors import ConfigError
 
@@ -121,7 +121,7 @@ def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:
 
 def _smallest_dihedral(corners: FloatArray) -> float:
     normals = []
-    for a, b, c in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)):
+    for a, b, c in FACES:
         n = np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
         normals.append(n / np.linalg.norm(n, axis=1, keepdims=True))
     cosines = [

@@ -212,5 +212,4 @@ def _upward(plan: FloatArray, triangles: IntArray) -> IntArray:
     a, b, c = (plan[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     kept = np.abs(doubled) > _FLAT * np.abs(doubled).max()
-    turned = np.where((doubled < 0.0)[:, None], triangles[:, ::-1], triangles)
-    return np.asarray(turned[kept])
+    return np.asarray(triangles[kept])
