@@ -98,58 +98,41 @@ def fit_model(
             linear and the ridge is the usual one.
         blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
     """
-    exponents = scene.exponents
+    exponents, lamp_count = scene.exponents, scene.lamp_count
     whole = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
     every = max(1, sum(len(each.surface.change) for each in whole) // _FEW)
     few = [PressSamples(scene, each, blur_px=blur_px, every=every) for each in placed]
     polynomial = [each.surface.polynomial(exponents) for each in whole]
-    if known is not None:
-        known = _seen_through(known, whole, few, polynomial)
-    response = LINEAR if known is None else known.response
-    terms = None
-    if scene.lamp_count:
-        terms = fit_terms(
-            joined([each.through(response, known) for each in few]),
-            lamp_count=scene.lamp_count,
-            aspect=scene.aspect,
-            pixel_m=scene.geometry.mean_scale_m,
-            start=None if known is None else known.terms,
+
+    def fitted(
+        stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
+    ) -> PhotometricModel:
+        return fit_photometric(
+            [each.through(response, stand_in) for each in whole],
+            exponents=exponents,
+            features=_with_terms(polynomial, whole, terms),
+            ridge=ridge,
+            terms=terms,
+            response=response,
+            reference=REFERENCE,
         )
-    return fit_photometric(
-        [each.through(response, known) for each in whole],
-        exponents=exponents,
-        features=_with_terms(polynomial, whole, terms),
-        ridge=RIDGE if known is None else None,
-        terms=terms,
-        response=response,
-        reference=REFERENCE,
-    )
 
-
-def _seen_through(
-    known: PhotometricModel,
-    whole: Sequence[PressSamples],
-    few: Sequence[PressSamples],
-    polynomial: Sequence[FloatArray],
-) -> PhotometricModel:
-    """Return a model as the camera's response is now: begun anew where that has moved.
-
-    Its light is not comparable with that of another response.
-    """
-    shapes = [each.surface.polynomial(known.exponents) for each in few]
-    response = fit_response(
-        lambda tried: [each.through(tried) for each in few], _with_terms(shapes, few, known.terms)
-    )
-    if response == known.response:
-        return known
-    return fit_photometric(
-        [each.through(response) for each in whole],
-        exponents=known.exponents,
-        features=_with_terms(polynomial, whole, known.terms),
-        terms=known.terms,
-        response=response,
-        reference=REFERENCE,
-    )
+    response, terms, ridge = LINEAR, None, RIDGE if known is None else None
+    if known is not None:
+        shapes = [each.surface.polynomial(exponents) for each in few]
+        features = _with_terms(shapes, few, known.terms)
+        response = fit_response(lambda tried: [each.through(tried) for each in few], features)
+        terms = known.terms
+        if response != known.response:
+            # Its light is not comparable with that of another response: begin anew.
+            known = fitted(None, terms, RIDGE)
+    if lamp_count:
+        samples = joined([each.through(response, known) for each in few])
+        pixel_m = scene.geometry.mean_scale_m
+        terms = fit_terms(
+            samples, lamp_count=lamp_count, aspect=scene.aspect, pixel_m=pixel_m, start=terms
+        )
+    return fitted(known, terms, ridge)
 
 
 def _with_terms(

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Outline
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.checks import SlopeCoverage
 from sim.optics.calibrate.cross_validation import RenderedPress, as_seen, crop_window
 from sim.optics.calibrate.presses.ball_press import Circle
@@ -54,23 +53,20 @@ def draw_coverage(
     figure.savefig(path, dpi=_DPI)
 
 
-def draw_presses(rendered: Sequence[RenderedPress], scene: PressScene, path: Path) -> None:
+def draw_presses(held_out: Sequence[RenderedPress], scene: PressScene, path: Path) -> None:
     """Draw each press's crop: real, rendered in its light, and four times their difference."""
-    rows = math.ceil(len(rendered) / _SETS_A_ROW)
+    rows = math.ceil(len(held_out) / _SETS_A_ROW)
     figure = Figure(figsize=(3.0 * _SETS_A_ROW, 1.2 * rows + 0.3), layout="constrained")
     axes = figure.subplots(rows, _SETS_A_ROW, squeeze=False).ravel()
     for axis in axes:
         axis.set_axis_off()
-    for axis, item in zip(axes, rendered, strict=False):
-        axis.imshow(np.clip(_triptych(item, scene) / 255.0, 0.0, 1.0))
+    for axis, item in zip(axes, held_out, strict=False):
+        real = item.press.image.astype(np.float64)
+        rendered = as_seen(item.rendered, item.light, scene)
+        difference = 127.0 + _DIFFERENCE_GAIN * (rendered - real)
+        window = crop_window(item.press.circle, *real.shape[:2])
+        crops = [part[window] for part in (real, rendered, difference)]
+        axis.imshow(np.clip(np.concatenate(crops, axis=1) / 255.0, 0.0, 1.0))
         axis.set_title(item.press.name, fontsize=7)
     figure.suptitle(f"real | rendered | grey + {_DIFFERENCE_GAIN:g} x (rendered - real)", size=8)
     figure.savefig(path, dpi=_DPI)
-
-
-def _triptych(item: RenderedPress, scene: PressScene) -> FloatArray:
-    real = item.press.image.astype(np.float64)
-    rendered = as_seen(item.rendered, item.light, scene)
-    window = crop_window(item.press.circle, real.shape[0], real.shape[1])
-    difference = 127.0 + _DIFFERENCE_GAIN * (rendered - real)
-    return np.concatenate([real[window], rendered[window], difference[window]], axis=1)

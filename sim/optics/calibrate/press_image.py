@@ -58,8 +58,8 @@ def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[Placed
 def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
     """Return indentation [m], shape [height, width], and tilt, shape [2, height, width]."""
     shape = (scene.geometry.height, scene.geometry.width)
-    rows, columns = np.indices(shape)
-    gel = scene.surface(circle, columns.ravel(), rows.ravel())
+    rows, columns = np.indices(shape).reshape(2, -1)
+    gel = scene.surface(circle, columns, rows)
     return (
         gel.indentation_m.reshape(shape).astype(np.float32),
         gel.tilt.reshape(2, *shape).astype(np.float32),

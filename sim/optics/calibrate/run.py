@@ -65,14 +65,13 @@ def calibrate_and_check(
         RecordError: A result cannot be written.
     """
     read = read_input(request)
-    count = len(read.labelled or read.images)
-    folds, depths = min(request.folds, count), len(DEPTHS_M)
+    folds = min(request.folds, len(read.labelled or read.images))
+    depths = len(DEPTHS_M)
     total = depths + folds + 1
 
     def pressed(done: int) -> None:
-        on_step(
-            f"ball pressed {DEPTHS_M[done - 1] * 1e3:.2f} mm deep in the simulator", done, total
-        )
+        depth_mm = DEPTHS_M[done - 1] * 1e3
+        on_step(f"ball pressed {depth_mm:.2f} mm deep in the simulator", done, total)
 
     def fitted(fold: int) -> None:
         what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
@@ -92,17 +91,14 @@ def calibrate_and_check(
     scores, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
     )
-    warnings = warnings + check_after(scores, held_out, scene)
     coverage = slope_coverage(calibration.circles, calibration.scene)
-    warnings += check_coverage(coverage)
-    checked = None
-    if read.check:
-        checked = check_scores(*render_presses(read.check, calibration), scene)
+    warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
+    others = render_presses(read.check, calibration)
     provenance = _provenance(request, presses, scores, calibration)
     files = _write(request, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
         cross_validation=scores,
-        check=checked,
+        check=check_scores(*others, scene) if read.check else None,
         coverage=coverage,
         warnings=warnings,
         presses=_rows(presses, calibration.circles, held_out, scene),
@@ -112,10 +108,7 @@ def calibrate_and_check(
 
 
 def _provenance(
-    request: OpticsRequest,
-    presses: Sequence[BallPress],
-    scores: CheckScores,
-    found: Calibration,
+    request: OpticsRequest, presses: Sequence[BallPress], scores: CheckScores, found: Calibration
 ) -> dict[str, Any]:
     geometry = found.scene.geometry
     digest = hashlib.sha256()
@@ -170,10 +163,8 @@ def _rows(
     held_out: Sequence[RenderedPress],
     scene: PressScene,
 ) -> list[dict[str, Any]]:
-    errors = {
-        item.press.name: error
-        for item, error in zip(held_out, held_out_errors(held_out, scene), strict=True)
-    }
+    names = [item.press.name for item in held_out]
+    errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
     return [
         {
             "image": press.name,

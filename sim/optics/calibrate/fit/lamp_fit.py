@@ -47,7 +47,11 @@ def fit_terms(
     """
     few = samples.thinned(max(1, samples.change.shape[1] // _SAMPLES))
     search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
-    begin = search.all_around(lamp_count) if start is None else _numbers(start)
+    if start is None:
+        begin = search.all_around(lamp_count)
+    else:
+        lamps = [(lamp.azimuth_rad, lamp.elevation_rad, lamp.distance) for lamp in start.lamps]
+        begin = np.array([*np.ravel(lamps), start.softness])
     low = np.array([-np.inf, *_LOWEST[:2]] * lamp_count + [_LOWEST[2]])
     high = np.array([np.inf, *_HIGHEST[:2]] * lamp_count + [_HIGHEST[2]])
     found = least_squares(
@@ -142,8 +146,3 @@ class _Search:
 def _around(azimuths: RealArray) -> FloatArray:
     """Return lamps in these directions, as numbers, where a search starts."""
     return np.array([*np.ravel([(azimuth, *_START[:2]) for azimuth in azimuths]), _START[2]])
-
-
-def _numbers(start: ShadingTerms) -> FloatArray:
-    lamps = [(lamp.azimuth_rad, lamp.elevation_rad, lamp.distance) for lamp in start.lamps]
-    return np.array([*np.ravel(lamps), start.softness])

@@ -157,10 +157,9 @@ class DotTarget(ScaleTarget):
     def find(self, image: GreyArray) -> TargetPoints:
         """Return the centres of all dots, dark or bright, or none."""
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), dtype=np.uint8)
-        for shown in (smooth, 255 - smooth):
-            pixels = self._grid(shown)
-            if len(pixels):
-                break
+        pixels = self._grid(smooth)
+        if len(pixels) == 0:
+            pixels = self._grid(255 - smooth)
         j, i = np.mgrid[: self.rows, : self.columns].astype(np.float64)
         places = np.stack([i.ravel(), j.ravel()], axis=1) * self.pitch_m
         known = (places - places.mean(axis=0))[: len(pixels)]
