@@ -117,11 +117,7 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         check = read_ball_presses(request.check, table)
         check_presses_fit(check, background)
     return OpticsInput(
-        background=background,
-        geometry=geometry,
-        labelled=labelled,
-        images=images,
-        check=check,
+        background=background, geometry=geometry, labelled=labelled, images=images, check=check
     )
 
 
@@ -133,14 +129,10 @@ def find_presses(
     Raises:
         ConfigError: An image shows no contact.
     """
-    presses = read.labelled or [
-        BallPress(
-            name=name,
-            image=image,
-            circle=find_circle(name, image, scene, ball_radius_m=ball_radius_m),
-        )
-        for name, image in read.images.items()
-    ]
+    presses = list(read.labelled)
+    for name, image in read.images.items():
+        circle = find_circle(name, image, scene, ball_radius_m=ball_radius_m)
+        presses.append(BallPress(name=name, image=image, circle=circle))
     return presses, check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
 
 

@@ -112,9 +112,7 @@ def fit_response(
     best = int(np.argmin(found))
     if found[best] > _CLEARLY * found[-1]:
         return Response()
-    if best == 0:
-        return Response(knee=_KNEES[0])
-    return Response(knee=lowest_place(_KNEES, found))
+    return Response(knee=lowest_place(_KNEES, found) if best > 0 else _KNEES[0])
 
 
 def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:

@@ -231,11 +231,7 @@ class PredictedPixels:
     """
 
     def __init__(
-        self,
-        scene: PressScene,
-        model: PhotometricModel,
-        columns: PixelIndices,
-        rows: PixelIndices,
+        self, scene: PressScene, model: PhotometricModel, columns: PixelIndices, rows: PixelIndices
     ) -> None:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
         self._position = scene.normalised(columns, rows)
