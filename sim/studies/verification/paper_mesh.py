@@ -39,6 +39,7 @@ def measure_mesh() -> Table:
     growth = fine.tet_count / coarse.tet_count
     density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
     sizing = PAPER_SIZING
+    gap = press(replace(_SCENE, preset=Preset.PAPER)).surface_traction_gap_relative
     return Table(
         columns=("quantity", "paper", "here"),
         rows=(
@@ -57,6 +58,7 @@ def measure_mesh() -> Table:
             ("l_r = l_g over the bounding box's diagonal", None, sizing.coarse_m / diagonal(pad)),
             ("envelope epsilon_r over the same", None, sizing.envelope_share),
             ("AMIPS energy to stop at", None, sizing.stop_energy),
+            ("sigma n of its surface off the contact force [%]", None, 100.0 * gap),
         ),
         **stated("mesh"),
     )

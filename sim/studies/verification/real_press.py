@@ -42,7 +42,14 @@ def measure(*, preset: Preset = Preset.ACCURATE) -> Table:
     force = press(scene_from(words)).force_n[2]
     forces = (force, None, None, None)
     return Table(
-        **stated("real", preset=preset, real=real, fit=fits[0], young=young),
+        **stated(
+            "real",
+            preset=preset,
+            real=real,
+            scene=scene_from(real.press),
+            fit=fits[0],
+            young=young,
+        ),
         columns=("nu", "contact", "fitted E [MPa]", "F_z pressed anew [N]", "measured [N]"),
         rows=tuple(
             (nu, contact.value, fit * 1e-6, again, real.force_n)
