@@ -47,6 +47,7 @@ def draw_scenes(found: SceneBench, *, folder: Path) -> list[Path]:
                 [row.frames_per_s if row.press else 0.0 for row in rows],
                 height=0.9 * height,
                 color=_COLOURS[k % len(_COLOURS)],
+                hatch="////" * (k // len(_COLOURS)),
                 label=way(rows[0]),
             )
         axes.set_xscale("log")
