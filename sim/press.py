@@ -12,7 +12,7 @@ from sim.arrays import FloatArray
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for, solve
+from sim.effects.scene_path import follow, path_for
 from sim.error.estimate import NOT_ASKED, ErrorEstimate, estimated
 from sim.error.settings import setting_of
 from sim.error.tolerance import alternatives
@@ -111,7 +111,7 @@ def press(
     plan = plan_effects(scene)
     path = path_for(scene, plan, model=model, device=device)
     setup = time.perf_counter() - started
-    point = solve(scene, plan, path)
+    point = follow(scene, path)
     wall = {"setup": setup, "solve": path.counts.wall_s}
     if not estimate_error:
         return measure(scene, path, point, plan=plan, wall_s=wall)

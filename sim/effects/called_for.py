@@ -53,17 +53,6 @@ def everything(scene: Scene) -> EffectPlan:
     return EffectPlan(effects=tuple(rows[effect] for effect in Effect))
 
 
-def why_no_inertia(scene: Scene) -> str:
-    """Say why a scene cannot be pressed in time, or nothing."""
-    if scene.contact is not ContactMode.FRICTIONLESS:
-        return f"a press in time has no {scene.contact.value} contact"
-    if scene.target.depth_m is None:
-        return "a press in time goes to a depth, not to a force"
-    if not scene.motion.is_straight:
-        return "a press in time goes straight down and is not tilted"
-    return ""
-
-
 def _inertia(scene: Scene) -> _Decision:
     period = estimates.slowest_period(scene)
     return (

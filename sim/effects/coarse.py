@@ -13,7 +13,7 @@ from functools import lru_cache
 from sim.effects.called_for import everything
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs, outputs_of
-from sim.effects.scene_path import path_for, solve
+from sim.effects.scene_path import follow, path_for
 from sim.scene.scene import Preset, Scene
 
 # How many times shorter than the scene's the edges are, the coarsest first. Preset paper has but
@@ -90,5 +90,5 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     coarse = replace(scene, refinement=ratio * scene.refinement)
     plan = everything(coarse)
     path = path_for(coarse, plan)
-    outputs = outputs_of(path, solve(coarse, plan, path))
+    outputs = outputs_of(path, follow(coarse, path))
     return CoarsePress(ratio=ratio, outputs=outputs, processor_s=time.process_time() - started)

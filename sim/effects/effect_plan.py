@@ -15,8 +15,8 @@ class PlannedEffect:
     Attributes:
         on: It is simulated.
         reason: Why, with the numbers.
-        costs: Relative error of each output that is asked for if it is left out; empty where it
-            changes nothing, None where nobody knows.
+        costs: Relative error of each output if it is left out; empty where it changes nothing,
+            None where nobody knows.
         asked: The user switched it.
     """
 

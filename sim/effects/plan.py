@@ -69,7 +69,7 @@ def plan_effects(scene: Scene) -> EffectPlan:
     }
     for effect, bound in bounds.items():
         if _is_open(plan, effect) and bound is not None:
-            plan = _weighed(plan, effect, dict.fromkeys(plan.tolerances, bound), "by its scale")
+            plan = _weighed(plan, effect, dict.fromkeys(Output, bound), "by its scale")
     for effect, saved in _SAVES.items():
         if _is_open(plan, effect):
             plan = _judged(scene, plan, effect, saved)
@@ -148,7 +148,7 @@ def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output,
         output: fine[output] + abs(fine[output] - coarse[output])
         if len(found) > 1
         else (_ONE_RUNG if output in _SUMS else _ONE_RUNG_FIELDS) * fine[output]
-        for output in plan.tolerances
+        for output in fine
     }
     return costs, spent
 
@@ -157,7 +157,7 @@ def _weighed(
     plan: EffectPlan, effect: Effect, costs: dict[Output, float], basis: str
 ) -> EffectPlan:
     """Leave an effect out if that keeps every tolerance, with what is left out already."""
-    sums = {output: plan.left_out(output) + cost for output, cost in costs.items()}
+    sums = {output: plan.left_out(output) + costs[output] for output in plan.tolerances}
     worst = max(sums, key=lambda output: sums[output] / max(plan.tolerances[output], _NOTHING))
     on = sums[worst] > plan.tolerances[worst]
     verb = "would be" if on else "is"

@@ -7,8 +7,7 @@ from sim.effects.presets import build_model
 from sim.material.elastic_body import densities_of
 from sim.scene.scene import Drive, Effect, Output, Scene
 from sim.scene.tilted_indenter import tilted
-from sim.solve.dynamics.implicit import moving_press
-from sim.solve.dynamics.weight_and_inertia import weight
+from sim.solve.dynamics.weight_and_inertia import Inertia, weight
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.force_search import find_force
@@ -22,6 +21,8 @@ _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 # depends on the way. Three balls with mu 0.5: it is 0.8 to 2.0 % of the pressure off, with steps 4
 # times shorter 0.2 to 0.6 %, for 1.3 to 1.8 times the time (against 8 times shorter ones).
 _SHEAR_STEPS = 4.0
+# Time steps of a press, and of a motion, with inertia.
+TIME_STEPS = 60
 
 
 def path_for(
@@ -43,7 +44,8 @@ def path_for(
         ConfigError: The scene cannot be built.
     """
     model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
-    heavy = plan.is_on(Effect.GRAVITY)
+    density = densities_of(model.mesh, scene.materials)
+    step_s = scene.duration_s / TIME_STEPS
     way_counts = Output.SHEAR in scene.outputs and plan.is_on(Effect.FRICTION)
     return LoadingPath(
         model,
@@ -51,7 +53,8 @@ def path_for(
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=STEP_SHARE * model.height_m / (_SHEAR_STEPS if way_counts else 1.0),
-        potentials=(weight(model, densities_of(model.mesh, scene.materials)),) if heavy else (),
+        potentials=(weight(model, density),) if plan.is_on(Effect.GRAVITY) else (),
+        inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
         options=_options(scene),
     )
 
@@ -62,19 +65,6 @@ def _options(scene: Scene) -> SolverOptions:
         return SolverOptions()
     asked = _OF_TOLERANCE * (scene.tolerance or 0.0)
     return SolverOptions(residual_relative=min(_ROUGHER, max(_ROUGHLY, asked)))
-
-
-def solve(scene: Scene, plan: EffectPlan, path: LoadingPath) -> PathPoint:
-    """Take the indenter along its path, with the planned effects.
-
-    Raises:
-        ConvergenceError: No equilibrium, or the force cannot be reached.
-    """
-    if plan.is_on(Effect.INERTIA):
-        return moving_press(
-            scene, path, density_kg_m3=densities_of(path.model.mesh, scene.materials)
-        )
-    return follow(scene, path)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:

@@ -16,6 +16,7 @@ mass matrix (Hinton, Rock, Zienkiewicz 1976), which is positive.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -66,6 +67,48 @@ def weight(model: Model, density_kg_m3: float | FloatArray) -> Potential:
         force_n=np.outer(masses, (0.0, 0.0, -STANDARD_M_S2)),
         towards_m=model.nodes,
     )
+
+
+class Inertia:
+    """What nodes with mass remember from time step to time step: where they were, and how fast.
+
+    Args:
+        density_kg_m3: One number, or one for each tetrahedron.
+        step_max_s: Longest time step.
+
+    Attributes:
+        masses_kg: Of the modelled part, lumped, shape [node_count].
+        velocities_m_s: Shape [node_count, 3].
+        flight: What pulls the nodes to where they would fly; empty in a step that lasts for ever.
+    """
+
+    def __init__(
+        self, model: Model, density_kg_m3: float | FloatArray, *, step_max_s: float = math.inf
+    ) -> None:
+        self.masses_kg = nodal_masses(model, density_kg_m3, INERTIA)
+        self.step_max_s, self._step_s = step_max_s, math.inf
+        self.flight: tuple[Potential, ...] = ()
+        self.forget(model.nodes)
+
+    def forget(self, positions: FloatArray) -> None:
+        """Take the nodes to be at rest at ``positions`` [m], shape [node_count, 3]."""
+        self._positions, self.velocities_m_s = positions.copy(), np.zeros_like(positions)
+
+    def begin_step(self, step_s: float) -> None:
+        """Prepare a step from the last commit; it may be begun again.
+
+        Args:
+            step_s: Above 0 s, to inf, for ever.
+        """
+        self._step_s, self.flight = step_s, ()
+        if math.isfinite(step_s):
+            flown = self._positions + step_s * self.velocities_m_s
+            self.flight = (inertia(self.masses_kg, flown_m=flown, step_s=step_s),)
+
+    def commit(self, positions: FloatArray) -> None:
+        """Accept ``positions`` [m] as the end of the step that was begun."""
+        self.velocities_m_s = (positions - self._positions) / self._step_s
+        self._positions = positions.copy()
 
 
 def inertia(masses_kg: FloatArray, *, flown_m: FloatArray, step_s: float) -> Potential:

@@ -17,6 +17,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
+from sim.solve.dynamics.weight_and_inertia import Inertia
 from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.load_steps.equilibrium import PathCounts, PathPoint, Settling
 from sim.solve.load_steps.first_touch import touch_height, unloaded_positions
@@ -38,7 +39,7 @@ _GRIPPING_SHARE = 0.25
 # Differences from a depth, over the pad's height, and from a force, over it, that rounding leaves.
 _DEPTH_EXACT_SHARE, _FORCE_EXACT_SHARE = 2.5e-12, 1e-12
 # Of a push's time, until its force has a tangent to go by: a guess.
-_TOUCHING_SHARE = 0.02
+_TOUCHING_SHARE, _TOUCHING_TRIES = 0.02, 3
 
 
 class Hold(StrEnum):
@@ -59,6 +60,7 @@ class LoadingPath:
         rotation: Indenter frame to pad frame from the start.
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
+        inertia: Mass of the nodes, for a path in time.
         reuse: What the solver keeps from step to step.
 
     Attributes:
@@ -73,6 +75,7 @@ class LoadingPath:
     step_max_m: float = 0.0
     options: SolverOptions = field(default_factory=SolverOptions)
     potentials: Sequence[Potential] = ()
+    inertia: Inertia | None = None
     reuse: Reuse = field(default_factory=Reuse)
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
@@ -94,6 +97,8 @@ class LoadingPath:
         )
         if self.model.relaxation is not None:
             self.model.relaxation.forget(self.unloaded)
+        if self.inertia is not None:
+            self.inertia.forget(self.unloaded)
         self.touch_m = touch_height(
             self.model,
             self.indenter,
@@ -102,7 +107,9 @@ class LoadingPath:
             rotation=self.rotation,
         )
         self._settling = Settling(solver=self.solver, touch_m=self.touch_m, counts=self.counts)
-        self._stepping = Stepping(settling=self._settling)
+        self._stepping = Stepping(
+            settling=self._settling, potentials=self.potentials, inertia=self.inertia
+        )
         self.setup_s = time.perf_counter() - started
 
     @property
@@ -126,7 +133,7 @@ class LoadingPath:
 
         Args:
             start: Continue from here instead of from the last point.
-            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
+            duration_s: Time that it takes [s], for a gel that remembers; None is for ever.
 
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
@@ -168,7 +175,7 @@ class LoadingPath:
         return self._go(point, phase, duration_s)
 
     def dwell(self, duration_s: float) -> PathPoint:
-        """Let time pass at the same depth; a gel that relaxes pushes back less.
+        """Let time pass at the same depth, as one step; a gel that relaxes pushes back less.
 
         Raises:
             ConvergenceError: As for ``advance``, or nothing was pressed yet.
@@ -188,7 +195,7 @@ class LoadingPath:
         """Translate the pressed-in indenter and turn it about z through its tip.
 
         Args:
-            duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
+            duration_s: Time that it takes [s], for a gel that remembers; None is for ever.
 
         Raises:
             ConvergenceError: As for ``advance``, or nothing was pressed yet.
@@ -242,9 +249,12 @@ class LoadingPath:
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, self._first_step_m)
+        if depth_m > 0.0:
+            depth = min(depth, depth_m * self._stepping.longest_share(duration_s))
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
-        # What takes hold in passing is remembered as it is found, less than exactly even.
-        passing = depth < depth_m and not self.model.contact_options.is_tangential
+        # What takes hold or flies in passing is remembered as it is found, less than exactly even.
+        remembers = self.model.contact_options.is_tangential or self.inertia is not None
+        passing = depth < depth_m and not remembers
         return self._stepping.accept(self._settle(self.untouched(depth), passing=passing))
 
     @property
@@ -260,17 +270,22 @@ class LoadingPath:
     ) -> float:
         """Return the part of a push in which the indenter comes to have a tangent to go by.
 
-        Under a force that grows evenly that is what it carries by then; found in two tries.
+        Under a force that grows evenly that is what it carries by then; found by secants of the
+        logarithms: what a gel with mass carries falls with the square of the time.
         """
-        share = _TOUCHING_SHARE
-        if self.model.relaxation is None or duration_s is None or point is not None:
-            return share
-        for _ in range(2):
-            self._stepping.begin(share * duration_s)
+        remembers = self.model.relaxation is not None or self.inertia is not None
+        if not remembers or duration_s in (None, math.inf) or point is not None:
+            return _TOUCHING_SHARE
+        at, slope, known = math.log(_TOUCHING_SHARE), -1.0, None
+        for _ in range(_TOUCHING_TRIES):
+            self._stepping.begin(_part(math.exp(at), duration_s))
             start = self.untouched(OVERLAP_SHARE * self.model.height_m)
             carried = float(self._settle(start, passing=True).force_n[2])
-            share = min(1.0, carried / force_n)
-        return share
+            missed = math.log(carried / force_n) - at
+            if known is not None and at != known[0]:
+                slope = min(slope, (missed - known[1]) / (at - known[0]))
+            known, at = (at, missed), min(0.0, at - missed / slope)
+        return math.exp(at)
 
 
 def _part(share: float, duration_s: float | None) -> float | None:

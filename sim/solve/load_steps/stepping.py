@@ -12,10 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.contact.state import State
+from sim.material.relaxation import Relaxation
+from sim.solve.dynamics.weight_and_inertia import Inertia
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint, Settling
 from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
 from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
+from sim.solve.potential import Potential
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
@@ -40,14 +43,17 @@ _APART = 0.05
 
 @dataclass(slots=True, kw_only=True)
 class Stepping:
-    """Steps through equilibria, and has a gel that relaxes remember them.
+    """Steps through equilibria, and has a gel that relaxes or has mass remember them.
 
     Attributes:
+        potentials: Further energies of the nodes besides inertia, such as weight.
         last: The equilibrium that was reached last, also when a phase ended in an error.
         history: (depth [m], F_z [N]) of every equilibrium on the way.
     """
 
     settling: Settling
+    potentials: Sequence[Potential] = ()
+    inertia: Inertia | None = None
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
     _known: deque[PathPoint] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -59,19 +65,35 @@ class Stepping:
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
-        relaxation = self.settling.solver.model.relaxation
-        if relaxation is not None:
-            relaxation.begin_step(math.inf if duration_s is None else duration_s)
+        for memory in self._memories:
+            memory.begin_step(math.inf if duration_s is None else duration_s)
+        if self.inertia is not None:
+            flight = self.inertia.flight
+            self.settling.solver.replace_potentials((*self.potentials, *flight))
 
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
         self._known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
-        relaxation = self.settling.solver.model.relaxation
-        if relaxation is not None:
-            relaxation.commit(point.state.positions)
+        for memory in self._memories:
+            memory.commit(point.state.positions)
         return point
+
+    def longest_share(self, duration_s: float | None) -> float:
+        """Return the largest part of what takes a time [s] that may be one step."""
+        if duration_s is None or not math.isfinite(duration_s):
+            return 1.0
+        share = 1.0 if self.settling.solver.model.relaxation is None else _EVEN_SHARE
+        if self.inertia is not None:
+            share = min(share, self.inertia.step_max_s / duration_s)
+        return share
+
+    @property
+    def _memories(self) -> tuple[Inertia | Relaxation, ...]:
+        """What goes on from where a step ended, and not from any point of the path."""
+        both = (self.settling.solver.model.relaxation, self.inertia)
+        return tuple(each for each in both if each is not None)
 
     def go(
         self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: SolverOptions
@@ -81,13 +103,13 @@ class Stepping:
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
                 last depth that was reached, ``last`` holds it.
-            ConfigError: A gel that relaxes would have to go back.
+            ConfigError: A gel that relaxes or has mass would have to go back.
         """
         started = time.perf_counter()
         point = self._resume(point)
         whole = abs(phase.end - phase.start)
         pace = None if duration_s is None else duration_s / max(whole, 1e-300)
-        even = whole * self._even_share(duration_s)
+        even = whole * self.longest_share(duration_s)
         if phase.direction != self._direction or self._trail[-1][1] is not point:
             self._trail.clear()
             self._trail.append((phase.start, point))
@@ -113,19 +135,13 @@ class Stepping:
     def _resume(self, point: PathPoint) -> PathPoint:
         if point is self.last:
             return point
-        if self.settling.solver.model.relaxation is not None:
+        if self._memories:
             raise ConfigError(
-                "a gel that relaxes cannot go back to an earlier point of its path",
+                "a gel that relaxes or has mass cannot go back to an earlier point of its path",
                 remedy="drive it by load or by depth, not by the displacement search",
             )
         self.last = point
         return point
-
-    def _even_share(self, duration_s: float | None) -> float:
-        """Return the part of a phase in which a relaxing gel's stress may be taken as a ramp."""
-        remembers = self.settling.solver.model.relaxation is not None
-        lasts = duration_s is not None and math.isfinite(duration_s)
-        return _EVEN_SHARE if remembers and lasts else 1.0
 
     def _increment(
         self,
@@ -174,8 +190,7 @@ class Stepping:
         Where an equilibrium depends on the indenter's place alone, those of any phase serve.
         """
         model = self.settling.solver.model
-        remembers = model.contact_options.is_tangential or model.relaxation is not None
-        if remembers or isinstance(phase, CarryPhase):
+        if self._memories or model.contact_options.is_tangential or isinstance(phase, CarryPhase):
             return list(self._trail), self._trail[-1][0]
         held = phase.load_at(phase.end) is None
         known = [
@@ -221,7 +236,7 @@ class Stepping:
         return self.settling.settle(
             state,
             load_n=phase.load_at(at),
-            passing=phase.is_short_of(at),
+            passing=self.inertia is None and phase.is_short_of(at),
             options=options,
             before=point,
         )

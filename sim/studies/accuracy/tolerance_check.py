@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for, solve
+from sim.effects.scene_path import follow, path_for
 from sim.error.estimate import estimated
 from sim.error.settings import FAST, WORTH, Setting, setting_of
 from sim.error.tolerance import keeping
@@ -135,7 +135,7 @@ def judged_depth(scene: Scene) -> float:
         return scene.target.depth_m
     fast = FAST.applied(scene)
     plan = plan_effects(fast)
-    return solve(fast, plan, path_for(fast, plan)).depth_m
+    return follow(fast, path_for(fast, plan)).depth_m
 
 
 def _everything_on(scene: Scene) -> Scene:

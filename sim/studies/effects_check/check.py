@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any
 
-from sim.effects.called_for import everything, why_no_inertia
+from sim.effects.called_for import everything
 from sim.effects.coarse import forget
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for, solve
+from sim.effects.scene_path import follow, path_for
 from sim.error.estimate import estimated
 from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm
@@ -65,7 +65,6 @@ class EffectCheck:
 
     Attributes:
         added: What was off and is on in the full press.
-        apart: Why inertia is in neither press, or nothing.
         differences: Of each output that is asked for.
         errors: Of each output what the press states, and what finer meshes tell; empty where
             that was not asked.
@@ -76,7 +75,6 @@ class EffectCheck:
     case: EffectCase
     plan: EffectPlan
     added: tuple[Effect, ...]
-    apart: str
     differences: dict[Output, float]
     errors: dict[Output, tuple[float, float]]
     planned_s: float
@@ -117,7 +115,6 @@ class EffectCheck:
             "tried_s": self.plan.tried_s,
             "full_s": self.full_s,
             "added": [effect.value for effect in self.added],
-            "apart": self.apart,
             "effects": self.plan.as_json(),
         }
 
@@ -131,10 +128,7 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     Raises:
         ConvergenceError: A press has no equilibrium.
     """
-    scene, apart = case.scene, ""
-    why_not = why_no_inertia(scene)
-    if why_not and Effect.INERTIA not in dict(scene.effects):
-        scene, apart = replace(scene, effects=(*scene.effects, (Effect.INERTIA, False))), why_not
+    scene = case.scene
     full_plan = everything(scene)
     plan = plan_effects(scene)
     for each in {plan.switches, full_plan.switches}:
@@ -153,13 +147,16 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     full_s = time.process_time() - started
     found, finer = planned.differences(full), {}
     if errors:
-        shorter = replace(scene, refinement=_FINER * scene.refinement)
+        # What inertia changes is told by the press with everything on, at a fraction of the time.
+        inertia = (Effect.INERTIA, plan.is_on(Effect.INERTIA))
+        shorter = replace(
+            scene, refinement=_FINER * scene.refinement, effects=(*scene.effects, inertia)
+        )
         finer = planned.changes(_pressed(shorter, everything(shorter)))
     return EffectCheck(
         case=case,
         plan=plan,
         added=tuple(e for e, on in full_plan.switches if on and not plan.is_on(e)),
-        apart=apart,
         differences={output: found[output] for output in plan.tolerances},
         errors={each: (stated[each], _LEFT * finer[each]) for each in stated if each in finer},
         planned_s=planned_s,
@@ -199,7 +196,7 @@ def time_saved(checks: Sequence[EffectCheck]) -> float:
 
 def _pressed(scene: Scene, plan: EffectPlan) -> PressOutputs:
     path = path_for(scene, plan)
-    return outputs_of(path, solve(scene, plan, path))
+    return outputs_of(path, follow(scene, path))
 
 
 def _touch(scene: Scene, switches: tuple[tuple[Effect, bool], ...]) -> None:

@@ -25,8 +25,7 @@ _DEPTH_SHARE, _FRICTION = (0.01, 0.5), (0.05, 1.2)
 _BALL_M, _PUNCH_M, _FILLET_SHARE = (3e-3, 20e-3), (2e-3, 8e-3), (0.05, 0.3)
 _OFFSET_M, _SHIFT_M = (0.1e-3, 2e-3), (0.02e-3, 0.4e-3)
 _TWIST_RAD, _TILT_RAD = (0.005, 0.15), (0.002, 0.05)
-_QUICK_S, _SLOW_S = 2e-3, 60.0
-_STILL_S = 0.2
+_DURATION_S = (2e-3, 60.0)
 _TERM_SHARE, _TERM_S = (0.03, 0.3), (0.01, 100.0)
 _SKIN_SHARE, _SKIN_STIFFNESS = (0.05, 0.4), (0.2, 10.0)
 _TOLERANCE = (0.01, 0.1)
@@ -45,7 +44,6 @@ def drawn_scene(seed: int, number: int) -> Scene:
         depth = min(depth, _BALL_DEPTH * indenter.radius_m)
     contact, friction = _contact(rng)
     motion = _motion(rng, indenter, can_slide=contact is not ContactMode.BONDED)
-    is_free = contact is ContactMode.FRICTIONLESS and motion.is_straight
     material = _material(rng)
     layers = _layers(rng, material)
     scene = Scene(
@@ -58,15 +56,14 @@ def drawn_scene(seed: int, number: int) -> Scene:
         contact=contact,
         friction=friction,
         motion=motion,
-        duration_s=_log(rng, (_QUICK_S if is_free else _STILL_S, _SLOW_S)),
+        duration_s=_log(rng, _DURATION_S),
         outputs=frozenset(output for output in Output if rng.random() < _ASKED),
         tolerance=_log(rng, _TOLERANCE),
         preset=Preset.FAST if rng.random() < _FAST else Preset.BALANCED,
     )
     if rng.random() >= _FORCED:
         return scene
-    quick = max(scene.duration_s, _STILL_S)
-    return replace(scene, target=Target(force_n=expected_force(scene)), duration_s=quick)
+    return replace(scene, target=Target(force_n=expected_force(scene)))
 
 
 def described(scene: Scene) -> str:

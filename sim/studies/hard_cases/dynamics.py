@@ -6,8 +6,9 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
-from sim.solve.dynamics.implicit import DynamicPress, DynamicStep
-from sim.solve.dynamics.weight_and_inertia import INERTIA, nodal_masses
+from sim.scene.indenter import Indenter
+from sim.solve.dynamics.weight_and_inertia import Inertia
+from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
@@ -22,6 +23,8 @@ _RAMP_S = 6e-3
 _LISTEN_S = 2e-3
 _IMPACT_FROM_M = -0.01e-3
 _IMPACT_TO_M = 0.4e-3
+# Depths as near as this are one.
+_HELD_M = 1e-12
 _SPEEDS_M_S = (1.0, 2.0, 5.0)
 _TRAVEL_A_STEP_M = 0.02e-3
 _IMPACT_STEP_COUNT = 30
@@ -52,32 +55,44 @@ def time_steps() -> Outcome:
 
 
 def _jump(model: Model, step_s: float) -> float:
-    """Return F_z [N] after the whole depth in one step, then rest in steps that grow."""
-    press = _press(LoadingPath(model, PUNCH, step_max_m=1.0))
-    found, held_s = press.step(_RAMP_TO_M, step_s), step_s
+    """Return F_z [N] after the whole depth at once, then rest in steps that grow."""
+    path = LoadingPath(model, PUNCH, step_max_m=1.0, inertia=Inertia(model, DENSITY_KG_M3))
+    found, held_s = path.advance(_RAMP_TO_M, duration_s=step_s), step_s
     while held_s < 1.0:
         held_s *= 4.0
-        found = press.step(_RAMP_TO_M, held_s)
+        found = path.dwell(held_s)
     return float(found.force_n[2])
 
 
 def _ramp(model: Model, step_s: float) -> list[float]:
     """Return F_z [N] for as long as the slowest tone, after a smooth ramp in even steps."""
-    path = LoadingPath(model, PUNCH)
+    path = LoadingPath(model, PUNCH, inertia=Inertia(model, DENSITY_KG_M3))
     path.advance(_RAMP_FROM_M)
-    press, forces, time_s = _press(path), [], 0.0
+    forces, time_s = [], 0.0
     while time_s < _RAMP_S + _LISTEN_S:
         time_s += step_s
         share = min(1.0, time_s / _RAMP_S)
         smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        found = press.step(_RAMP_FROM_M + (_RAMP_TO_M - _RAMP_FROM_M) * smooth, step_s)
+        found = time_step(path, _RAMP_FROM_M + (_RAMP_TO_M - _RAMP_FROM_M) * smooth, step_s)
         if share == 1.0:
             forces.append(float(found.force_n[2]))
     return forces
 
 
-def _press(path: LoadingPath, *, depth_m: float = 0.0) -> DynamicPress:
-    return DynamicPress(path, density_kg_m3=DENSITY_KG_M3, depth_m=depth_m)
+def time_step(path: LoadingPath, depth_m: float, step_s: float) -> PathPoint:
+    """Bring the indenter to a depth, or hold it there, for a time."""
+    held = path.last is not None and abs(depth_m - path.last.depth_m) <= _HELD_M
+    return path.dwell(step_s) if held else path.advance(depth_m, duration_s=step_s)
+
+
+def energy_j(path: LoadingPath, inertia: Inertia) -> float:
+    """Return the whole pad's energy [J] where the path is: of gel, contact, weight and motion."""
+    state = path.last.state if path.last is not None else path.untouched(0.0)
+    squares = np.sum(inertia.velocities_m_s**2, axis=1)
+    energy = path.model.gel.energy(state.positions)[0]
+    energy += path.model.surface.energy(state.positions, path.indenter, state)
+    energy += sum(each.energy(state.positions) for each in path.potentials)
+    return path.model.mesh.symmetry.copies * (energy + 0.5 * float(inertia.masses_kg @ squares))
 
 
 def impact() -> Outcome:
@@ -87,9 +102,10 @@ def impact() -> Outcome:
     for indenter in (PUNCH, BALL):
         for speed_m_s in _SPEEDS_M_S:
             for follow in (_driven, _thrown):
-                steps, gained = follow(LoadingPath(model, indenter), speed_m_s)
+                steps, gained = follow(model, indenter, speed_m_s)
                 rise = max(rise, float(gained.max()))
-                gap = min(gap, *(step.gap_min_m for step in steps))
+                gaps = (model.surface.gaps(s.state.positions, indenter, s.state) for s in steps)
+                gap = min(gap, *(float(each.min()) for each in gaps))
                 force = max(float(step.force_n[2]) for step in steps)
                 peak, touching = max(peak, force), touching + (force > 0.0)
     measured: Measured = {
@@ -103,28 +119,37 @@ def impact() -> Outcome:
     return Outcome(passed=passed, measured=measured)
 
 
-def _driven(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], FloatArray]:
+def _driven(
+    model: Model, indenter: Indenter, speed_m_s: float
+) -> tuple[list[PathPoint], FloatArray]:
     """Drive the indenter in and hold it; return what energy exceeds work by, step by step."""
-    press, step_s = _press(path, depth_m=_IMPACT_FROM_M), _TRAVEL_A_STEP_M / speed_m_s
-    steps = press.run(
-        lambda time_s: min(_IMPACT_FROM_M + speed_m_s * time_s, _IMPACT_TO_M),
-        step_s=step_s,
-        duration_s=_IMPACT_STEP_COUNT * step_s,
-    )
-    lost = np.array([0.0, *(step.damped_j for step in steps)])
-    return steps, -np.diff(lost) / max(step.work_j for step in steps)
+    path, inertia = _above(model, indenter)
+    depths, energies, works, steps = [_IMPACT_FROM_M], [energy_j(path, inertia)], [0.0], []
+    for k in range(_IMPACT_STEP_COUNT):
+        depth = min(_IMPACT_FROM_M + (k + 1) * _TRAVEL_A_STEP_M, _IMPACT_TO_M)
+        steps.append(time_step(path, depth, _TRAVEL_A_STEP_M / speed_m_s))
+        depths.append(steps[-1].depth_m)
+        works.append(works[-1] + float(steps[-1].force_n[2]) * (depths[-1] - depths[-2]))
+        energies.append(energy_j(path, inertia))
+    return steps, np.diff(np.array(energies) - works) / max(works)
 
 
-def _thrown(path: LoadingPath, speed_m_s: float) -> tuple[list[DynamicStep], FloatArray]:
+def _thrown(
+    model: Model, indenter: Indenter, speed_m_s: float
+) -> tuple[list[PathPoint], FloatArray]:
     """Give the gel a speed towards an indenter that stands still: nothing does any work."""
-    press = _press(path, depth_m=_IMPACT_FROM_M)
-    shares = path.model.nodes[:, 2] / HEIGHT_M
-    press.velocities[:, 2] = speed_m_s * shares
-    masses = nodal_masses(path.model, DENSITY_KG_M3, INERTIA)
-    thrown_j = 0.5 * path.model.mesh.symmetry.copies * float(masses @ (speed_m_s * shares) ** 2)
-    step_s = _TRAVEL_A_STEP_M / speed_m_s
-    steps = press.run(
-        lambda _: _IMPACT_FROM_M, step_s=step_s, duration_s=_IMPACT_STEP_COUNT * step_s
-    )
-    energies = [step.elastic_j + step.kinetic_j + step.contact_j for step in steps]
-    return steps, np.diff([thrown_j, *energies]) / thrown_j
+    path, inertia = _above(model, indenter)
+    inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / HEIGHT_M
+    steps, energies = [], [energy_j(path, inertia)]
+    for _ in range(_IMPACT_STEP_COUNT):
+        steps.append(path.dwell(_TRAVEL_A_STEP_M / speed_m_s))
+        energies.append(energy_j(path, inertia))
+    return steps, np.diff(energies) / energies[0]
+
+
+def _above(model: Model, indenter: Indenter) -> tuple[LoadingPath, Inertia]:
+    """Return a path whose indenter stands above a pad at rest, and the pad's mass."""
+    inertia = Inertia(model, DENSITY_KG_M3)
+    path = LoadingPath(model, indenter, inertia=inertia)
+    path.advance(_IMPACT_FROM_M)
+    return path, inertia

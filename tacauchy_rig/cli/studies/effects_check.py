@@ -121,12 +121,11 @@ def _drawn(seed: int, count: int) -> list[EffectCase]:
 def _line(check: EffectCheck) -> str:
     verdict = "ok" if check.passed else "MISSED"
     output, share = check.worst
-    text = (
+    return (
         f"{check.case.name:22} {verdict:6} {output.value} {check.differences[output]:9.2e}, "
         f"{share:.0%} of what is allowed, {check.time_ratio:5.1f} times the time with "
         f"{_names(check.added)} on"
     )
-    return f"{text} (no inertia: {check.apart})" if check.apart else text
 
 
 def _summarise(checks: Sequence[EffectCheck], failed: dict[str, str]) -> None:

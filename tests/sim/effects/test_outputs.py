@@ -9,7 +9,7 @@ import pytest
 
 from sim.effects.called_for import everything
 from sim.effects.outputs import PressOutputs, outputs_of
-from sim.effects.scene_path import path_for, solve
+from sim.effects.scene_path import follow, path_for
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
@@ -32,7 +32,7 @@ def found(scene: Scene) -> PressOutputs:
     """Return the outputs of a press."""
     plan = everything(scene)
     path = path_for(scene, plan)
-    return outputs_of(path, solve(scene, plan, path))
+    return outputs_of(path, follow(scene, path))
 
 
 @pytest.fixture(scope="module")

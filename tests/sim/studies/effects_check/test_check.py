@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from sim.effects.called_for import why_no_inertia
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
 from sim.studies.effects_check.check import (
     EFFECT_CASES,
     EffectCase,
@@ -38,33 +37,12 @@ def test_the_catalogue_holds_what_the_plan_was_wrong_about() -> None:
     assert sum(case.name.startswith("large ball") for case in EFFECT_CASES) >= 3
 
 
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({}, "no friction contact"),
-        ({"contact": ContactMode.BONDED}, "no bonded contact"),
-        ({"contact": ContactMode.FRICTIONLESS}, "goes to a depth"),
-        (
-            {
-                "contact": ContactMode.FRICTIONLESS,
-                "target": Target(depth_m=1e-4),
-                "motion": Motion(shift_m=(1e-4, 0.0)),
-            },
-            "goes straight down and is not tilted",
-        ),
-    ],
-)
-def test_what_cannot_be_combined_is_named(changes: dict[str, object], why: str) -> None:
-    """Inertia stays apart, and the reason is told."""
-    assert why in why_no_inertia(replace(SMALL, **changes))  # type: ignore[arg-type]
-
-
 def test_a_scene_is_held_against_everything() -> None:
     """By force, depths are compared too; what was left out is on in the full press."""
     asked = replace(SMALL, outputs=frozenset({Output.PRESSURE}))
     check = check_effects(EffectCase(name="small", shows="a ball", scene=asked))
     assert set(check.differences) == {Output.FORCE, Output.DEPTH, Output.PRESSURE}
-    assert {Effect.FRICTION, Effect.GRAVITY} <= set(check.added)
+    assert {Effect.FRICTION, Effect.GRAVITY, Effect.INERTIA} <= set(check.added)
     assert check.passed
     assert 0.0 < check.differences[Output.DEPTH] <= check.plan.left_out(Output.DEPTH)
     assert kept_by_output([check])[Output.DEPTH][:2] == (1, 1)

@@ -24,10 +24,9 @@ def test_a_scene_is_checked_and_written_down(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["effects-check", "--only", "by force", *files])
     assert done.exit_code == 0, done.output
     assert "times the time with" in done.stdout
-    assert "no inertia: a press in time goes to a depth" in done.stdout
     text = page.read_text(encoding="utf-8")
     assert "All outputs were kept in 1 of 1 scenes" in text
-    assert "| by force | gravity | " in text
+    assert "| by force | inertia, gravity | " in text
     (scene,) = json.loads(found.read_text(encoding="utf-8"))["scenes"]
     assert scene["passed"] is True
     assert "gravity" in scene["added"]
