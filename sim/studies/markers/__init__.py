@@ -1,0 +1,1 @@
+"""Marker motion by the simulated surface beside cheaper ways of it."""
