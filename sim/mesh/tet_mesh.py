@@ -8,14 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.mesh.elements import FACES, boundary_faces
+from sim.mesh.elements import FACES
 from sim.mesh.symmetry import MirrorSymmetry
 from tacauchy_rig.errors import ConfigError
-
-# The contact surface's edges are measured so near the pad's middle [m] and above this share of its
-# height (paper, section IV-A).
-_CENTRE_M = 2.5e-3
-_UPPER_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,43 +60,13 @@ def oriented(mesh: TetMesh) -> TetMesh:
     return replace(mesh, vertices=vertices, tets=tets)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeshStatistics:
-    """The numbers of the paper's mesh table.
-
-    Attributes:
-        centre_edge_m: Mean length of the contact surface's edges within 2.5 mm of the middle.
-        dihedral_min_deg: Smallest angle between two faces of a tetrahedron.
-    """
-
-    tet_count: int
-    vertex_count: int
-    surface_vertex_count: int
-    surface_face_count: int
-    centre_edge_m: float
-    dihedral_min_deg: float
-
-
-def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
-    """Measure a mesh as the paper's section IV-A does."""
-    faces, _ = boundary_faces(mesh.tets)
-    return MeshStatistics(
-        tet_count=len(mesh.tets),
-        vertex_count=len(mesh.vertices),
-        surface_vertex_count=len(np.unique(faces)),
-        surface_face_count=len(faces),
-        centre_edge_m=_centre_edge(mesh.vertices, faces),
-        dihedral_min_deg=_smallest_dihedral(mesh.vertices[mesh.tets]),
-    )
-
-
 def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
     """Check a mesh's smallest angle between two faces of a tetrahedron.
 
     Raises:
         ConfigError: It is less than ``least_rad`` [rad].
     """
-    found, asked = mesh_statistics(mesh).dihedral_min_deg, float(np.degrees(least_rad))
+    found, asked = smallest_dihedral_deg(mesh), float(np.degrees(least_rad))
     if found < asked:
         raise ConfigError(
             f"mesh {mesh.name} has an angle of {found:.3g} deg between faces of a tetrahedron, "
@@ -110,17 +75,9 @@ def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
         )
 
 
-def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    middles = vertices[edges].mean(axis=1)
-    centre = np.hypot(middles[:, 0], middles[:, 1]) < _CENTRE_M
-    kept = edges[centre & (middles[:, 2] > _UPPER_SHARE * vertices[:, 2].max())]
-    lengths = np.linalg.norm(vertices[kept[:, 0]] - vertices[kept[:, 1]], axis=1)
-    return float(lengths.mean()) if len(lengths) else float("nan")
-
-
-def _smallest_dihedral(corners: FloatArray) -> float:
-    normals = []
+def smallest_dihedral_deg(mesh: TetMesh) -> float:
+    """Return the smallest angle between two faces of a tetrahedron [deg]."""
+    corners, normals = mesh.vertices[mesh.tets], []
     for a, b, c in FACES:
         n = np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
         normals.append(n / np.linalg.norm(n, axis=1, keepdims=True))

@@ -9,7 +9,7 @@ import scipy.optimize
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import ElementOrder, boundary_faces
-from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg
 from sim.press import PressResult, press
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName, Layer, Material
@@ -63,7 +63,7 @@ def slivers(depth_m: float = 0.8e-3) -> Outcome:
     good = brick_mesh((6, 6, 3))
     bad = with_slivers(good, dihedral_deg=SLIVER_DEG)
     measured: Measured = {
-        "dihedral_min_deg": mesh_statistics(bad).dihedral_min_deg,
+        "dihedral_min_deg": smallest_dihedral_deg(bad),
         "sliver_count": sliver_count(bad, below_deg=1.01 * SLIVER_DEG),
     }
     worst = 0.0
@@ -162,4 +162,4 @@ def _flattening_place(
 
 def _smallest_angle(vertices: FloatArray, tets: IntArray) -> float:
     part = TetMesh(vertices=vertices, tets=tets, name="star")
-    return mesh_statistics(part).dihedral_min_deg
+    return smallest_dihedral_deg(part)

@@ -12,7 +12,7 @@ from sim.effects.footprint_presets import diagonal
 from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.fields.stress import surface_stress
 from sim.mesh.store import mesh_key, stored_mesh
-from sim.mesh.tet_mesh import TetMesh, mesh_statistics
+from sim.mesh.tet_mesh import TetMesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
 from sim.press_command import scene_from
@@ -20,6 +20,7 @@ from sim.scene.pad import Pad
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.bench.frames import times_of
+from sim.studies.verification.mesh_statistics import mesh_statistics
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 

@@ -27,9 +27,9 @@ def markers(
     json_file: JsonFile = None,
 ) -> None:
     """Press, shear and twist in the simulator, and fit the FOTS exponentials to the markers."""
-    from sim.studies.markers.fidelity import compare_marker_fidelities
     from sim.scene.terms import parse_indenter
     from sim.sensor.sensor import load_sensor
+    from sim.studies.markers.fidelity import compare_marker_fidelities
 
     known = load_sensor(sensor)
     if known.markers is None:

@@ -21,7 +21,7 @@ from sim.mesh.footprint import footprint
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, mesh_statistics, tet_volumes
+from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg, tet_volumes
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
@@ -233,7 +233,7 @@ def test_footprint_mesh_has_nodes_on_the_rim() -> None:
     away = np.hypot(mesh.vertices[:, 0] - 6e-3, mesh.vertices[:, 1])
     on_rim = (np.abs(away - PUNCH.radius_m) < 1e-8) & (mesh.vertices[:, 2] == PAD.height_m)
     assert on_rim.sum() > 15
-    assert mesh_statistics(mesh).dihedral_min_deg > 5.0
+    assert smallest_dihedral_deg(mesh) > 5.0
     assert mesh.content_hash == mesh_for(scene).content_hash
     finer = mesh_for(scene, refinement=1.5)
     assert len(finer.tets) > 1.5 * len(mesh.tets)

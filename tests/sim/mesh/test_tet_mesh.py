@@ -14,12 +14,13 @@ from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, mesh_statistics, oriented
+from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
+from sim.studies.verification.mesh_statistics import mesh_statistics
 from tacauchy_rig.errors import ConfigError, RecordError
 
 BOX = BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3)
