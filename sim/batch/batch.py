@@ -32,7 +32,7 @@ from sim.batch.inverses import inverses_for
 from sim.batch.pilot import Pilot
 from sim.batch.pilots_way import Guide
 from sim.device import Device, filled, on_host
-from sim.fields.stress import StressProjection, SurfaceStress
+from sim.fields.stress import StressProjection
 from sim.material.elastic_body import element_constants
 from sim.solve.descent_state import DONE, TOO_NEAR
 from sim.solve.descents import Descents, zeroed
@@ -235,15 +235,6 @@ class Batch:
     def poses(self) -> Any:
         """The indenters' poses now: Warp arrays ``tips`` [m] and ``rotations``."""
         return self.descents.poses
-
-    def displacements(self) -> FloatArray:
-        """Return the last frames' nodal displacements [m], [environment_count, node_count, 3]."""
-        return on_host(self.positions) - self.pilot.model.nodes
-
-    def surface_stresses(self) -> list[SurfaceStress]:
-        """Return the stress on the last frames' surface, environment by environment."""
-        self.stress.launch()
-        return self.stress.fetch()
 
     def _own_materials(self) -> tuple[Any, Any, FloatArray]:
         """Return the environments' elements and surface, and E of what is touched of each [Pa]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.scene.indenter import Indenter
 from sim.scene.material import Material
-from sim.scene.scene import Scene
 from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
@@ -51,15 +50,6 @@ class Course:
                 remedy="give at least one frame, and finite numbers",
             )
 
-    def scaled(self, share: float) -> Course:
-        """Return the course to a share of its depths or loads."""
-        depths, loads = self.depths_m, self.loads_n
-        return replace(
-            self,
-            depths_m=None if depths is None else share * depths,
-            loads_n=None if loads is None else share * loads,
-        )
-
     @property
     def is_pushed(self) -> bool:
         """Its loads are given, not its depths."""
@@ -92,28 +82,6 @@ class Course:
     def goals(self) -> FloatArray:
         """Depths [m] or loads [N], shifts [m] and turns [rad], shape [frame_count, 4]."""
         return np.column_stack([self.along, self.shifts, self.turns])
-
-    @property
-    def moves(self) -> bool:
-        """It goes along the surface or turns."""
-        return bool(self.shifts.any() or self.turns.any())
-
-
-def course_of(scene: Scene, *, frame_count: int) -> Course:
-    """Return a scene's course in equal frames: down, then, in half of them, its motion."""
-    motion, target = scene.motion, scene.target
-    moves = any(motion.shift_m) or motion.twist_rad != 0.0
-    pressing = frame_count // 2 if moves else frame_count
-    down = np.minimum(1.0, np.arange(1, frame_count + 1) / pressing)
-    beside = np.maximum(0.0, np.arange(1, frame_count + 1) - pressing) / max(
-        1, frame_count - pressing
-    )
-    return Course(
-        depths_m=None if target.depth_m is None else down * target.depth_m,
-        loads_n=None if target.force_n is None else down * target.force_n,
-        shifts_m=np.outer(beside, motion.shift_m),
-        turns_rad=beside * motion.twist_rad,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,11 +150,6 @@ class BatchResult:
     def failed(self) -> NDArray[np.bool_]:
         """Which environments did not reach their last frame."""
         return np.isnan(self.force_n[-1, :, 2])
-
-    @property
-    def frames_per_s(self) -> float:
-        """Frames of all environments over the time of the presses [1/s]."""
-        return float(np.isfinite(self.force_n[..., 2]).sum() / self.wall_s)
 
 
 def refuse_unfit(model: Model, environments: Sequence[Environment]) -> None:

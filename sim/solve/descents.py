@@ -256,23 +256,6 @@ class Descents:
         }
         return found if self._hold is None else {**found, "hold": self._hold.launch}
 
-    def pretend_to_step(self, *, remembered: int) -> None:
-        """Have all environments about to take a step, for timing the launches."""
-        self.set(
-            status=kernels.RUNNING,
-            mode=kernels.TRY,
-            act=kernels.SOLVE,
-            wanted=1,
-            strained=1,
-            takes=1,
-            learns=1,
-            holding=1,
-        )
-        memory = self.memory
-        memory.counts.fill_(remembered)
-        memory.next.fill_(remembered)
-        memory.table.fill_(1.0)
-
     def clear(self) -> None:
         """Set the sums of the forces to zero, for an evaluation that begins anew."""
         for array in (self.gel_room[0], self.contact_room[0]):

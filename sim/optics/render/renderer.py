@@ -14,9 +14,7 @@ import warp as wp
 
 from sim.arrays import Float32Array, RealArray
 from sim.device import Device
-from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
-from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
 from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
@@ -24,7 +22,6 @@ from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.optics import Lamp, ShadowCaster
-from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
 
 # Evenly grey no-contact frame of a sensor that nobody has calibrated.
@@ -272,16 +269,6 @@ class _Images:
         sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
         record = self._device.record
         return [record(kernel, size, [layout, at, *inputs], []).launch for at, size in sizes]
-
-
-def nominal_renderer(
-    sensor: Sensor, *, level: int = GREY_LEVEL, samples: int = 1
-) -> Callable[[HeightMaps], ImageArray]:
-    """Return what renders the loaded gel uncalibrated over an evenly grey no-contact frame."""
-    model, geometry = nominal_model(sensor), sensor.camera
-    even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
-    ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
-    return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)
 
 
 def gaussian_weights(sigma_px: float) -> Float32Array:

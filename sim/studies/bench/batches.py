@@ -16,6 +16,8 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.sensor.sensor import load_sensor
+from sim.solve.descent_state import RUNNING, SOLVE, TRY
+from sim.solve.descents import Descents
 from sim.solve.model import Model
 
 _LAUNCHES = 50
@@ -40,10 +42,21 @@ def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
     one_serves = np.arange(len(blocks)) * batch.together.width < batch.count
     blocks.assign(np.where(one_serves, 0, -1).astype(np.int32))
     for name, launch in batch.descents.launches.items():
-        batch.descents.pretend_to_step(remembered=_REMEMBERED)
+        _pretend_to_step(batch.descents)
         parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
     batch.reset()
     return parts
+
+
+def _pretend_to_step(descents: Descents) -> None:
+    """Have all environments about to take a step."""
+    descents.set(
+        status=RUNNING, mode=TRY, act=SOLVE, wanted=1, strained=1, takes=1, learns=1, holding=1
+    )
+    memory = descents.memory
+    memory.counts.fill_(_REMEMBERED)
+    memory.next.fill_(_REMEMBERED)
+    memory.table.fill_(1.0)
 
 
 def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
@@ -65,6 +78,30 @@ def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
     return (time.perf_counter() - started) / repeats
 
 
+def course_of(scene: Scene, *, frame_count: int) -> Course:
+    """Return a scene's course in equal frames: down, then, in half of them, its motion."""
+    motion, target = scene.motion, scene.target
+    moves = any(motion.shift_m) or motion.twist_rad != 0.0
+    pressing = frame_count // 2 if moves else frame_count
+    down = np.minimum(1.0, np.arange(1, frame_count + 1) / pressing)
+    beside = np.maximum(0.0, np.arange(1, frame_count + 1) - pressing) / max(
+        1, frame_count - pressing
+    )
+    return Course(
+        depths_m=None if target.depth_m is None else down * target.depth_m,
+        loads_n=None if target.force_n is None else down * target.force_n,
+        shifts_m=np.outer(beside, motion.shift_m),
+        turns_rad=beside * motion.twist_rad,
+    )
+
+
+def scaled(course: Course, share: float) -> Course:
+    """Return a course to a share of its depths or loads."""
+    if course.depths_m is not None:
+        return replace(course, depths_m=share * course.depths_m)
+    return replace(course, loads_n=share * course.along)
+
+
 def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, Course]]:
     """Return the scene itself and others a little unlike it, always the same ones.
 
@@ -83,7 +120,7 @@ def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, 
             )
             for material in scene.materials
         )
-        found.append((Environment(materials=own), course.scaled(1.0 - _SPREAD * weaker)))
+        found.append((Environment(materials=own), scaled(course, 1.0 - _SPREAD * weaker)))
     return found
 
 
@@ -92,7 +129,7 @@ def pilot_for(scene: Scene, model: Model, course: Course) -> Pilot:
     return Pilot(
         model,
         scene.indenter,
-        course.scaled(_PILOTS_WAY),
+        scaled(course, _PILOTS_WAY),
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         count=course.frame_count,

@@ -83,7 +83,6 @@ def _told(text: str) -> None:
 
 
 def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, Any]:
-    from sim.optics.render.renderer import nominal_renderer
     from sim.press_command import scene_of
     from sim.sensor.sensor import load_sensor
     from sim.studies.accuracy.configurations import (
@@ -97,6 +96,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     from sim.studies.accuracy.figure import draw_study
     from sim.studies.accuracy.study import study
     from sim.studies.accuracy.tables import study_table
+    from sim.studies.nominal_renderer import nominal_renderer
 
     scene, gel = scene_of(terms), load_sensor(terms.sensor or "")
     found = study(

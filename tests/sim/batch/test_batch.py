@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, Course, Environment, course_of
+from sim.batch.environment import BatchOptions, Course, Environment
 from sim.batch.frames import Frames
 from sim.batch.pilot import Pilot, batch_model
+from sim.device import on_host
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.stress import surface_stress
@@ -23,6 +24,7 @@ from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.descent_state import DONE
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from sim.studies.bench.batches import course_of, scaled
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.errors import ConfigError
 
@@ -75,7 +77,7 @@ def test_one_environment_is_a_press(pilot: Pilot) -> None:
 def test_neighbours_do_not_matter(pilot: Pilot) -> None:
     """Unlike gels and depths side by side give what each gives alone."""
     environments = [_gel(), _gel(young_pa=0.5e6), _gel(poisson=0.42), _gel()]
-    courses = [_COURSE] * 3 + [_COURSE.scaled(0.8)]
+    courses = [_COURSE] * 3 + [scaled(_COURSE, 0.8)]
     together = Batch(pilot, environments, options=_EXACT).press(courses)
     for number, (environment, course) in enumerate(zip(environments, courses, strict=True)):
         alone = Batch(pilot, [environment], options=_EXACT).press(course)
@@ -120,7 +122,7 @@ def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.Monk
     shares = np.linspace(0.7, 1.0, 5)
     soft = [replace(_SCENE.material, young_pa=share * _SCENE.material.young_pa) for share in shares]
     batch = Batch(pilot, [Environment(materials=(each,)) for each in soft], options=_EXACT)
-    courses = [_COURSE.scaled(float(share)) for share in shares]
+    courses = [scaled(_COURSE, float(share)) for share in shares]
     together = batch.press(courses)
     monkeypatch.setattr(Frames, "paced", True)
     again = Batch(pilot, batch.environments, options=_EXACT).press(courses)
@@ -266,9 +268,14 @@ def test_steps_are_a_callers_own(pilot: Pilot) -> None:
     forces = batch.prepare(1).results()["push"][0, :, 2]
     alone = Batch(pilot, [Environment()], options=_EXACT).press(_COURSE).force_n[:, 0, 2]
     assert 4.0 * forces == pytest.approx([alone[3], alone[0]], rel=1e-5)
-    still = batch.displacements()[0].copy()
+    still = _moved(batch)[0].copy()
     batch.step(depths_m=np.array([0.0, _DEPTHS[1]]), active=np.array([False, True]))
-    assert np.array_equal(batch.displacements()[0], still)
+    assert np.array_equal(_moved(batch)[0], still)
+
+
+def _moved(batch: Batch) -> FloatArray:
+    """Return the last frames' nodal displacements [m], shape [environment_count, node_count, 3]."""
+    return on_host(batch.positions) - batch.pilot.model.nodes
 
 
 def test_the_surface_is_stressed_as_in_a_press(model: Model, pilot: Pilot) -> None:
@@ -285,8 +292,9 @@ def test_a_gpu_finds_the_same_stress(model: Model, pilot: Pilot) -> None:
 def _stressed(model: Model, pilot: Pilot, *, device: str) -> None:
     batch = Batch(pilot, [_gel(), _gel(young_pa=2.0 * _YOUNG)], options=_EXACT, device=device)
     batch.press(_COURSE)
-    moved = batch.displacements()
-    for number, found in enumerate(batch.surface_stresses()):
+    moved = _moved(batch)
+    batch.stress.launch()
+    for number, found in enumerate(batch.stress.fetch()):
         wanted = surface_stress(model, model.nodes + moved[number])
         stiffer = 1.0 + number
         size = np.abs(wanted.traction_pa).max()
@@ -305,7 +313,7 @@ def test_displacements_are_those_of_a_press(pilot: Pilot) -> None:
     for depth in _DEPTHS:
         point = path.advance(float(depth))
     moved = point.state.positions - pilot.model.nodes
-    assert np.abs(batch.displacements()[0] - moved).max() <= 1e-9
+    assert np.abs(_moved(batch)[0] - moved).max() <= 1e-9
 
 
 @pytest.mark.parametrize(

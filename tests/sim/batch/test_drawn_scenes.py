@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, Environment, course_of
+from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pilot import Pilot
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.press_command import scene_from
+from sim.studies.bench.batches import course_of, scaled
 from sim.studies.bench.scenes.press import moves
 
 # Where points stick or slide, a force depends on the steps that led there.
@@ -41,9 +42,9 @@ def test_a_batch_gives_the_presss_force(seed: int) -> None:
     scene = scene_from(words)
     path = path_for(scene, plan_effects(scene))
     course = course_of(scene, frame_count=20)
-    pilot = Pilot(path.model, scene.indenter, course.scaled(1.1), scene.centre_m, count=10)
+    pilot = Pilot(path.model, scene.indenter, scaled(course, 1.1), scene.centre_m, count=10)
     batch = Batch(pilot, [Environment()] * 2, options=BatchOptions(residual_relative=1e-5))
-    found = batch.press([course, course.scaled(0.93)])
+    found = batch.press([course, scaled(course, 0.93)])
     single = [move(path) for move in moves(scene)][-1].force_n
     assert not found.failed.any(), words
     apart = np.linalg.norm(found.force_n[-1, 0] - single) / np.linalg.norm(single)

@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.batch.environment import Course, Environment, course_of
+from sim.batch.environment import Course, Environment
 from sim.device import Device, on_host
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
@@ -30,7 +30,7 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.bench.batches import spread
+from sim.studies.bench.batches import course_of, spread
 from sim.studies.bench.peer.task import PeerFound, PeerTask, PeerTolerance
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, moves, pressing_frames
 from tacauchy_rig.errors import ConfigError

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchResult, course_of
+from sim.batch.environment import BatchResult
 from sim.batch.pilot import batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
-from sim.studies.bench.batches import batch_parts, pilot_for, pressed, spread
+from sim.studies.bench.batches import batch_parts, course_of, pilot_for, pressed, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
 from tacauchy_rig.errors import ConvergenceError
 

@@ -7,13 +7,13 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from sim.batch.environment import Course, course_of
+from sim.batch.environment import Course
 from sim.batch.pilot import batch_model
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.batches import batch_parts, pilot_for, pressed, spread
+from sim.studies.bench.batches import batch_parts, course_of, pilot_for, pressed, spread
 
 _DEPTH_M, _FRAMES, _COUNT = 0.1e-3, 2, 3
 
