@@ -34,23 +34,6 @@ _BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ContactTraction:
-    """Contact forces on the gel, by contact point or by vertex.
-
-    Attributes:
-        arms_m: From the indenter's tip [m], shape [..., 3].
-        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
-        normal_n: Normal force [N]; positive presses on the gel.
-        tangential_n: Tangential force [N], shape [..., 3].
-    """
-
-    arms_m: FloatArray
-    normals: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceTraction:
     """Recovered contact traction on the gel at every node of a model; zero away from contact.
 
@@ -70,49 +53,17 @@ class SurfaceTraction:
         return np.asarray(self.tangential_pa - self.pressure_pa[:, None] * self.normals)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodalContact:
-    """Algorithm 2 on every node, shape [node_count, ...]; zero away from contact.
+def split_forces(point: PathPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Split the contact forces on the gel along the indenter's normals.
 
-    The nodal forces of quadratic faces are the virtual work's: a corner's share of an even
-    pressure is small, and f_k over an area A_k is none. Pressure and shear are therefore recovered.
-
-    Attributes:
-        force_n: f_k, contact force on the gel.
-        normal_n: f_n,k, its part along the gel's outward normal.
-        tangential_n: f_tau,k, the rest.
-        recovered: Pressure and shear on the deformed surface.
+    Returns:
+        Outward unit normals, zero where nothing touches, normal forces [N], which press on the gel,
+        and tangential forces [N], shape [face_count, point_count, ...].
     """
-
-    force_n: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
-    recovered: SurfaceTraction
-
-
-def nodal_contact(model: Model, point: PathPoint) -> NodalContact:
-    """Split the contact forces at the nodes (paper, Algorithm 2)."""
-    forces = -model.surface.scatter(point.equilibrium.contact.forces)
-    recovered = surface_traction(model, point)
-    normal = np.einsum("ni,ni->n", forces, recovered.normals)[:, None] * recovered.normals
-    return NodalContact(
-        force_n=forces, normal_n=normal, tangential_n=forces - normal, recovered=recovered
-    )
-
-
-def contact_traction(point: PathPoint) -> ContactTraction:
-    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
     contact, grip = point.equilibrium.contact, point.state.grip
-    loads = contact.forces if grip is None else grip.loads @ point.state.rotation.T
-    normals = unit(loads)
-    forces = -contact.forces
-    along = np.einsum("fpi,fpi->fp", forces, normals)
-    return ContactTraction(
-        arms_m=contact.points - point.state.tip,
-        normals=normals,
-        normal_n=np.abs(along),
-        tangential_n=forces - along[..., None] * normals,
-    )
+    normals = unit(contact.forces if grip is None else grip.loads @ point.state.rotation.T)
+    along = -np.einsum("fpi,fpi->fp", contact.forces, normals)
+    return normals, np.abs(along), -contact.forces - along[..., None] * normals
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -172,11 +123,11 @@ class _Samples(NamedTuple):
 
 
 def _samples(model: Model, point: PathPoint, areas: FloatArray) -> _Samples:
-    traction, contact = contact_traction(point), point.equilibrium.contact
+    contact, (_, normal_n, tangential_n) = point.equilibrium.contact, split_forces(point)
     symmetry = model.mesh.symmetry
     nodes, faces = np.unique(model.faces, return_inverse=True)
     whole = WholeSurface(symmetry, model.nodes[nodes])
-    loads = np.concatenate([traction.normal_n[..., None], traction.tangential_n], axis=2)
+    loads = np.concatenate([normal_n[..., None], tangential_n], axis=2)
     values, signs = loads / areas[..., None], list(symmetry.signs())
     return _Samples(
         points=np.concatenate([contact.points * sign for sign in signs]),

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.stress_field import recovered_stress
 from sim.mesh.elements import boundary_faces, shape_gradients
-from sim.mesh.sparsity import assembled
-from sim.mesh.symmetry import MirrorSymmetry
 from sim.solve.model import Model
 
 
@@ -24,22 +20,11 @@ class StressOnSides:
         below_pa: sigma of the lower layer, shape [face_count, point_count, 3].
         above_pa: sigma of the upper layer, same shape.
         areas_m2: Deformed area of each point, shape [face_count, point_count].
-        symmetry: By which the faces stand for the whole interface.
     """
 
     below_pa: FloatArray
     above_pa: FloatArray
     areas_m2: FloatArray
-    symmetry: MirrorSymmetry
-
-    @property
-    def forces_n(self) -> tuple[FloatArray, FloatArray]:
-        """Integrals of both over the whole interface, shape [3] each."""
-        below, above = (
-            -self.symmetry.whole_force(np.einsum("fpi,fp->i", side, self.areas_m2))
-            for side in (self.below_pa, self.above_pa)
-        )
-        return below, above
 
     @property
     def jump_relative(self) -> float:
@@ -54,38 +39,22 @@ class StressOnSides:
 class InterfaceTraction:
     """One interface of a deformed gel.
 
-    Forces are those of the gel below on the gel above for the whole pad, +z in compression, as the
-    force on the indenter is.
-
     The elements' own stress is discontinuous. That of a stiff skin is worth little across it: the
-    error scales with the skin's modulus, the traction with the soft gel's. The recovered traction
-    has the nodal forces of either side as its virtual work, so it is one and balances the press.
+    error scales with the skin's modulus, the traction with the soft gel's.
 
     Attributes:
-        nodes: Nodes of the interface, shape [node_count].
-        recovered_pa: Recovered traction on the upper side of the lower layer, shape [node_count,
-            3].
-        recovered_above_pa: The same from the nodal forces of the layers above; equilibrium of the
-            nodes makes the two equal, but for weight.
-        force_n: Sum of the nodal forces, which equilibrium makes equal to the base's force, but for
-            the weight in between, shape [3].
+        below: Which tetrahedra lie below it, shape [tet_count].
+        faces: On it, shape [face_count, face_node_count].
+        force_n: Of the gel below on the gel above for the whole pad, +z in compression as the force
+            on the indenter is, shape [3]: the sum of the nodal forces, which equilibrium makes
+            equal to the base's force, but for the weight in between.
         element: By the stress of each element.
-        smooth: By each layer's stress made continuous within it.
     """
 
-    nodes: IntArray
-    recovered_pa: FloatArray
-    recovered_above_pa: FloatArray
+    below: NDArray[np.bool_]
+    faces: IntArray
     force_n: FloatArray
     element: StressOnSides
-    smooth: StressOnSides
-
-    @property
-    def recovered_jump_relative(self) -> float:
-        """Norm over the nodes of the recovered tractions' difference over that of the lower one."""
-        size = float(np.linalg.norm(self.recovered_pa))
-        jump = float(np.linalg.norm(self.recovered_above_pa - self.recovered_pa))
-        return jump / size if size > 0.0 else 0.0
 
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
@@ -105,34 +74,29 @@ def _traction(
 ) -> InterfaceTraction:
     below = labels <= layer
     faces, under, over = _shared_faces(model.elements, below)
-    reference = model.reference
-    vectors = reference.area_vectors(positions[faces])
+    forces = nodal_forces(model, positions, below)[np.unique(faces)]
+    sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
+    return InterfaceTraction(
+        below=below,
+        faces=faces,
+        force_n=-model.mesh.symmetry.whole_force(forces.sum(axis=0)),
+        element=on_sides(model, positions, faces, *sides),
+    )
+
+
+def on_sides(
+    model: Model,
+    positions: FloatArray,
+    faces: IntArray,
+    below_pa: FloatArray,
+    above_pa: FloatArray,
+) -> StressOnSides:
+    """Return the tractions of stresses at the points of faces, shape [f, p, 3, 3]."""
+    vectors = model.reference.area_vectors(positions[faces])
     areas = np.linalg.norm(vectors, axis=2)
     normals = vectors / areas[..., None]
-    symmetry, nodes = model.mesh.symmetry, np.unique(faces)
-
-    def on_sides(below_pa: FloatArray, above_pa: FloatArray) -> StressOnSides:
-        lower, upper = (np.einsum("fpij,fpj->fpi", each, normals) for each in (below_pa, above_pa))
-        return StressOnSides(below_pa=lower, above_pa=upper, areas_m2=areas, symmetry=symmetry)
-
-    def smooth(side: NDArray[np.bool_]) -> FloatArray:
-        stress = recovered_stress(model, positions, side)[faces[:, :3]]
-        return np.asarray(np.einsum("pc,fcij->fpij", reference.face_points, stress))
-
-    forces, forces_above = (
-        _nodal_forces(model, positions, side)[nodes] for side in (below, ~below)
-    )
-    return InterfaceTraction(
-        nodes=nodes,
-        recovered_pa=_recovered(model, faces, areas, nodes, forces),
-        recovered_above_pa=_recovered(model, faces, areas, nodes, -forces_above),
-        force_n=-symmetry.whole_force(forces.sum(axis=0)),
-        element=on_sides(
-            _stress_on_faces(model, positions, faces, under),
-            _stress_on_faces(model, positions, faces, over),
-        ),
-        smooth=on_sides(smooth(labels == layer), smooth(labels == layer + 1)),
-    )
+    lower, upper = (np.einsum("fpij,fpj->fpi", each, normals) for each in (below_pa, above_pa))
+    return StressOnSides(below_pa=lower, above_pa=upper, areas_m2=areas)
 
 
 def _shared_faces(
@@ -170,7 +134,7 @@ def _stress_on_faces(
     return stress.reshape(deformations.shape)
 
 
-def _nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+def nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
     """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
 
     An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.
@@ -185,24 +149,3 @@ def _nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]
     total = np.zeros_like(positions)
     np.add.at(total, nodes, forces)
     return total
-
-
-def _recovered(
-    model: Model, faces: IntArray, areas: FloatArray, nodes: IntArray, forces: FloatArray
-) -> FloatArray:
-    """Return the traction whose virtual work on the faces is that of nodal forces [Pa].
-
-    On a mirror plane its components across the plane are zero.
-    """
-    values = model.reference.face_values
-    local = np.searchsorted(nodes, faces)
-    blocks = np.einsum("fp,pi,pj->fij", areas, values, values)
-    mass = assembled(blocks, local, len(nodes)).tocsc()
-    size = float(np.abs(model.mesh.vertices).max())
-    held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
-    traction = np.zeros_like(forces)
-    for axis in range(3):
-        free = np.flatnonzero(~held[:, axis])
-        part = mass[free][:, free]
-        traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
-    return traction

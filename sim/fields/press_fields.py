@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.contact_traction import nodal_contact
+from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import surface_stress
 from sim.fields.stress_field import cauchy_stress, components
 from sim.fields.surface import SurfaceState, TopSurface
@@ -20,45 +20,32 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 
-_AT_NODES = (
-    "displacement_m",
-    "contact_force_n",
-    "contact_normal_force_n",
-    "contact_tangential_force_n",
-    "contact_pressure_pa",
-    "contact_pressure_error_pa",
-    "contact_shear_pa",
-    "contact_shear_error_pa",
-    "cauchy_stress_pa",
-)
-_AT_FACES = (
-    "traction_pa",
-    "normal_traction_pa",
-    "tangential_traction_pa",
-    "face_stress_pa",
-    "face_stress_error_pa",
-)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialFields:
-    """Fields of one equilibrium.
+    """Fields of one equilibrium, units in the names.
 
     Attributes:
-        arrays: For ``fields.npz``, units in the names.
+        shape: Nodes and faces of the deformed surface, and the indenter's tip.
+        at_nodes: Fields at those nodes.
+        at_faces: Fields at those faces.
         surface: The deformed contact surface, for the optics.
     """
 
-    arrays: dict[str, NDArray[Any]]
+    shape: dict[str, NDArray[Any]]
+    at_nodes: dict[str, FloatArray]
+    at_faces: dict[str, FloatArray]
     surface: SurfaceState
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of them, for ``fields.npz``."""
+        return {**self.shape, **self.at_nodes, **self.at_faces}
 
     @property
     def surface_vtu(self) -> bytes:
         """The whole deformed surface with stress and contact as a .vtu file, for ParaView."""
-        on_nodes, on_faces = (
-            {n: self.arrays[n] for n in names} for names in (_AT_NODES, _AT_FACES)
-        )
-        return vtu(self.arrays["faces"], self.arrays["node_m"], on_nodes, on_faces)
+        return vtu(self.shape["faces"], self.shape["node_m"], self.at_nodes, self.at_faces)
 
 
 def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
@@ -73,8 +60,11 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     model = path.model
     tensors = cauchy_stress(model, point.state.positions)
     stress = surface_stress(model, point.state.positions)
-    contact = nodal_contact(model, point)
-    recovered = contact.recovered
+    # Nodal forces of quadratic faces are the virtual work's: a corner's share of an even pressure
+    # is small, and f_k over an area A_k is none. Pressure and shear are therefore recovered.
+    forces = -model.surface.scatter(point.equilibrium.contact.forces)
+    recovered = surface_traction(model, point)
+    normal = np.einsum("ni,ni->n", forces, recovered.normals)[:, None] * recovered.normals
     apart = np.einsum("nij,nj->ni", tensors.nodes_pa, recovered.normals) - recovered.traction_pa
     apart[recovered.pressure_pa == 0.0] = 0.0
     across = np.einsum("ni,ni->n", apart, recovered.normals)
@@ -83,27 +73,31 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     parents = model.face_parents
     return TrialFields(
-        arrays={
-            "node_rest_m": whole.vectors(model.nodes[nodes]),
-            "node_m": whole.vectors(point.state.positions[nodes]),
+        shape={
+            "node_rest_m": whole.at_nodes(model.nodes[nodes]),
+            "node_m": whole.at_nodes(point.state.positions[nodes]),
             "faces": whole.faces(faces),
-            "face_area_m2": whole.face_scalars(stress.areas_m2),
-            "face_normal": whole.face_vectors(stress.normals),
+            "face_area_m2": whole.at_faces(stress.areas_m2),
+            "face_normal": whole.at_faces(stress.normals),
             "indenter_tip_m": point.state.tip,
-            "displacement_m": whole.vectors((point.state.positions - model.nodes)[nodes]),
-            "contact_force_n": whole.nodal_forces(contact.force_n[nodes]),
-            "contact_normal_force_n": whole.nodal_forces(contact.normal_n[nodes]),
-            "contact_tangential_force_n": whole.nodal_forces(contact.tangential_n[nodes]),
-            "contact_pressure_pa": whole.scalars(recovered.pressure_pa[nodes]),
-            "contact_pressure_error_pa": whole.scalars(np.abs(across)[nodes]),
-            "contact_shear_error_pa": whole.scalars(along[nodes]),
-            "contact_shear_pa": whole.vectors(recovered.tangential_pa[nodes]),
-            "cauchy_stress_pa": components(whole.tensors(tensors.nodes_pa[nodes])),
-            "face_stress_pa": components(whole.face_tensors(tensors.cells_pa[parents])),
-            "face_stress_error_pa": whole.face_scalars(tensors.errors_pa[parents]),
-            "traction_pa": whole.face_vectors(stress.traction_pa),
-            "normal_traction_pa": whole.face_scalars(stress.normal_pa),
-            "tangential_traction_pa": whole.face_vectors(stress.tangential_pa),
+        },
+        at_nodes={
+            "displacement_m": whole.at_nodes((point.state.positions - model.nodes)[nodes]),
+            "contact_force_n": whole.nodal_forces(forces[nodes]),
+            "contact_normal_force_n": whole.nodal_forces(normal[nodes]),
+            "contact_tangential_force_n": whole.nodal_forces((forces - normal)[nodes]),
+            "contact_pressure_pa": whole.at_nodes(recovered.pressure_pa[nodes]),
+            "contact_pressure_error_pa": whole.at_nodes(np.abs(across)[nodes]),
+            "contact_shear_pa": whole.at_nodes(recovered.tangential_pa[nodes]),
+            "contact_shear_error_pa": whole.at_nodes(along[nodes]),
+            "cauchy_stress_pa": components(whole.at_nodes(tensors.nodes_pa[nodes])),
+        },
+        at_faces={
+            "traction_pa": whole.at_faces(stress.traction_pa),
+            "normal_traction_pa": whole.at_faces(stress.normal_pa),
+            "tangential_traction_pa": whole.at_faces(stress.tangential_pa),
+            "face_stress_pa": components(whole.at_faces(tensors.cells_pa[parents])),
+            "face_stress_error_pa": whole.at_faces(tensors.errors_pa[parents]),
         },
         surface=surface_state(path, point),
     )
@@ -134,7 +128,7 @@ def top_surface(model: Model) -> TopSurface:
     nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     return TopSurface(
-        rest=whole.vectors(model.nodes[nodes]),
+        rest=whole.at_nodes(model.nodes[nodes]),
         faces=whole.faces(faces),
         sources=nodes[whole.sources],
         signs=whole.signs,

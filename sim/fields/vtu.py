@@ -59,15 +59,15 @@ def gel_vtu(model: Model, point: PathPoint) -> bytes:
     stress = cauchy_stress(model, point.state.positions)
     whole = WholeSurface(model.mesh.symmetry, model.nodes)
     on_points = {
-        "displacement_m": whole.vectors(point.state.positions - model.nodes),
-        "cauchy_stress_pa": components(whole.tensors(stress.nodes_pa)),
+        "displacement_m": whole.at_nodes(point.state.positions - model.nodes),
+        "cauchy_stress_pa": components(whole.at_nodes(stress.nodes_pa)),
     }
     on_cells = {
-        "cauchy_stress_pa": components(whole.face_tensors(stress.cells_pa)),
-        "cauchy_stress_error_pa": whole.face_scalars(stress.errors_pa),
+        "cauchy_stress_pa": components(whole.at_faces(stress.cells_pa)),
+        "cauchy_stress_error_pa": whole.at_faces(stress.errors_pa),
     }
     return vtu(
-        whole.faces(model.elements), whole.vectors(point.state.positions), on_points, on_cells
+        whole.faces(model.elements), whole.at_nodes(point.state.positions), on_points, on_cells
     )
 
 

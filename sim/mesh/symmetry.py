@@ -85,13 +85,13 @@ class WholeSurface:
         self._count = len(rest)
         self.numbers = self._inverse[: self._count]
 
-    def vectors(self, values: FloatArray) -> FloatArray:
-        """Return a vector field such as position or displacement of the whole."""
-        return np.asarray(values[self.sources] * self.signs)
+    def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Return numbers, vectors or tensors at the nodes of the whole from those of the part."""
+        return _mirrored(values[self.sources], self.signs)
 
-    def scalars(self, values: FloatArray) -> FloatArray:
-        """Return a scalar field of the whole."""
-        return np.asarray(values[self.sources])
+    def at_faces(self, values: FloatArray) -> FloatArray:
+        """Return the same of faces or tetrahedra."""
+        return np.concatenate([_mirrored(values, sign) for sign in self._signs])
 
     def nodal_forces(self, values: FloatArray) -> FloatArray:
         """Return nodal forces of the whole: on a mirror plane both sides add."""
@@ -113,18 +113,11 @@ class WholeSurface:
         ]
         return np.concatenate(parts)
 
-    def face_vectors(self, values: FloatArray) -> FloatArray:
-        """Return a vector for each face of the whole."""
-        return np.concatenate([values * sign for sign in self._signs])
 
-    def tensors(self, values: FloatArray) -> FloatArray:
-        """Return a tensor field of the whole, shape [whole node_count, 3, 3]."""
-        return np.asarray(values[self.sources] * self.signs[:, :, None] * self.signs[:, None])
-
-    def face_tensors(self, values: FloatArray) -> FloatArray:
-        """Return a tensor for each face or tetrahedron of the whole."""
-        return np.concatenate([values * np.outer(sign, sign) for sign in self._signs])
-
-    def face_scalars(self, values: FloatArray) -> FloatArray:
-        """Return a number for each face of the whole."""
-        return np.tile(values, len(self._signs))
+def _mirrored(values: FloatArray, signs: FloatArray) -> FloatArray:
+    """Return images of numbers [n], vectors [n, 3] or tensors [n, 3, 3]; signs [n, 3] or [3]."""
+    if values.ndim == 1:
+        return values
+    if values.ndim == 2:
+        return values * signs
+    return values * signs[..., None] * signs[..., None, :]

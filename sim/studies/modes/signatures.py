@@ -13,12 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray, IntArray
-from sim.fields.contact_traction import (
-    ContactTraction,
-    contact_traction,
-    surface_traction,
-    unit,
-)
+from sim.fields.contact_traction import split_forces, surface_traction, unit
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import linear_facets
 from sim.solve.load_steps.equilibrium import PathPoint
@@ -77,6 +72,34 @@ class ContactSignature:
         It is mu where every point slides.
         """
         return self.tangential_sum_n / max(self.normal_sum_n, 1e-300)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactTraction:
+    """Contact forces on the gel, by contact point or by vertex.
+
+    Attributes:
+        arms_m: From the indenter's tip [m], shape [..., 3].
+        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
+        normal_n: Normal force [N]; positive presses on the gel.
+        tangential_n: Tangential force [N], shape [..., 3].
+    """
+
+    arms_m: FloatArray
+    normals: FloatArray
+    normal_n: FloatArray
+    tangential_n: FloatArray
+
+
+def contact_traction(point: PathPoint) -> ContactTraction:
+    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
+    normals, normal_n, tangential_n = split_forces(point)
+    return ContactTraction(
+        arms_m=point.equilibrium.contact.points - point.state.tip,
+        normals=normals,
+        normal_n=normal_n,
+        tangential_n=tangential_n,
+    )
 
 
 def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:

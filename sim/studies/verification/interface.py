@@ -9,6 +9,7 @@ from sim.fields.interface import interface_traction
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Scene
+from sim.studies.verification.interface_sides import forces_n, interface_sides
 from sim.studies.verification.prose import stated
 from tacauchy_rig.errors import ConvergenceError
 from tacauchy_rig.tables import Table, table_of_rows
@@ -32,8 +33,12 @@ def interface_row(scene: Scene, *, refinement: float) -> dict[str, float]:
     result = press(scene, model=build_model(scene, refinement=refinement))
     if result.point is None:
         raise ConvergenceError("the press ended without a state", remedy="press to a depth")
-    (found,) = interface_traction(result.model, result.point.state.positions)
-    below, above = (float(force[2] / result.force_n[2]) - 1.0 for force in found.smooth.forces_n)
+    model, positions = result.model, result.point.state.positions
+    (interface,) = interface_traction(model, positions)
+    found = interface_sides(model, positions, interface)
+    integrals = forces_n(model, found.smooth)
+    jumps = found.smooth.jump_relative, interface.element.jump_relative
+    below, above = (float(force[2] / result.force_n[2]) - 1.0 for force in integrals)
     return {
         "edges of the preset over": refinement,
         "nodes": result.node_count,
@@ -41,7 +46,7 @@ def interface_row(scene: Scene, *, refinement: float) -> dict[str, float]:
         NODAL: found.recovered_jump_relative,
         BELOW: below,
         ABOVE: above,
-        **dict(zip(JUMPS, (found.smooth.jump_relative, found.element.jump_relative), strict=True)),
+        **dict(zip(JUMPS, jumps, strict=True)),
     }
 
 

@@ -10,7 +10,8 @@ import pytest
 from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
-from sim.fields.contact_traction import SurfaceTraction, nodal_contact, surface_traction
+from sim.fields.contact_traction import SurfaceTraction, surface_traction
+from sim.fields.press_fields import trial_fields
 from sim.press_command import scene_from
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
@@ -86,8 +87,10 @@ def test_a_quarter_gives_what_the_whole_gives(pressed: tuple[Model, PathPoint]) 
 def test_nodal_forces_are_split_along_the_surface(pressed: tuple[Model, PathPoint]) -> None:
     """Both parts add up, and without friction next to nothing lies along the surface."""
     model, point = pressed
-    contact = nodal_contact(model, point)
-    np.testing.assert_allclose(contact.normal_n + contact.tangential_n, contact.force_n)
-    assert np.abs(contact.tangential_n).sum() < 0.05 * np.abs(contact.normal_n).sum()
-    carried = model.mesh.symmetry.whole_force(contact.force_n.sum(axis=0))
-    np.testing.assert_allclose(carried, -point.force_n, atol=1e-9)
+    found = trial_fields(LoadingPath(model, BALL.indenter), point).at_nodes
+    force, normal, tangential = (
+        found[f"contact_{part}force_n"] for part in ("", "normal_", "tangential_")
+    )
+    np.testing.assert_allclose(normal + tangential, force, atol=1e-15)
+    assert np.abs(tangential).sum() < 0.05 * np.abs(normal).sum()
+    np.testing.assert_allclose(force.sum(axis=0), -point.force_n, atol=1e-9)

@@ -26,6 +26,7 @@ from sim.studies.verification.interface import (
     PRESS,
     interface_row,
 )
+from sim.studies.verification.interface_sides import InterfaceSides, forces_n, interface_sides
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 
@@ -49,12 +50,13 @@ def layered_model(
     return Model(mesh, order=order, law=law(LawName.LINEAR), young_pa=young, poisson=poisson)
 
 
-def pressed(model: Model) -> tuple[InterfaceTraction, float, float]:
-    """Press a sphere in; return the interface, the indenter's and the base's force [N]."""
+def pressed(model: Model) -> tuple[InterfaceTraction, InterfaceSides, float, float]:
+    """Press a sphere in; return the interface, its sides, the indenter's and the base's force."""
     point = LoadingPath(model, Sphere(diameter_m=16e-3)).advance(0.15e-3)
     (interface,) = interface_traction(model, point.state.positions)
     clamped = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)
-    return interface, point.force_n[2], -model.mesh.symmetry.whole_force(clamped)[2]
+    sides = interface_sides(model, point.state.positions, interface)
+    return interface, sides, point.force_n[2], -model.mesh.symmetry.whole_force(clamped)[2]
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
@@ -67,14 +69,15 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
     positions[:, 2] += strain * np.minimum(z, middle)
     positions[:, 2] += strain / 5.0 * np.maximum(z - middle, 0.0)
     (interface,) = interface_traction(model, positions)
+    found = interface_sides(model, positions, interface).smooth
     modulus = 1e5 * 0.7 / (1.3 * 0.4)
     expected = modulus * strain / (1.0 + strain)
-    smooth = (interface.smooth.below_pa, interface.smooth.above_pa)
+    smooth = (found.below_pa, found.above_pa)
     for side in (interface.element.below_pa, interface.element.above_pa, *smooth):
         assert side[..., 2] == pytest.approx(expected, rel=5e-3)
     assert interface.element.jump_relative < 1e-2
-    assert interface.smooth.jump_relative < 1e-2
-    assert interface.smooth.areas_m2.sum() * model.mesh.symmetry.copies == pytest.approx(
+    assert found.jump_relative < 1e-2
+    assert found.areas_m2.sum() * model.mesh.symmetry.copies == pytest.approx(
         np.pi * PAD.radius_m**2, rel=0.1
     )
 
@@ -83,27 +86,30 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
 def test_what_goes_through_is_what_is_pressed(ratio: float) -> None:
     """The interface's force is the indenter's and the base's to 1e-6; so is the recovered one's."""
     model = layered_model(ratio)
-    interface, force, base = pressed(model)
+    interface, sides, force, base = pressed(model)
     assert interface.force_n[2] == pytest.approx(force, rel=1e-6)
     assert interface.force_n[2] == pytest.approx(-base, rel=1e-6)
     assert np.hypot(*interface.force_n[:2]) < 1e-9 * force
-    assert len(interface.recovered_pa) == len(interface.nodes)
-    assert np.allclose(model.nodes[interface.nodes, 2], 2e-3)
-    assert interface.recovered_jump_relative < 1e-6
+    assert len(sides.recovered_pa) == len(sides.nodes)
+    assert np.allclose(model.nodes[sides.nodes, 2], 2e-3)
+    assert sides.recovered_jump_relative < 1e-6
 
 
 def test_jump_shrinks_with_refinement() -> None:
     """Half the edge: the jump and the integrals' gaps to the force shrink."""
-    coarse, force, _ = pressed(layered_model(10.0))
-    fine, fine_force, _ = pressed(layered_model(10.0, size_m=0.5e-3, sectors=24))
+    first, second = layered_model(10.0), layered_model(10.0, size_m=0.5e-3, sectors=24)
+    coarse, coarse_sides, force, _ = pressed(first)
+    fine, fine_sides, fine_force, _ = pressed(second)
     assert fine.element.jump_relative < 0.75 * coarse.element.jump_relative
-    assert fine.smooth.jump_relative < 0.6 * coarse.smooth.jump_relative
-    assert fine.smooth.jump_relative < fine.element.jump_relative
-    assert fine.smooth.forces_n[0][2] == pytest.approx(fine_force, rel=0.03)
-    assert fine.smooth.forces_n[1][2] == pytest.approx(fine_force, rel=0.03)
-    assert abs(fine.element.forces_n[0][2] / fine_force - 1.0) < abs(
-        coarse.element.forces_n[0][2] / force - 1
+    assert fine_sides.smooth.jump_relative < 0.6 * coarse_sides.smooth.jump_relative
+    assert fine_sides.smooth.jump_relative < fine.element.jump_relative
+    for integral in forces_n(second, fine_sides.smooth):
+        assert integral[2] == pytest.approx(fine_force, rel=0.03)
+    off, coarse_off = (
+        abs(forces_n(model, found.element)[0][2] / pushed - 1.0)
+        for model, found, pushed in ((second, fine, fine_force), (first, coarse, force))
     )
+    assert off < coarse_off
 
 
 @pytest.mark.slow

@@ -52,7 +52,7 @@ def test_a_part_stands_for_the_whole() -> None:
     """The mirrored faces close to the whole's area, and nodal forces add up to the whole's."""
     mesh, part = quarter(ElementOrder.P1)
     whole = WholeSurface(mesh.symmetry, part.nodes)
-    rest, faces = whole.vectors(part.nodes), whole.faces(part.faces)
+    rest, faces = whole.at_nodes(part.nodes), whole.faces(part.faces)
     a, b, c = (rest[faces[:, k]] for k in range(3))
     vectors = 0.5 * np.cross(b - a, c - a)
     # The sides' area vectors cancel, the top's remains.
