@@ -124,6 +124,23 @@ class FoundValue:
 
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class ForceInput:
+    """Something that the force at a depth depends on, and by how much it is uncertain.
+
+    Attributes:
+        basis: Value, standard uncertainty and source, or why its part is not known.
+        depths_m: Rising measured depths at which ``changes`` was tried [m].
+        changes: Relative change of the force there by one standard uncertainty, tried by the
+            simulator on a coarse mesh; None where that was not possible.
+    """
+
+    name: str
+    basis: str
+    depths_m: tuple[float, ...] = ()
+    changes: tuple[float, ...] | None = None
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayModel:
     """What a run was replayed with, what that is worth, and what it cost.
 
@@ -150,6 +167,7 @@ class ReplayModel:
         tilt_rad: Rotations of the indenter about x and y [rad].
         found: What the run tells of tilt and place of the indenter, where that was asked for.
         found_offset_m: What was added to the stated place on account of the images [m].
+        force_inputs: What the force at a depth depends on besides the modulus.
     """
 
     sensor: str
@@ -193,6 +211,7 @@ class ReplayModel:
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     found: tuple[FoundValue, ...] = ()
     found_offset_m: tuple[float, float] = (0.0, 0.0)
+    force_inputs: tuple[ForceInput, ...] = ()
 
     @property
     def lean_deg(self) -> float:

@@ -12,10 +12,10 @@ from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.uncertainty import REFINE_RATIO
 
 AVERAGED_SAMPLES = 3
 BACK_OFF_M = 0.00015
-REFINE_RATIO = 5.0
 STILL_S = 0.3
 """Stand still above the gel for the arm's own zero."""
 BEYOND_M = 0.0002

@@ -19,6 +19,7 @@ from reports.evidence.evidence import (
     StreamTiming,
     TrialEvidence,
 )
+from reports.scores.budget_terms import Scatter
 from reports.scores.contact import score_contact
 from reports.scores.correction import correct
 from reports.scores.floors import (
@@ -35,7 +36,7 @@ from reports.scores.floors import (
     trial_floors,
     wrong_force_matrices,
 )
-from reports.scores.force_agreement import compare_force
+from reports.scores.force_agreement import compare_force, scatter_between
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
 from tacauchy_rig.rgb import to_grey
@@ -52,8 +53,9 @@ def compare(evidence: RunEvidence) -> ValidationReport:
     crossed = cross_scores(evidence.trials)
     matrices = wrong_force_matrices(evidence.trials, crossed)
     margins = force_margins(evidence.trials)
+    scatter = scatter_between(evidence.trials, contact_force_n=evidence.contact_force_n)
     trials = tuple(
-        _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index))
+        _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index), scatter)
         for trial in evidence.trials
     )
     statistics = _statistics(trials)
@@ -80,6 +82,7 @@ def _compare_trial(
     crossed: CrossScores,
     matrices: Sequence[WrongForceMatrix],
     margin: ForceMargin | None,
+    scatter: Scatter,
 ) -> TrialResult:
     seen = _compare_images(trial, evidence, crossed)
     discriminates = {
@@ -92,6 +95,8 @@ def _compare_trial(
         tolerance_n=evidence.thresholds.max_force_mismatch_n,
         model=evidence.model,
         contact_force_n=evidence.contact_force_n,
+        scatter=scatter,
+        stated=evidence.stated,
     )
     criteria = (
         *judge_record(trial),

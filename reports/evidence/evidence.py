@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
+from tacauchy_rig.config.uncertainty import Stated
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import ReplayModel, ReplayTrial
 from tacauchy_rig.run import Criterion, TrialRecord
@@ -201,6 +202,8 @@ class RunEvidence:
         provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
             and whatever else says where the numbers come from; plain JSON values.
         contact_force_n: Force at which a press calls the gel touched: depth counts from there.
+        stated: Standard uncertainties of cell, heights and delays by the fields of
+            ``[uncertainty]``; ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
         model: What was replayed; None where nothing was.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         force_check: How the cell read a known weight before the run; None where that was not tried.
@@ -218,6 +221,7 @@ class RunEvidence:
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
     contact_force_n: float = 0.0
+    stated: Mapping[str, Stated] = field(default_factory=dict)
     model: ReplayModel | None = None
     sync_mode: str = "host_clock"
     force_check: ForceCheck | None = None

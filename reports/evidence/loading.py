@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,10 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
-from tacauchy_rig.config.model import ReportSection
+from tacauchy_rig.config.model import ReportSection, RigConfig
+from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.store.check.attempt import RESULT_HASH, RESULT_WHOLE
@@ -54,7 +57,7 @@ def load_evidence(
         RecordError: No result of the run can be read, though it has some; or its journal cannot.
     """
     store, config = run.store, run.store.config
-    check = check_run(store)
+    check, force_check = check_run(store), readable(store.force_check.load)
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curve = stated_curve(replay)
@@ -82,14 +85,29 @@ def load_evidence(
         provenance={**_provenance(store, replay), "journal_head": check.journal_head},
         journal=summarize_journal(_events(store)),
         contact_force_n=config.protocol.contact_force,
+        stated=stated_of_run(config, force_check),
         model=None if replay is None else replay.model,
         sync_mode=config.run.sync_mode.value,
-        force_check=readable(store.force_check.load),
+        force_check=force_check,
         unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
+
+
+def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stated]:
+    """Return what a run states of cell, heights and delays; a hung weight tells of the cell."""
+    stated = {name: stated_uncertainty(config, name) for name in ("depth", "delay", "force_scale")}
+    if check is not None and check.passed and config.uncertainty.force_scale is None:
+        weight = check.weight
+        off = math.hypot(check.ratio - 1.0, weight.uncertainty_kg / weight.mass_kg)
+        stated["force_scale"] = Stated(value=off, source=f"what the cell made of {weight}")
+    plain = {
+        "search_speed": config.robot.search_speed / REFINE_RATIO,
+        "contact_force": config.protocol.contact_force,
+    }
+    return stated | {name: Stated(value=v, source="rig.toml") for name, v in plain.items()}
 
 
 def _thresholds(report: ReportSection) -> Thresholds:

@@ -9,6 +9,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
+from reports.figures.budget import budgeted, draw_budget
 from reports.figures.diagnostics import draw_arrival, draw_contact, draw_truth
 from reports.figures.forces import draw_force_depth, draw_time_curves
 from reports.figures.images import draw_images
@@ -50,6 +51,8 @@ def _figures(report: ValidationReport) -> Iterator[tuple[str, Callable[..., Figu
     if any(t.force_curve is not None for t in recorded):
         yield "time", draw_time_curves
         yield "force-depth", draw_force_depth
+    if budgeted(report):
+        yield "budget", draw_budget
     if any(t.streams for t in recorded):
         yield "arrival", draw_arrival
     if any(c.unit == "mm" or c.true != 0.0 for c in report.truth):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -79,11 +80,23 @@ class Sensor:
 
     def relaxing(self, terms: tuple[RelaxationTerm, ...]) -> Sensor:
         """Return the sensor with a gel, all of its layers, that relaxes by these terms."""
-        layers = tuple(
-            replace(layer, material=replace(layer.material, relaxation=terms))
-            for layer in self.layers
-        )
-        return replace(self, material=replace(self.material, relaxation=terms), layers=layers)
+        return self._of(lambda material: replace(material, relaxation=terms))
+
+    def stiffer(self, factor: float) -> Sensor:
+        """Return the sensor with a gel, all of its layers, that is so many times as stiff."""
+        return self._of(lambda material: replace(material, young_pa=factor * material.young_pa))
+
+    def with_poisson(self, more: float) -> Sensor:
+        """Return the sensor with this added to Poisson's ratio of its gel, of all of its layers.
+
+        Raises:
+            ConfigError: One is not below 0.5 then.
+        """
+        return self._of(lambda material: replace(material, poisson=material.poisson + more))
+
+    def _of(self, changed: Callable[[Material], Material]) -> Sensor:
+        layers = tuple(replace(layer, material=changed(layer.material)) for layer in self.layers)
+        return replace(self, material=changed(self.material), layers=layers)
 
     def young_uncertainty(self) -> tuple[float, str]:
         """Return the relative uncertainty of the stiffness and its source.

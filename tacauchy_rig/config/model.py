@@ -26,6 +26,7 @@ from tacauchy_rig.config.fields import (
     Time,
     Torque,
 )
+from tacauchy_rig.config.uncertainty import UncertaintySection
 
 
 class SyncMode(StrEnum):
@@ -244,6 +245,9 @@ class RigConfig(Section):
     replay: ReplaySection
     report: ReportSection
     emulation: EmulationSection
+    uncertainty: UncertaintySection = Field(
+        default=UncertaintySection(), exclude_if=lambda stated: stated == UncertaintySection()
+    )
 
     @property
     def moves_real_hardware(self) -> bool:

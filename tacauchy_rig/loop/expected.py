@@ -19,8 +19,8 @@ from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.config.uncertainty import DEPTH_ERROR_M, LAG_S, LEAN_RAD
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.loop.settings import indenter_of, sensor_of
@@ -28,8 +28,6 @@ from tacauchy_rig.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
-LEAN_RAD = math.radians(2.0)
-"""How far an indenter's face may lean against the gel: what is seen by eye while mounting it."""
 UNCERTAINTIES = 2.0
 """Standard uncertainties of the stiffness that the band allows either way: 95 % of gels."""
 STIFFNESS_OF_HEIGHT = 1.0
@@ -40,11 +38,6 @@ change over the change of nu): 5 mm punch, 4 mm gel, 2 N, preset fast at 3.6 mm 
 UNKNOWN_ERROR = 0.1
 """Relative error of the simulated force where nothing is known of it; preset fast, largest of the
 presses in docs/accuracy.md at nu 0.48 or below, doubled."""
-DEPTH_ERROR_M = {RobotModel.E_SERIES: 20e-6, RobotModel.CB3: 30e-6}
-"""Difference of two heights within a millimetre: below the repeatability that the data sheets give
-for coming back from anywhere, 30 um and 100 um. Likely, not measured."""
-LAG_S = 0.05
-"""Between a height and the force that belongs to it; times the press's speed it is a depth."""
 BEYOND = 1.6
 """The curve goes to this many times the largest target, so that the softest gel lies on it."""
 _POINTS = 12

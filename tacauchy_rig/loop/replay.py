@@ -13,7 +13,6 @@ from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
-from sim.scene.material import Material
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
@@ -32,7 +31,8 @@ from tacauchy_rig.loop.mounting import (
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.rendering import render_trial
 from tacauchy_rig.loop.settings import check_optics
-from tacauchy_rig.replayed import Replay, ReplayModel
+from tacauchy_rig.loop.uncertainty import force_inputs
+from tacauchy_rig.replayed import ForceInput, FoundValue, Replay, ReplayModel
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.replay_files import ReplayFields
 
@@ -65,7 +65,8 @@ def replay_run(
     inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
     check_optics(config, inputs.sensor)
     found = mounted(run, inputs, on_progress=on_progress)
-    replay, fields = press_again(run, found.inputs, on_progress=on_progress)
+    inputs = found.inputs
+    replay, fields = press_again(run, inputs, on_progress=on_progress)
     optics = optics_of(
         config.sensor.optics_calibration,
         inputs.sensor,
@@ -79,14 +80,29 @@ def replay_run(
         found = replace(found, values=(*found.values, *values))
         if beside := offset_of(values):
             on_progress("  the contact is seen beside its place: again there")
-            inputs = moved(found.inputs, beside)
+            inputs = moved(inputs, beside)
             replay, fields = press_again(run, inputs, on_progress=on_progress)
             replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
             replay = replace(replay, model=replace(replay.model, found_offset_m=beside))
-    effects = (*replay.model.effects, *found.effects)
-    replay = replace(replay, model=replace(replay.model, found=found.values, effects=effects))
+    on_progress("trying what uncertain inputs change of the force")
+    model = replace(
+        replay.model,
+        found=found.values,
+        effects=(*replay.model.effects, *found.effects),
+        force_inputs=inputs_tried(run, inputs, found.values),
+    )
+    replay = replace(replay, model=model)
     store.save_replay(replay, kept)
     return replay
+
+
+def inputs_tried(
+    run: RunReading, inputs: ReplayInputs, found: Sequence[FoundValue] = ()
+) -> tuple[ForceInput, ...]:
+    """Try what uncertain inputs change of the force at a run's depths; nothing without depths."""
+    records = [attempt.record for attempt in measured_attempts(run)]
+    depths_m = [record.depth_measured_m for record in records if record.depth_measured_m]
+    return force_inputs(inputs, run.store.config, depths_m, found=found) if depths_m else ()
 
 
 def mounted(
@@ -135,7 +151,7 @@ def press_again(
         curve = merge_histories([trial.force_history for trial in replay.trials])
         fit = _fitted(config, records, leaned(curve, inputs) if leans else curve, on_progress)
     if fit is not None:
-        inputs = replace(inputs, sensor=stiffer(inputs.sensor, fit.factor))
+        inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
     if fit is not None or leans:
         replay, fields = _replayed(inputs, records, on_progress)
     trials = tuple(
@@ -203,16 +219,6 @@ def _fitted(
         f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
     )
     return fit
-
-
-def stiffer(sensor: Sensor, factor: float) -> Sensor:
-    """Return a sensor whose gel, all of its layers, is so many times as stiff."""
-
-    def times(material: Material) -> Material:
-        return replace(material, young_pa=factor * material.young_pa)
-
-    layers = tuple(replace(layer, material=times(layer.material)) for layer in sensor.layers)
-    return replace(sensor, material=times(sensor.material), layers=layers)
 
 
 def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: Replay | None) -> ReplayModel:

@@ -14,8 +14,8 @@ from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
-from tacauchy_rig.loop.replay import mounted, press_again, render_again, stiffer
-from tacauchy_rig.replayed import Replay
+from tacauchy_rig.loop.replay import inputs_tried, mounted, press_again, render_again
+from tacauchy_rig.replayed import ForceInput, Replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,7 @@ class Bench:
         recorded: What was read of the run, its checks with it.
         pressed: The true replay.
         images: Its images by trial.
+        force_inputs: What the force at a depth depends on.
     """
 
     run: RunReading
@@ -44,6 +45,7 @@ class Bench:
     recorded: RunEvidence
     pressed: Pressed
     images: Mapping[int, ColorImage]
+    force_inputs: tuple[ForceInput, ...] = ()
 
     @property
     def trials(self) -> Sequence[int]:
@@ -66,7 +68,7 @@ class Bench:
         For what takes long to press: if one trial is caught, the run is.
         """
         first = self.trials[0]
-        inputs = replace(inputs, sensor=stiffer(inputs.sensor, self.modulus_factor))
+        inputs = replace(inputs, sensor=inputs.sensor.stiffer(self.modulus_factor))
         force_n = [t.force_measured_n for t in self.pressed.replay.trials if t.index == first]
         replay, fields = replay_forces(inputs.scene(force_n), force_n)
         trials = tuple(
@@ -101,7 +103,8 @@ class Bench:
             )
             for trial in self.recorded.trials
         )
-        return replace(self.recorded, trials=trials, model=replay.model)
+        model = replace(replay.model, force_inputs=self.force_inputs)
+        return replace(self.recorded, trials=trials, model=model)
 
 
 def bench_of(
@@ -113,7 +116,8 @@ def bench_of(
 ) -> Bench:
     """Replay a run truly, once for all of its wrong models."""
     inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
-    inputs = mounted(run, inputs, on_progress=on_progress).inputs
+    found = mounted(run, inputs, on_progress=on_progress)
+    inputs = found.inputs
     given = run.store.config.sensor.optics_calibration
     optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
     on_progress(f"replaying truly, preset {preset.value}")
@@ -126,6 +130,7 @@ def bench_of(
         recorded=load_evidence(run, None),
         pressed=replace(pressed, replay=replay),
         images=images,
+        force_inputs=inputs_tried(run, inputs, found.values),
     )
 
 

@@ -18,7 +18,6 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.optics import nominal_optics
-from tacauchy_rig.loop.replay import stiffer
 from tacauchy_rig.verdict_check.bench import Bench
 
 SEED = 20261122
@@ -60,7 +59,7 @@ class WrongModel:
 
 
 def _stiffer_gel(bench: Bench, percent: float) -> RunEvidence:
-    sensor = stiffer(bench.inputs.sensor, 1.0 + 0.01 * percent)
+    sensor = bench.inputs.sensor.stiffer(1.0 + 0.01 * percent)
     return bench.evidence(bench.press(replace(bench.inputs, sensor=sensor)))
 
 

@@ -121,7 +121,7 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     body = page[page.index("<body>") :]
     assert body.index("SIMULATED") < body.index("Passed: in all 6") < body.index("<img")
     assert page.count("SIMULATED: this run used emulated devices") == 2
-    assert page.count('<img src="data:image/png') == 18 + 8
+    assert page.count('<img src="data:image/png') == 18 + 9
 
 
 def test_what_was_emulated_is_not_called_real(
@@ -150,7 +150,7 @@ def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths
     """Each figure is there twice; its PDF embeds TrueType fonts and no Type 3."""
     names = [f["name"] for f in read_strictly(written.summary)["figures"]]
     assert names[:3] == ["images", "similarities", "errors"]
-    assert len(names) == 9
+    assert len(names) == 10
     for name in names:
         pdf = (written.figures / f"{name}.pdf").read_bytes()
         assert pdf.startswith(b"%PDF")
