@@ -6,10 +6,11 @@ factor of safety: Roache 1994, the grid convergence index). Meshes are not neste
 edges the sectors go: what a contact's edge happens to cut, and a wide barrier, add a part that no
 extrapolation sees:
 
-    error = slope |d| + rest / refinement^2 + barrier d_hat / depth
+    error = slope |d| + rest / refinement^2 + share x
 
-with three numbers for each output, laid so that nine drawn presses in ten err by less. A rim cuts
-edges otherwise than a ball does, and what slides in part has a shear of its own.
+with three numbers for each output, laid so that nine drawn presses in ten err by less. x is d_hat
+over the depth, for the barrier; for shear its own size over the pressure's, for what slides in part
+depends on where it slides. A rim cuts edges otherwise than a ball does.
 """
 
 from __future__ import annotations
@@ -24,32 +25,34 @@ from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import RigError
 
-# (slope, rest, barrier) from 94 drawn presses on preset fast, against what edges two thirds as long
-# tend to, and 20 on finer ones, against half as long (docs/sim.md).
+# (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, shear and
+# image from 166, against what edges two thirds as long tend to; finer ones from 34 (docs/sim.md).
 _Rule = dict[Output, tuple[float, float, float]]
 _FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}
 _UNDER_BALL: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.2, 0.08, 0.1),
-    Output.IMAGE: (0.9, 0.012, 0.25),
+    Output.SHEAR: (0.6, 0.02, 0.05),
+    Output.IMAGE: (0.3, 0.025, 0.0),
     Output.MARKERS: (0.1, 0.07, 0.4),
 }
 _UNDER_RIM: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.5, 0.31, 0.0),
-    Output.IMAGE: (0.3, 0.004, 0.7),
+    Output.SHEAR: (0.3, 0.002, 0.35),
+    Output.IMAGE: (0.2, 0.02, 1.0),
     Output.MARKERS: (0.4, 0.05, 0.0),
 }
-_FREE_SHEAR: _Rule = {Output.SHEAR: (0.6, 0.003, 0.0)}
-_GRIPPED_SHEAR: _Rule = {Output.SHEAR: (0.4, 0.012, 0.8)}
+_FREE: _Rule = {Output.SHEAR: (0.6, 0.005, 0.4)}
 _FINER: _Rule = {
     Output.FORCE: (0.2, 0.004, 0.0),
     Output.DEPTH: (0.4, 0.003, 0.0),
-    Output.PRESSURE: (1.0, 0.10, 0.0),
-    Output.SHEAR: (0.6, 0.006, 0.0),
+    Output.PRESSURE: (1.0, 0.02, 0.0),
+    Output.SHEAR: (0.6, 0.004, 0.2),
     Output.IMAGE: (0.6, 0.011, 0.0),
-    Output.MARKERS: (0.6, 0.003, 0.0),
+    Output.MARKERS: (0.6, 0.006, 0.0),
 }
+_FINER_RIM: _Rule = {**_FINER, Output.PRESSURE: (1.0, 0.10, 0.0)}
 # Linear tetrahedra lock on coarser meshes too, and preset paper has but one: they are held against
 # preset fast's quadratic ones on edges a third longer, which err by this much in one of ten.
 _BESIDE_LINEAR, _BESIDE_ERROR = 0.75, 0.12
@@ -114,12 +117,13 @@ def estimate_from(
     changes = coarse.outputs.changes(found)
     rule, refinement = _rule(scene, plan)
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
+    scale = {**dict.fromkeys(rule, gap), Output.SHEAR: found.sizes[Output.SHEAR]}
     relative = {
         output: slope * changes[output]
         + rest / refinement**2
-        + barrier * gap
+        + share * scale[output]
         + plan.left_out(output)
-        for output, (slope, rest, barrier) in rule.items()
+        for output, (slope, rest, share) in rule.items()
     }
     if scene.target.force_n is None:
         del relative[Output.DEPTH]
@@ -143,8 +147,9 @@ def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
     """Return by what a scene's outputs err, and how many times shorter its edges are."""
     if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
         return dict.fromkeys(Output, (1.0, _BESIDE_ERROR, 0.0)), 1.0
+    is_ball = isinstance(scene.indenter, Sphere)
     if scene.preset is not Preset.FAST:
-        return _FINER, scene.refinement
-    bodies = _UNDER_BALL if isinstance(scene.indenter, Sphere) else _UNDER_RIM
+        return _FINER if is_ball else _FINER_RIM, scene.refinement
     grips = plan.is_on(Effect.FRICTION) or scene.contact is ContactMode.BONDED
-    return {**bodies, **(_GRIPPED_SHEAR if grips else _FREE_SHEAR)}, scene.refinement
+    rule = _UNDER_BALL if is_ball else _UNDER_RIM
+    return rule if grips else {**rule, **_FREE}, scene.refinement
