@@ -31,6 +31,8 @@ _OVERLAP_LEFT_MIN_SHARE = 1e-6
 _CUT, _GROWTH = 4.0, 2.0
 # Of a phase, where a gel relaxes: its stress is taken to change evenly in a step.
 _EVEN_SHARE = 0.1
+# A step may be longer by this share, so that rounding takes no step of its own.
+_LONGER = 1e-3
 # Points of the path that the next one may be predicted from.
 _REMEMBERED = 24
 # Points that a prediction goes by, at most.
@@ -80,6 +82,15 @@ class Stepping:
             memory.commit(point.state.positions)
         return point
 
+    def _advance(self, left: float, step: float) -> float:
+        """Return how far the next step goes; of a gel with mass what is left is parted evenly.
+
+        A sliver of time at a phase's end would turn rounding into speed.
+        """
+        if self.inertia is None:
+            return float(np.clip(left, -step, step))
+        return left / max(1, math.ceil(abs(left) / step - _LONGER))
+
     def longest_share(self, duration_s: float | None) -> float:
         """Return the largest part of what takes a time [s] that may be one step."""
         if duration_s is None or not math.isfinite(duration_s):
@@ -116,7 +127,7 @@ class Stepping:
             self._direction = phase.direction
         at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
         while phase.is_short_of(at):
-            advance = float(np.clip(phase.end - at, -step, step))
+            advance = self._advance(phase.end - at, step)
             try:
                 found, taken = self._increment(point, phase, at, advance, pace, options)
             except ConvergenceError as error:
