@@ -44,9 +44,13 @@ SCENES = {
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", SCENES)
 def test_cuda_and_cpu_agree(name: str) -> None:
-    """F_z, depth and the largest pressure on both devices agree to 1e-6."""
+    """F_z, depth and the largest pressure on both devices agree to 1e-6; slid ones to 3e-6.
+
+    Every step balances to 1e-6 of the force, and what slid in one is where the next begins.
+    """
+    allowed = 3e-6 if "slid" in name else 1e-6
     host, device = press(SCENES[name]), press(SCENES[name], device="cuda:0")
     assert device.model.device == "cuda:0"
-    assert host.force_n[2] == pytest.approx(device.force_n[2], rel=1e-6)
-    assert host.depth_m == pytest.approx(device.depth_m, rel=1e-6)
+    assert host.force_n[2] == pytest.approx(device.force_n[2], rel=allowed)
+    assert host.depth_m == pytest.approx(device.depth_m, rel=allowed)
     assert np.isclose(host.max_pressure_pa, device.max_pressure_pa, rtol=1e-5)
