@@ -34,7 +34,7 @@ from sim.batch.pilots_way import Guide
 from sim.device import Device, filled, on_host
 from sim.fields.stress import StressProjection
 from sim.material.elastic_body import element_constants
-from sim.solve.descent_state import DONE, TOO_NEAR
+from sim.solve.descent_state import Status
 from sim.solve.descents import Descents, zeroed
 from sim.solve.equilibrium import EXTENSIONS
 from tacauchy_rig.errors import ConfigError
@@ -195,10 +195,10 @@ class Batch:
             frames.run(until)
         self._device.synchronise()
         results = frames.results()
-        for frame in range(len(course)) if (results["status"] != DONE).any() else ():
+        for frame in range(len(course)) if (results["status"] != Status.DONE).any() else ():
             self._go_on(frame, course, results)
         wall_s = time.perf_counter() - started
-        whole = (results["status"] == DONE).all(axis=0)
+        whole = (results["status"] == Status.DONE).all(axis=0)
         self._at[whole] = course[-1, whole]
         return self._result(results, wall_s, (on_host(evaluations) - before).astype(np.int32))
 
@@ -211,8 +211,8 @@ class Batch:
 
     def _go_on(self, frame: int, course: FloatArray, results: dict[str, FloatArray]) -> None:
         """Take those further with care that did not arrive in a frame, or in one before it."""
-        missed = results["status"][frame] != DONE
-        ready = missed & ((results["status"][:frame] == DONE).all(axis=0))
+        missed = results["status"][frame] != Status.DONE
+        ready = missed & ((results["status"][:frame] == Status.DONE).all(axis=0))
         if not ready.any():
             return
         self._at[ready] = course[frame - 1, ready] if frame else 0.0
@@ -220,7 +220,7 @@ class Batch:
         for name, values in self.prepare(1).results().items():
             results[name][frame, arrived] = values[0, arrived]
         # Who arrived first sat idle while the others went on in parts.
-        results["status"][frame, arrived] = DONE
+        results["status"][frame, arrived] = Status.DONE
 
     def watch(self, launch: Callable[[], object]) -> None:
         """Have something launched at the end of every step: stress, images, a caller's kernel.
@@ -295,10 +295,11 @@ class Batch:
             frames.begin()
             frames.run(1)
             status = on_host(self.descents.state.status)
-            near = taking & (status == TOO_NEAR) & (self._extension + 1 < len(self._extensions))
+            near = taking & (status == Status.TOO_NEAR)
+            near &= self._extension + 1 < len(self._extensions)
             if not near.any():
-                return np.asarray(taking & (status == DONE))
-            arrived = taking & (status == DONE)
+                return np.asarray(taking & (status == Status.DONE))
+            arrived = taking & (status == Status.DONE)
             again = np.flatnonzero(near)
             self._extend(again, self._extension[again] + 1)
             taking = near
@@ -372,7 +373,7 @@ class Batch:
     def _result(
         self, results: dict[str, Any], wall_s: float, evaluations: NDArray[np.int32]
     ) -> BatchResult:
-        symmetry, missed = self.model.mesh.symmetry, results["status"] != DONE
+        symmetry, missed = self.model.mesh.symmetry, results["status"] != Status.DONE
         for name in ("push", "tips", "residual", "imbalance", "gap"):
             results[name][missed] = np.nan
         part = results["push"]

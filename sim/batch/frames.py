@@ -9,7 +9,7 @@ import warp as wp
 
 from sim.batch import step_kernels as kernels
 from sim.device import Device, on_host
-from sim.solve.descent_state import IDLE
+from sim.solve.descent_state import Status
 from sim.solve.descents import zeroed
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Frames:
     def begin(self) -> None:
         """Put all environments before the first frame."""
         self._batch.trail.frame.zero_()
-        self.found.status.fill_(int(IDLE))
+        self.found.status.fill_(int(Status.IDLE))
 
     def run(self, until: int) -> None:
         """Take the active environments to a frame, each at its own pace."""

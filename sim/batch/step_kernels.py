@@ -14,7 +14,7 @@ import warp as wp
 from sim.batch.pilots_way import Guide, Stand, depth_at, motion_at, stand_of
 from sim.contact.friction import GripArrays
 from sim.contact.indenter_distance import Poses
-from sim.solve.descent_state import BEGIN, DONE, RUNNING, Descent
+from sim.solve.descent_state import Descent, Mode, Status
 from sim.solve.memory_kernels import Memory
 
 # A step goes the same way as the one before if the cosine between them is above this,
@@ -301,8 +301,8 @@ def begin(
         poses.rotations[b] = turn * way.rotations[b]
         memory.counts[b] = 0
         memory.next[b] = 0
-        d.status[b] = RUNNING
-        d.mode[b] = BEGIN
+        d.status[b] = Status.RUNNING
+        d.mode[b] = Mode.BEGIN
         d.wanted[b] = 1
         d.strained[b] = 1
         d.checked[b] = 0
@@ -318,7 +318,7 @@ def begin(
         d.touches[b] = 1
         d.gripped_at[b] = wp.float64(1e300)
         d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
-    if d.status[b] == RUNNING:
+    if d.status[b] == Status.RUNNING:
         together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
 
 
@@ -398,10 +398,10 @@ def land(
     Launches over [environment_count].
     """
     b = wp.tid()
-    if trail.stage[b] >= STARTS and d.status[b] != RUNNING:
+    if trail.stage[b] >= STARTS and d.status[b] != Status.RUNNING:
         at = trail.frame[b]
         found.status[at, b] = d.status[b]
-        if d.status[b] == DONE:
+        if d.status[b] == Status.DONE:
             load = wp.max(d.scale[b], floor)
             found.push[at, b] = d.push[b]
             found.tips[at, b] = poses.tips[b]

@@ -16,36 +16,15 @@ from typing import Any
 import warp as wp
 
 from sim.device import CPU_FLAGS
-from sim.solve.descent_rules import (
-    AHEAD,
-    CHANGE,
-    CUT,
-    ENERGY,
-    FAR,
-    GRIP,
-    LIMIT,
-    NOTHING_AT_ALL,
-    SQUARE,
-    VERTICAL,
-    Sums,
-    decide,
-    finds_no_way,
-)
+from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_way
 from sim.solve.descent_state import (
-    ASKS_FACTOR,
-    BACK,
-    GO,
-    HELD,
-    HOLD,
-    LOWER,
-    NOTHING,
-    RUNNING,
-    SOLVE,
-    TRY,
+    Act,
     Descent,
     Evaluated,
     Limits,
+    Mode,
     Pull,
+    Status,
     Unknowns,
     Vectors,
 )
@@ -110,15 +89,15 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         if b == 0 and thread == 0:
             busy_out[0] = 0
         if thread == 0:
-            d.act[b] = NOTHING
+            d.act[b] = Act.NOTHING
             d.wanted[b] = 0
             d.strained[b] = 0
             d.holding[b] = 0
             d.takes[b] = 0
             d.learns[b] = 0
-        if d.status[b] == RUNNING:
+        if d.status[b] == Status.RUNNING:
             mode = d.mode[b]
-            looks = mode < GO  # it begins, tries or is held anew
+            looks = mode < Mode.GO  # it begins, tries or is held anew
             push = d.push[b]
             dof_count = unknowns.dofs.shape[0]
             sums = Sums()
@@ -142,35 +121,35 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                             away = x - pull.towards[dof]
                             drawn = pull.stiffness[dof] * away
                             g += drawn - pull.force[dof]
-                            sums[ENERGY] += wp.float64(0.5) * drawn * away
-                            sums[ENERGY] -= pull.force[dof] * (x - pull.rest[dof])
+                            sums[Sum.ENERGY] += wp.float64(0.5) * drawn * away
+                            sums[Sum.ENERGY] -= pull.force[dof] * (x - pull.rest[dof])
                         if dof % 3 == 2:
-                            sums[VERTICAL] += g
+                            sums[Sum.VERTICAL] += g
                     elif d.pushed[b] == 1:
                         g = d.load[b] - push[2]
-                        sums[ENERGY] += d.load[b] * evaluated.tips[b][2]
+                        sums[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
                     vectors.trial[b, row] = g
                     change = g - vectors.gradient[b, row]
-                    sums[AHEAD] += g * vectors.direction[b, row]
-                    sums[SQUARE] += g * g
-                    sums[CHANGE] += change * change
+                    sums[Sum.AHEAD] += g * vectors.direction[b, row]
+                    sums[Sum.SQUARE] += g * g
+                    sums[Sum.CHANGE] += change * change
                 for e in range(thread, evaluated.energies.shape[1], wp.block_dim()):
-                    sums[ENERGY] += evaluated.energies[b, e]
+                    sums[Sum.ENERGY] += evaluated.energies[b, e]
                     ratio = wp.min(ratio, evaluated.ratios[b, e])
                 for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
-                    sums[ENERGY] += evaluated.touched[b, p]
+                    sums[Sum.ENERGY] += evaluated.touched[b, p]
                     there = evaluated.gaps[b, p]
                     nearest = wp.min(nearest, there)
-                    if mode == TRY:
+                    if mode == Mode.TRY:
                         before = vectors.gaps[b, p]
                         floor = wp.min(before, wp.float64(0.0)) - limits.overlap
                         if there < floor:
                             fall = wp.max(before - there, NOTHING_AT_ALL)
                             allowed = wp.min(allowed, wp.min(CUT, (before - floor) / fall))
                     if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
-                        if mode == HELD:
-                            sums[GRIP] += evaluated.grip_change[b, p]
-                            sums[LIMIT] += evaluated.grip_limit[b, p]
+                        if mode == Mode.HELD:
+                            sums[Sum.GRIP] += evaluated.grip_change[b, p]
+                            sums[Sum.LIMIT] += evaluated.grip_limit[b, p]
             all_sums = wp.tile_sum(wp.tile(sums, preserve_type=True))
             ratios = wp.tile_min(wp.tile(ratio))
             gaps = wp.tile_min(wp.tile(nearest))
@@ -231,12 +210,12 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 count = memory.counts[b]
                 products_with(memory.steps, vectors.gradient, count, b, memory.products)
                 note_products(memory, b, fraction, s_y)
-        if act != NOTHING and act != BACK:
+        if act != Act.NOTHING and act != Act.BACK:
             for i in range(thread, evaluated.elastic.shape[1], wp.block_dim()):
-                if act != HOLD:
+                if act != Act.HOLD:
                     evaluated.elastic[b, i] = wp.float64(0.0)
                 evaluated.contact[b, i] = wp.float64(0.0)
-        if act == SOLVE:
+        if act == Act.SOLVE:
             count = memory.counts[b]
             if not learns:
                 wait_for_all()
@@ -273,7 +252,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         act = d.act[b]
         dof_count = unknowns.dofs.shape[0]
         fraction = d.fraction[b]
-        if act == SOLVE or act == LOWER:  # noqa: SIM109
+        if act == Act.SOLVE or act == Act.LOWER:
             fraction = wp.float64(1.0)
             count = memory.counts[b]
             scale = units[b]
@@ -281,7 +260,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 scale = scale * d.residual[b]
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = wp.float64(0.0)
-                if act == SOLVE:
+                if act == Act.SOLVE:
                     r = scale * wp.float64(found[d.slot[b], row])
                 elif row == dof_count:
                     r = -wp.sign(vectors.gradient[b, row]) * limits.tip_step
@@ -289,7 +268,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                     r = wp.float64(0.0)
                 vectors.direction[b, row] = r
             wait_for_all()
-            if act == SOLVE:
+            if act == Act.SOLVE:
                 products_with(memory.changes, vectors.direction, count, b, memory.products)
                 second_loop(memory, b)
                 as_is = wp.float64(1.0)
@@ -309,14 +288,14 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 d.length[b] = along[1]
                 d.fraction[b] = fraction
                 d.tries[b] = 0
-                d.mode[b] = TRY
+                d.mode[b] = Mode.TRY
                 if not falls:
                     d.wanted[b] = 0
                     d.strained[b] = 0
                     finds_no_way(d, memory, b)
-        if act == BACK:
+        if act == Act.BACK:
             fraction = wp.float64(0.0)
-        if act != NOTHING and act != HOLD:
+        if act != Act.NOTHING and act != Act.HOLD:
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 x = vectors.start[b, row] + fraction * vectors.direction[b, row]
                 if row < dof_count:
@@ -325,13 +304,13 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                     tip = evaluated.tips[b]
                     evaluated.tips[b] = wp.vec3d(tip[0], tip[1], x)
         if thread == 0:
-            if limits.keeps and d.status[b] == ASKS_FACTOR:
+            if limits.keeps and d.status[b] == Status.ASKS_FACTOR:
                 memory.counts[b] = 0
                 memory.next[b] = 0
                 d.since[b] = 0
-                d.mode[b] = GO
-                d.status[b] = RUNNING
-            if d.status[b] == RUNNING:
+                d.mode[b] = Mode.GO
+                d.status[b] = Status.RUNNING
+            if d.status[b] == Status.RUNNING:
                 busy_out[0] = 1
 
     return DescentKernels(judge=judge, prepare=prepare, turn=turn)

@@ -5,34 +5,12 @@ The rules are those of ``sim.solve.equilibrium``.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import warp as wp
 
 from sim.device import KERNEL_EPSILON
-from sim.solve.descent_state import (
-    ASKS_FACTOR,
-    ASKS_ROUNDING,
-    ASKS_SAFER_FACTOR,
-    ASKS_START,
-    BACK,
-    BEGIN,
-    DONE,
-    GO,
-    HELD,
-    HOLD,
-    LOWER,
-    NOT_FINITE,
-    NOTHING,
-    NOWHERE_DOWN,
-    OUT_OF_STEPS,
-    RECHECK,
-    RUNNING,
-    SHORTEN,
-    SOLVE,
-    TOO_NEAR,
-    TRY,
-    Descent,
-    Limits,
-)
+from sim.solve.descent_state import Act, Descent, Limits, Mode, Status
 from sim.solve.memory_kernels import Memory
 
 # A residual over the contact force that tells whether the barrier has to be extended less.
@@ -74,15 +52,20 @@ _CURVATURE_MIN = wp.constant(wp.float64(1e-12))
 NOTHING_AT_ALL = wp.constant(wp.float64(1e-300))
 FAR = wp.constant(wp.float64(1e300))
 
-# Sums over an environment.
-Sums = wp.types.vector(7, wp.float64)
-ENERGY = wp.constant(0)  # [J]
-AHEAD = wp.constant(1)  # gradient . direction [J]
-SQUARE = wp.constant(2)  # gradient . gradient [N^2]
-CHANGE = wp.constant(3)  # of the gradient, squared [N^2]
-VERTICAL = wp.constant(4)  # of the gradient along z [N]
-GRIP = wp.constant(5)  # change of the friction limit [N]
-LIMIT = wp.constant(6)  # the friction limit [N]
+
+class Sum(IntEnum):
+    """Sums over an environment."""
+
+    ENERGY = 0  # [J]
+    AHEAD = 1  # gradient . direction [J]
+    SQUARE = 2  # gradient . gradient [N^2]
+    CHANGE = 3  # of the gradient, squared [N^2]
+    VERTICAL = 4  # of the gradient along z [N]
+    GRIP = 5  # change of the friction limit [N]
+    LIMIT = 6  # the friction limit [N]
+
+
+Sums = wp.types.vector(len(Sum), wp.float64)
 
 
 @wp.func
@@ -111,24 +94,24 @@ def stands_still(residuals: wp.array(dtype=wp.float64), recorded: wp.int32) -> w
 def finds_no_way(d: Descent, memory: Memory, b: wp.int32):
     """Ask for another factor after a direction along which the energy does not fall."""
     if memory.counts[b] > 0 or d.since[b] > 0:
-        d.status[b] = ASKS_FACTOR
+        d.status[b] = Status.ASKS_FACTOR
     elif d.attempt[b] == 0:
-        d.status[b] = ASKS_SAFER_FACTOR
+        d.status[b] = Status.ASKS_SAFER_FACTOR
     else:
-        d.status[b] = NOWHERE_DOWN
+        d.status[b] = Status.NOWHERE_DOWN
 
 
 @wp.func
 def _goes_on(d: Descent, b: wp.int32, push: wp.vec3d):
     """Take a direction by the factor as it is."""
-    d.act[b] = SOLVE
+    d.act[b] = Act.SOLVE
     if d.pushed[b] == 1 and d.touches[b] == 0:
         if wp.length(push) == wp.float64(0.0):
             # Without contact nothing holds the indenter: it is brought down by the longest step.
-            d.act[b] = LOWER
-        elif d.mode[b] != GO:  # it has come to touch since
-            d.act[b] = NOTHING
-            d.status[b] = ASKS_FACTOR
+            d.act[b] = Act.LOWER
+        elif d.mode[b] != Mode.GO:  # it has come to touch since
+            d.act[b] = Act.NOTHING
+            d.status[b] = Status.ASKS_FACTOR
 
 
 @wp.func
@@ -141,32 +124,32 @@ def _ends(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     settled = d.grip_change[b] <= wp.max(_GRIP_CHANGE, _GRIP_PER_RESIDUAL * d.relative[b])
     # Parts that lean the same way add up to more along z than their norm says.
     if last <= asked and wp.abs(d.vertical[b]) <= asked and settled:
-        d.status[b] = DONE
+        d.status[b] = Status.DONE
         return
     still = stands_still(d.residuals[b], d.recorded[b])
     if is_last or still or last <= _SMALL_SHARE * scale:
         rounding = d.rounding[b]
         if rounding < wp.float64(0.0):
-            d.status[b] = ASKS_ROUNDING
+            d.status[b] = Status.ASKS_ROUNDING
             return
         if last <= rounding and settled:
-            d.status[b] = DONE
+            d.status[b] = Status.DONE
             return
         harmless = wp.max(_HARMLESS_SHARE * scale, _ROUNDING_DOUBT * rounding)
         if last <= harmless and settled:
             if is_last or (still and d.since[b] <= _WINDOW):
-                d.status[b] = DONE
+                d.status[b] = Status.DONE
                 return
             if still:
-                d.status[b] = ASKS_FACTOR
+                d.status[b] = Status.ASKS_FACTOR
                 return
         if is_last:
-            d.status[b] = OUT_OF_STEPS
+            d.status[b] = Status.OUT_OF_STEPS
             return
     for k in range(3):
         late = d.since[b] >= limits.patience_steps[k]
         if late and last > limits.patience_shares[k] * scale:
-            d.status[b] = ASKS_FACTOR
+            d.status[b] = Status.ASKS_FACTOR
             return
     _goes_on(d, b, push)
 
@@ -176,32 +159,32 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
     """Look at a state that was accepted: hold on anew, end or go on."""
     residual = d.residual[b]
     if limits.lags:
-        if d.mode[b] == HELD:
+        if d.mode[b] == Mode.HELD:
             d.grip_change[b] = grip
             d.gripped_at[b] = residual
         else:
             due = wp.min(_GRIP_FROM * d.scale[b], _GRIP_AGAIN * d.gripped_at[b])
-            if d.mode[b] == BEGIN:
+            if d.mode[b] == Mode.BEGIN:
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)):
-                d.act[b] = HOLD
-                d.mode[b] = HELD
+                d.act[b] = Act.HOLD
+                d.mode[b] = Mode.HELD
                 d.holding[b] = 1
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1
     if not wp.isfinite(residual):
-        d.status[b] = NOT_FINITE
+        d.status[b] = Status.NOT_FINITE
         return
     if d.rough[b] == 1 and residual <= _ROUGH * d.scale[b]:
         # Where the barrier has to be extended less, the rest would be for nothing.
         d.rough[b] = 0
         if d.gap_min[b] < d.gap_least[b]:
-            d.status[b] = TOO_NEAR
+            d.status[b] = Status.TOO_NEAR
             return
     _ends(d, b, limits, push)
-    if d.status[b] == DONE and d.gap_min[b] < d.gap_least[b]:
-        d.status[b] = TOO_NEAR
+    if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
+        d.status[b] = Status.TOO_NEAR
 
 
 @wp.func
@@ -213,12 +196,12 @@ def _tries(
     fraction = d.fraction[b]
     slope = d.slope[b]
     size = wp.abs(slope)
-    ahead = sums[AHEAD]
+    ahead = sums[Sum.AHEAD]
     if allowed < wp.float64(1.0):
         fraction = fraction * allowed
     else:
         before = d.energy[b]
-        change = sums[ENERGY] - before
+        change = sums[Sum.ENERGY] - before
         # Rounding of the summed energy: below it only the gradient can tell which way is down.
         noise = _ROUNDING_OF_SUM * wp.abs(before) + _ROUNDING_OF_SCALE * limits.energy_scale
         in_noise = wp.abs(change) <= noise
@@ -227,7 +210,7 @@ def _tries(
         if falls and ahead <= left * size:
             d.takes[b] = 1
             curvature = ahead - slope
-            least = _CURVATURE_MIN * wp.sqrt(d.length[b]) * wp.sqrt(sums[CHANGE])
+            least = _CURVATURE_MIN * wp.sqrt(d.length[b]) * wp.sqrt(sums[Sum.CHANGE])
             if curvature > least and memory.table.shape[1] > 0:
                 d.learns[b] = 1
             d.steps[b] = d.steps[b] + 1
@@ -238,9 +221,9 @@ def _tries(
         else:
             fraction = fraction * _HALF
     d.fraction[b] = fraction
-    d.act[b] = SHORTEN
+    d.act[b] = Act.SHORTEN
     if d.tries[b] >= _TRIES:
-        d.act[b] = BACK
+        d.act[b] = Act.BACK
         finds_no_way(d, memory, b)
     return wp.bool(False)
 
@@ -262,33 +245,33 @@ def decide(
         push: Force on the indenter [N].
     """
     mode = d.mode[b]
-    if mode == GO:
+    if mode == Mode.GO:
         _goes_on(d, b, push)
-    elif mode == RECHECK:
+    elif mode == Mode.RECHECK:
         _ends(d, b, limits, push)
-        if d.status[b] == DONE and d.gap_min[b] < d.gap_least[b]:
-            d.status[b] = TOO_NEAR
+        if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
+            d.status[b] = Status.TOO_NEAR
     else:
         d.evaluations[b] = d.evaluations[b] + 1
         accepted = wp.bool(True)
-        if mode == TRY:
+        if mode == Mode.TRY:
             accepted = _tries(d, memory, b, limits, sums, mins[2])
         else:
             d.takes[b] = 1
         if accepted:
-            d.energy[b] = sums[ENERGY]
-            d.residual[b] = wp.sqrt(sums[SQUARE])
-            d.vertical[b] = sums[VERTICAL]
+            d.energy[b] = sums[Sum.ENERGY]
+            d.residual[b] = wp.sqrt(sums[Sum.SQUARE])
+            d.vertical[b] = sums[Sum.VERTICAL]
             d.scale[b] = wp.max(wp.length(push), d.load[b])
             d.ratio_min[b] = mins[0]
             d.gap_min[b] = mins[1]
             odd = mins[0] <= wp.float64(0.0) or mins[1] < -wp.float64(2.0) * limits.overlap
-            if mode == BEGIN and d.checked[b] == 0 and odd:
-                d.status[b] = ASKS_START
+            if mode == Mode.BEGIN and d.checked[b] == 0 and odd:
+                d.status[b] = Status.ASKS_START
             else:
-                grip = sums[GRIP] / wp.max(sums[LIMIT], NOTHING_AT_ALL)
+                grip = sums[Sum.GRIP] / wp.max(sums[Sum.LIMIT], NOTHING_AT_ALL)
                 _looks(d, b, limits, push, grip)
-    if d.status[b] == RUNNING and d.act[b] != NOTHING:
+    if d.status[b] == Status.RUNNING and d.act[b] != Act.NOTHING:
         d.wanted[b] = 1
-        if d.act[b] != HOLD:
+        if d.act[b] != Act.HOLD:
             d.strained[b] = 1

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import warp as wp
 
-# What an environment is about: it runs, it is done, or it asks.
-RUNNING = wp.constant(0)
-DONE = wp.constant(1)
-ASKS_START = wp.constant(2)  # the start is inside out or deep in the indenter
-ASKS_FACTOR = wp.constant(3)
-ASKS_SAFER_FACTOR = wp.constant(4)
-ASKS_ROUNDING = wp.constant(5)
-TOO_NEAR = wp.constant(6)  # the barrier has to be extended less
-NOWHERE_DOWN = wp.constant(7)
-OUT_OF_STEPS = wp.constant(8)
-NOT_FINITE = wp.constant(9)
-IDLE = wp.constant(10)
 
-# What was evaluated, if anything.
-BEGIN = wp.constant(0)  # the start
-TRY = wp.constant(1)  # a step
-HELD = wp.constant(2)  # the same state, held anew
-GO = wp.constant(3)  # nothing: a factor was given
-RECHECK = wp.constant(4)  # nothing: the rounding was given
+class Status(IntEnum):
+    """What an environment is about: it runs, it is done, or it asks."""
 
-# What is done next.
-NOTHING = wp.constant(0)
-SOLVE = wp.constant(1)
-LOWER = wp.constant(2)  # the indenter, which touches nothing
-SHORTEN = wp.constant(3)
-BACK = wp.constant(4)  # to where the step began
-HOLD = wp.constant(5)
+    RUNNING = 0
+    DONE = 1
+    ASKS_START = 2  # the start is inside out or deep in the indenter
+    ASKS_FACTOR = 3
+    ASKS_SAFER_FACTOR = 4
+    ASKS_ROUNDING = 5
+    TOO_NEAR = 6  # the barrier has to be extended less
+    NOWHERE_DOWN = 7
+    OUT_OF_STEPS = 8
+    NOT_FINITE = 9
+    IDLE = 10
+
+
+class Mode(IntEnum):
+    """What was evaluated, if anything."""
+
+    BEGIN = 0  # the start
+    TRY = 1  # a step
+    HELD = 2  # the same state, held anew
+    GO = 3  # nothing: a factor was given
+    RECHECK = 4  # nothing: the rounding was given
+
+
+class Act(IntEnum):
+    """What is done next."""
+
+    NOTHING = 0
+    SOLVE = 1
+    LOWER = 2  # the indenter, which touches nothing
+    SHORTEN = 3
+    BACK = 4  # to where the step began
+    HOLD = 5
 
 
 @wp.struct

@@ -21,6 +21,7 @@ from sim.device import Device, filled
 from sim.scene.indenter import Indenter
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
+from sim.solve.descent_state import Act, Mode, Status
 from sim.solve.memory_kernels import LONGEST, Memory
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
@@ -198,8 +199,8 @@ class Descents:
     def begin(self, **numbers: float) -> None:
         """Let all environments begin at where they are, with these numbers."""
         self.set(
-            status=kernels.RUNNING,
-            mode=kernels.BEGIN,
+            status=Status.RUNNING,
+            mode=Mode.BEGIN,
             wanted=1,
             strained=1,
             steps=0,
@@ -264,7 +265,7 @@ class Descents:
     def _invert(self) -> None:
         asked = None
         if not self._device.is_gpu or not self._inverse.scaled:
-            asked = np.flatnonzero(self.state.act.numpy() == kernels.SOLVE).astype(np.int32)
+            asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
         if asked is None or len(asked):
             self._inverse.apply(asked, self._sources, self._found)
 

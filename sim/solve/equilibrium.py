@@ -36,7 +36,7 @@ from sim.arrays import FloatArray
 from sim.contact.state import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
-from sim.solve import descent_state as codes
+from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
 from sim.solve.overlap import refuse_deep_overlap
@@ -210,7 +210,7 @@ class EquilibriumSolver:
                 self.take_factor(state)
             first, status = self.evaluations, self._run(state, grip_start)
             spent += int(descents.get("steps")[0])
-            if status == codes.DONE:
+            if status == Status.DONE:
                 latest = first if extension != contact.extension else before
                 self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
                 return self._equilibrium(state, spent + self._passes)
@@ -271,36 +271,36 @@ class EquilibriumSolver:
                 self.energies_j.append(float(descents.get("energy")[0]))
                 counted = steps
             status = int(descents.get("status")[0])
-            if status == codes.RUNNING:
+            if status == Status.RUNNING:
                 continue
             self._download(state)
-            if status in (codes.DONE, codes.TOO_NEAR):
+            if status in (Status.DONE, Status.TOO_NEAR):
                 return status
-            if status == codes.ASKS_START:
+            if status == Status.ASKS_START:
                 self._look_at_start(state)
                 self._upload(state, grip_start)
-                descents.set(checked=1, mode=codes.BEGIN, wanted=1, strained=1)
-            elif status == codes.ASKS_ROUNDING:
+                descents.set(checked=1, mode=Mode.BEGIN, wanted=1, strained=1)
+            elif status == Status.ASKS_ROUNDING:
                 rounding = self.model.rounding_n(self._contact(state))
-                descents.set(rounding=rounding, mode=codes.RECHECK)
-            elif status in (codes.ASKS_FACTOR, codes.ASKS_SAFER_FACTOR):
-                self.take_factor(state, first=int(status == codes.ASKS_SAFER_FACTOR))
-                descents.set(mode=codes.GO)
+                descents.set(rounding=rounding, mode=Mode.RECHECK)
+            elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
+                self.take_factor(state, first=int(status == Status.ASKS_SAFER_FACTOR))
+                descents.set(mode=Mode.GO)
             else:
                 raise self._stopped(status)
-            descents.set(status=codes.RUNNING)
+            descents.set(status=Status.RUNNING)
 
     def _stopped(self, status: int) -> ConvergenceError:
         found = {
             name: float(self._descents.get(name)[0])
             for name in ("steps", "slope", "residual", "scale")
         }
-        if status == codes.NOT_FINITE:
+        if status == Status.NOT_FINITE:
             return ConvergenceError(
                 f"the residual is not finite after {found['steps']:.0f} steps",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
-        if status == codes.NOWHERE_DOWN:
+        if status == Status.NOWHERE_DOWN:
             return ConvergenceError(
                 "the line search found no descent along a direction of slope "
                 f"{found['slope']:.3g} J",

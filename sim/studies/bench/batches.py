@@ -16,7 +16,7 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.sensor.sensor import load_sensor
-from sim.solve.descent_state import RUNNING, SOLVE, TRY
+from sim.solve.descent_state import Act, Mode, Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
 
@@ -51,7 +51,14 @@ def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
 def _pretend_to_step(descents: Descents) -> None:
     """Have all environments about to take a step."""
     descents.set(
-        status=RUNNING, mode=TRY, act=SOLVE, wanted=1, strained=1, takes=1, learns=1, holding=1
+        status=Status.RUNNING,
+        mode=Mode.TRY,
+        act=Act.SOLVE,
+        wanted=1,
+        strained=1,
+        takes=1,
+        learns=1,
+        holding=1,
     )
     memory = descents.memory
     memory.counts.fill_(_REMEMBERED)

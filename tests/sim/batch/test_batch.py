@@ -21,7 +21,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
-from sim.solve.descent_state import DONE
+from sim.solve.descent_state import Status
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import course_of, scaled
@@ -220,13 +220,13 @@ def test_who_needs_fewer_parts_is_not_lost(pilot: Pilot, monkeypatch: pytest.Mon
         return attempt(goal, taking & may)
 
     results = batch.prepare(2).results()
-    results["status"][0] = DONE
+    results["status"][0] = Status.DONE
     monkeypatch.setattr(batch, "_attempt", hindered)
     course = np.zeros((2, 2, 4))
     course[:, :, 0] = _DEPTHS[:2, None]
     batch._go_on(1, course, results)
     assert len(tried) > 4
-    assert (results["status"][1] == DONE).all()
+    assert (results["status"][1] == Status.DONE).all()
     single = _single(pilot.model, _SCENE.indenter, _DEPTHS[:2])
     assert 4.0 * results["push"][1, :, 2] == pytest.approx([single[1]] * 2, rel=1e-6)
 
