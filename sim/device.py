@@ -83,12 +83,15 @@ class Device:
         arrays = {name: self.array(values, kinds[name].dtype) for name, values in tables.items()}
         return filled(structure, **arrays, **members)
 
-    def room(self, structure: Any, shapes: Mapping[str, tuple[int, ...]]) -> Any:
-        """Return a Warp structure whose arrays of these names and shapes are zero."""
-        kinds = {name: var.type.dtype for name, var in structure.vars.items()}
-        return filled(
-            structure, **{name: self.zeros(shape, kinds[name]) for name, shape in shapes.items()}
-        )
+    def zeroed(self, structure: Any, shape: tuple[int, ...], **others: tuple[int, ...]) -> Any:
+        """Return a Warp structure whose arrays are zero, of one shape but for the named ones."""
+        kinds = {name: var.type for name, var in structure.vars.items()}
+        arrays = {
+            name: self.zeros(others.get(name, shape), kind.dtype)
+            for name, kind in kinds.items()
+            if isinstance(kind, wp.array)
+        }
+        return filled(structure, **arrays)
 
     def empty(self, shape: tuple[int, ...], kind: Any) -> Any:
         """Return an array that a kernel fills."""

@@ -35,7 +35,7 @@ from sim.device import Device, filled, on_host
 from sim.fields.stress import StressProjection
 from sim.material.elastic_body import element_constants
 from sim.solve.descent_state import Status
-from sim.solve.descents import Descents, zeroed
+from sim.solve.descents import Descents
 from sim.solve.equilibrium import EXTENSIONS
 from tacauchy_rig.errors import ConfigError
 
@@ -253,14 +253,13 @@ class Batch:
         device, count, model = self._device, self.count, self.model
         nodes = len(model.nodes)
         shape = {"features": (count, 3), "last": (count, nodes), "older": (count, 2, nodes)}
-        self.trail = zeroed(kernels.Trail, (count,), device, heights=(count, 3), **shape)
+        self.trail = device.zeroed(kernels.Trail, (count,), heights=(count, 3), **shape)
         self._active = self.trail.active
         self.straight = device.zeros(1, wp.int32)
         states, inverse = self.pilot.states, self.inverse
-        self.together = zeroed(
+        self.together = device.zeroed(
             kernels.Together,
             (count,),
-            device,
             counts=(len(states),),
             first=(len(states),),
             blocks=inverse.blocks.shape,

@@ -10,7 +10,6 @@ import warp as wp
 from sim.batch import step_kernels as kernels
 from sim.device import Device, on_host
 from sim.solve.descent_state import Status
-from sim.solve.descents import zeroed
 
 if TYPE_CHECKING:
     from sim.batch.batch import Batch
@@ -31,7 +30,7 @@ class Frames:
     def __init__(self, batch: Batch, frame_count: int) -> None:
         self._batch, self._device = batch, Device(batch.device)
         self.course = self._device.zeros((frame_count, batch.count), wp.vec4d)
-        self.found = zeroed(kernels.Found, (frame_count, batch.count), self._device)
+        self.found = self._device.zeroed(kernels.Found, (frame_count, batch.count))
         self._until = self._device.zeros(1, wp.int32)
         self._starts, self._lands = self._recorded()
         self._graph: Any = None

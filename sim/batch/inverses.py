@@ -14,12 +14,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.batch.dense import DenseProduct
 from sim.batch.pilot import Pilot, PilotState
 from sim.device import Device
 from sim.mesh.sparsity import SparsePattern
-from sim.solve.linear_solver import linear_solver
+from sim.solve.linear_solver import BorderedSolver, linear_solver
 from tacauchy_rig.errors import ConfigError
 
 # Ten dense inverses of this size are 5 GB, and take a processor minutes to make.
@@ -60,7 +59,7 @@ def dense_inverse(
     Where that is no unknown, its row and column are zero. Columns are solutions by the sparse
     factor, many at once, which takes a fraction of the time of a dense inversion.
     """
-    factor = _Factor(pattern, stiffness, pushed=pushed)
+    factor = _factored(stiffness, pattern, pushed=pushed)
     size = pattern.dof_count + 1
     inverse = np.zeros((size, size), dtype=np.float32)
     for first in range(0, size, _AT_ONCE):
@@ -84,7 +83,7 @@ class FactoredInverses:
         self.which: Any = wp.zeros(count, dtype=wp.int32, device="cpu")
         self.blocks: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._factors = [
-            _Factor(pilot.model.pattern, stiffness, pushed=pilot.is_pushed)
+            _factored(stiffness, pilot.model.pattern, pushed=pilot.is_pushed)
             for stiffness in pilot.states
         ]
 
@@ -99,24 +98,7 @@ class FactoredInverses:
             out[b] = self._factors[which[b]].solve(given[b])
 
 
-class _Factor:
-    """One stiffness; the indenter's height, if it is an unknown, borders the sparse part."""
-
-    def __init__(self, pattern: SparsePattern, stiffness: PilotState, *, pushed: bool) -> None:
-        self._solver = linear_solver(pattern)
-        self._solver.factorise(stiffness.data)
-        self._border = stiffness.border
-        self._pushed = pushed
-        if pushed:
-            self._along = self._solver.solve(self._border)
-            self._corner = stiffness.corner - float(self._border @ self._along)
-
-    def solve(self, vectors: FloatArray) -> FloatArray:
-        found = np.zeros_like(vectors)
-        nodes = self._solver.solve(vectors[..., :-1])
-        if self._pushed:
-            lift = (vectors[..., -1] - nodes @ self._border) / self._corner
-            nodes -= lift[..., None] * self._along
-            found[..., -1] = lift
-        found[..., :-1] = nodes
-        return found
+def _factored(stiffness: PilotState, pattern: SparsePattern, *, pushed: bool) -> BorderedSolver:
+    solver = linear_solver(pattern)
+    solver.factorise(stiffness.data)
+    return BorderedSolver(solver, stiffness.border if pushed else None, stiffness.corner)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter
+
+_GRIP = [field.name for field in fields(Grip)]
 
 
 class ContactSurface:
@@ -90,15 +93,11 @@ class ContactSurface:
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        return float(on_host(self.touched(positions, indenter, state)[1]).sum())
-
-    def touched(self, positions: FloatArray, indenter: Indenter, state: State) -> tuple[Any, ...]:
-        """Return what ``room`` names, for one state."""
         room, (poses, at) = self.room(1), self._at(positions, state)
         inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
         inputs += [self.grip_arrays(state.grip), at]
         self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(room))
-        return room
+        return float(on_host(room[1]).sum())
 
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
@@ -184,29 +183,16 @@ class ContactSurface:
         Kernels that know of no grip read nothing of it.
         """
         if grip is not None:
-            return filled(
-                friction.GripArrays,
-                held=self._device.array(grip.held[None], wp.float64),
-                anchors=self._device.array(grip.anchors[None], wp.vec3d),
-                loads=self._device.array(grip.loads[None], wp.vec3d),
-            )
+            held = {name: getattr(grip, name)[None] for name in _GRIP}
+            return self._device.tables(friction.GripArrays, held)
         shape = (count, *self._shape) if self._options.is_tangential else (1, 1, 1)
-        return filled(
-            friction.GripArrays,
-            held=self._device.zeros(shape, wp.float64),
-            anchors=self._device.zeros(shape, wp.vec3d),
-            loads=self._device.zeros(shape, wp.vec3d),
-        )
+        return self._device.zeroed(friction.GripArrays, shape)
 
     def grip_of(self, arrays: Any, b: int = 0) -> Grip | None:
         """Return an environment's memory from the device; None where nothing is kept."""
         if not self._options.is_tangential:
             return None
-        return Grip(
-            held=on_host(arrays.held)[b].copy(),
-            anchors=on_host(arrays.anchors)[b].copy(),
-            loads=on_host(arrays.loads)[b].copy(),
-        )
+        return Grip(**{name: on_host(getattr(arrays, name))[b].copy() for name in _GRIP})
 
     def kernels(self, indenter: Indenter) -> ContactKernels:
         """Return the kernels for an indenter."""

@@ -117,7 +117,7 @@ class Descents:
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]
         )
-        self.state = zeroed(kernels.Descent, (count,), device, residuals=(count, 6))
+        self.state = device.zeroed(kernels.Descent, (count,), residuals=(count, 6))
         self.state.slot.assign(np.arange(count, dtype=np.int32))
         names = vars(kernels.Descent)["vars"]
         # On the CPU these views share the device's memory, and are made once.
@@ -272,11 +272,10 @@ class Descents:
     def _allocate(self, memory: int, rows: int) -> None:
         device, count = self._device, self.count
         points = int(np.prod(self.model.surface.areas.shape))
-        self.vectors = zeroed(kernels.Vectors, (count, rows), device, gaps=(count, points))
-        self.memory = zeroed(
+        self.vectors = device.zeroed(kernels.Vectors, (count, rows), gaps=(count, points))
+        self.memory = device.zeroed(
             Memory,
             (count, memory),
-            device,
             steps=(count, memory, rows),
             changes=(count, memory, rows),
             table=(count, memory, memory),
@@ -363,12 +362,3 @@ def _flat(vectors: Any) -> Any:
     return wp.array(
         ptr=vectors.ptr, dtype=wp.float64, shape=(count, 3 * nodes), device=vectors.device
     )
-
-
-def zeroed(structure: Any, shape: tuple[int, ...], device: Device, **others: Any) -> Any:
-    """Return a structure of zeros, its arrays of one shape but for the named ones."""
-    made = structure()
-    for name, member in structure.vars.items():
-        if isinstance(member.type, wp.array):
-            setattr(made, name, device.zeros(others.get(name, shape), member.type.dtype))
-    return made

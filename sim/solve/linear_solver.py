@@ -64,6 +64,40 @@ def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolve
         return SuperLuSolver(pattern)
 
 
+class BorderedSolver:
+    """A factor with one more row and column, last: those of a pushed indenter's height.
+
+    Args:
+        solver: Has factored the rest.
+        border: The column [N/m], shape [dof_count]; None holds the indenter.
+        corner: Its diagonal entry [N/m].
+        least: What must be left of that once the nodes follow, for a load to have a direction.
+    """
+
+    def __init__(
+        self,
+        solver: LinearSolver,
+        border: FloatArray | None = None,
+        corner: float = 0.0,
+        *,
+        least: float = 0.0,
+    ) -> None:
+        self._solver, self._border, self._corner, self._least = solver, border, corner, least
+        if border is not None:
+            self._along = solver.solve(border)
+            self._corner -= float(border @ self._along)
+
+    def solve(self, vectors: FloatArray) -> FloatArray:
+        """Solve, shape [..., dof_count + 1]; the height of what is held is zero."""
+        found = np.zeros_like(vectors)
+        nodes = self._solver.solve(vectors[..., :-1])
+        if self._border is not None and self._corner > self._least:
+            found[..., -1] = (vectors[..., -1] - nodes @ self._border) / self._corner
+            nodes -= found[..., -1:] * self._along
+        found[..., :-1] = nodes
+        return found
+
+
 class SuperLuSolver:
     """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode."""
 

@@ -23,6 +23,7 @@ from sim.contact.state import State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
 from sim.solve.linear_solver import (
+    BorderedSolver,
     LinearSolver,
     NotPositiveDefiniteError,
     linear_solver,
@@ -56,8 +57,9 @@ class StiffnessFactor:
         self._quick: LinearSolver = linear_solver(model.pattern)
         self._exact: LinearSolver | None = None
         self._solver = self._quick
-        self._border = self._along = np.zeros(0)
+        self._bordered: BorderedSolver | None = None
         self._contact_n_m, self._corner = np.zeros(0), 0.0
+        self._least = _HELD * model.young_pa * model.height_m
         self.made, self.attempt, self.held = 0, 0, True
         self.row_count = model.pattern.dof_count + 1
 
@@ -94,7 +96,7 @@ class StiffnessFactor:
                 logger.debug("Hessian not positive definite (attempt %d)", attempt)
                 continue
             self.attempt = attempt
-            self._along, self._contact_n_m = np.zeros(0), contact.stiffness
+            self._bordered, self._contact_n_m = None, contact.stiffness
             self._corner = float(contact.stiffness[..., 2, 2].sum())
             return
         raise ConvergenceError(
@@ -105,7 +107,7 @@ class StiffnessFactor:
     @property
     def touches(self) -> bool:
         """The gel holds the indenter; without, a load has no direction to go by."""
-        return self._corner > _HELD * self._model.young_pa * self._model.height_m
+        return self._corner > self._least
 
     def columns(self, count: int) -> int:
         """Return how many vectors it takes at once: as many as there are."""
@@ -113,11 +115,8 @@ class StiffnessFactor:
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
-        right = on_host(sources)[0]
-        if self.held:
-            solved = np.append(self._solver.solve(right[:-1]), 0.0)
-        else:
-            solved = self._solve_pushed(right)
+        whole = BorderedSolver(self._solver) if self.held else self._pushed()
+        solved = whole.solve(on_host(sources)[0])
         if self._model.device == "cpu":
             found.numpy()[0] = solved
         else:
@@ -127,15 +126,12 @@ class StiffnessFactor:
         """Solve for the unknowns without the indenter's height."""
         return self._solver.solve(right)
 
-    def _solve_pushed(self, right: FloatArray) -> FloatArray:
-        if not self._along.size:
+    def _pushed(self) -> BorderedSolver:
+        if self._bordered is None:
             pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
-            self._border = self._model.pattern.unknowns(pushed)
-            self._along = self._solver.solve(self._border)
-            self._corner -= float(self._border @ self._along)
-        nodes = self._solver.solve(right[:-1])
-        rise = (right[-1] - self._border @ nodes) / self._corner if self.touches else 0.0
-        return np.append(nodes - rise * self._along, rise)
+            border = self._model.pattern.unknowns(pushed)
+            self._bordered = BorderedSolver(self._solver, border, self._corner, least=self._least)
+        return self._bordered
 
     def _in_double_precision(self) -> LinearSolver:
         if self._exact is None:

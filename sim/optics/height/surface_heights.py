@@ -131,12 +131,9 @@ class SurfaceHeights:
         """Return room for all that is drawn."""
         gel, count, (rows, columns) = self._gel, self._count, self._size
         nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
-            ("nodes", "slopes", "sums", "states"), (count, nodes)
-        )
-        shapes |= dict.fromkeys(("heights", "pressed"), (count, pixels))
-        shapes |= {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
-        return self._device.room(Canvas, shapes)
+        drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
+        others = {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
+        return self._device.zeroed(Canvas, (count, nodes), **drawn, **others)
 
     def _draw_rest(self, top: TopSurface) -> None:
         """Draw the unloaded surface as it is, neither round nor cut, far from the indenter."""

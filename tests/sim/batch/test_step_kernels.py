@@ -7,17 +7,15 @@ import warp as wp
 
 from sim.batch import step_kernels as kernels
 from sim.device import Device
-from sim.solve.descents import zeroed
 
 _CPU = Device("cpu")
 
 
 def test_every_inverse_has_columns_of_its_own() -> None:
     """Blocks of 8: three environments take one, none takes none, and nine take two."""
-    together = zeroed(
+    together = _CPU.zeroed(
         kernels.Together,
         (12,),
-        _CPU,
         counts=(3,),
         first=(3,),
         blocks=(5,),

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from sim.arrays import FloatArray
 from sim.device import Device
-from sim.solve.descents import zeroed
 from sim.solve.memory_kernels import (
     Memory,
     add_all,
@@ -101,10 +100,9 @@ def test_steps_along_its_own_directions_give_the_two_loops(seed: int, count: int
 
 
 def _memory(device: Device) -> Any:
-    return zeroed(
+    return device.zeroed(
         Memory,
         (1, _LENGTH),
-        device,
         steps=(1, _LENGTH, _ROWS),
         changes=(1, _LENGTH, _ROWS),
         table=(1, _LENGTH, _LENGTH),
