@@ -46,9 +46,6 @@ def press_leaning(
 ) -> LeaningPress:
     """Press coarsely with an indenter that leans towards x [rad], to rising forces [N].
 
-    Args:
-        refinement: Every edge this many times shorter than preset fast's.
-
     Raises:
         RigError: It cannot be meshed or solved.
     """

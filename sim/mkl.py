@@ -45,9 +45,6 @@ def take_threads(library: Any, unknowns: int) -> None:
 
     To be called before every phase: Pardiso crashes where a factor meets another number of threads
     than its analysis had, and the number is that of the process.
-
-    Args:
-        library: MKL, loaded.
     """
     library.MKL_Set_Num_Threads(thread_count(unknowns))
 

@@ -47,7 +47,6 @@ class PressResult:
             of the latter.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
-        wall_s: Seconds spent, by part.
         estimated_force_error_relative: Expected relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
         estimated_errors: The same of every output, by name; of shear over the pressure.
@@ -98,9 +97,6 @@ def press(
     """Press as a scene asks.
 
     Args:
-        scene: What to press into what, and how far.
-        model: Reuse this model instead of meshing and assembling anew.
-        device: Warp device of a new model, ``cpu`` or ``cuda:0``.
         estimate_error: Press on longer edges too, and say what the outputs are worth.
 
     Raises:

@@ -47,14 +47,9 @@ def replay_scene(
     """Return the press to the largest of some forces.
 
     Args:
-        sensor: Pad and material or layers.
-        indenter: The rigid body.
         forces_n: Pressing forces [N].
-        preset: Mesh and element.
         tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
         tolerance_n: Largest |F_z simulated - measured| [N].
-        drive: How a force is reached.
-        friction: Coulomb coefficient between indenter and gel.
         tilt_rad: Rotations of the indenter about x and y [rad].
         centre_m: Where its tip comes down [m].
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
@@ -98,7 +93,6 @@ def replay_forces(
         forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
         tolerance: What the scene's preset was chosen by, for the record.
         on_progress: Called with the trial's number (from 1) and a line of text.
-        name: Name of the replay.
 
     Returns:
         The replay, and the fields of each trial in the order of ``forces_n``.

@@ -50,8 +50,6 @@ class Batch:
 
     Args:
         pilot: Pad, indenter and inverses.
-        environments: What differs.
-        device: Warp device, ``cpu`` or ``cuda:0``.
 
     Attributes:
         model: The pad, on the device.

@@ -45,10 +45,8 @@ class DenseProduct:
 
     Args:
         matrices: Shape [matrix_count, row_count, row_count].
-        count: Vectors.
 
     Attributes:
-        row_count: Rows of the padded vectors.
         kind: Warp type of the vectors that it takes.
         scaled: It takes them in units of their own size.
         width: Vectors of a block, which are multiplied with one matrix.
@@ -85,7 +83,6 @@ class DenseProduct:
         """Set ``found`` to the products of the matrices with ``sources``, over ``unit``.
 
         Args:
-            asked: Not needed: all columns are multiplied.
             sources: Float16, shape [column_count, row_count].
             found: Float32, the same shape.
         """

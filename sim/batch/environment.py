@@ -90,7 +90,6 @@ class Environment:
 
     Attributes:
         materials: Of the gel's layers, from the camera's side.
-        friction: Coulomb coefficient mu.
         offset_m: Where the indenter comes down beside the pilot's place, x and y [m].
         rotation: Indenter frame to pad frame, shape [3, 3].
     """
@@ -114,7 +113,6 @@ class BatchOptions:
         residual_relative: Norm of the unbalanced force, and difference of base reaction and
             indenter force, over the contact force.
         memory: Steps that are remembered.
-        steps_max: Most steps for a frame.
         parts_max: Into how many parts a step is cut at most where the descent does not arrive.
     """
 
@@ -205,7 +203,6 @@ def start_of(
     Args:
         model: On a processor.
         centre_m: Where the pilot came down, x and y [m].
-        rotation: The pilot's.
         touch_m: Height of its tip at first touch [m].
     """
     tips, rotations = [], []

@@ -24,7 +24,6 @@ class Frames:
 
     Attributes:
         course: Where the environments go, as ``step_kernels.Way`` has it, on the device.
-        found: What every frame gives.
     """
 
     def __init__(self, batch: Batch, frame_count: int) -> None:

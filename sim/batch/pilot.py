@@ -32,7 +32,6 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
 
     Args:
         scene: Pad, gel and indenter; its target and its barrier do not matter.
-        refinement: Make every edge this many times shorter.
         symmetric: Model a part where symmetry allows. No environment can then move or tilt the
             indenter.
 
@@ -75,10 +74,8 @@ class Pilot:
 
     Args:
         model: The pad, on the CPU.
-        indenter: The body.
         course: Where it goes; in frames between two that are kept it need not be.
         centre_m: Where it comes down, x and y [m].
-        rotation: Indenter frame to pad frame.
         count: Frames whose state is kept, at most, evenly over the course.
 
     Attributes:
@@ -86,7 +83,6 @@ class Pilot:
         metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
         states: Of those frames.
         dense: Their inverses [m/N], shape [state_count, size, size], once a GPU has had them made.
-        setup_s: Time that all this took.
 
     Raises:
         ConfigError: The model has what batches lack.

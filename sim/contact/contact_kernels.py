@@ -59,12 +59,7 @@ class ContactKernels:
 
 @cache
 def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
-    """Build the kernels.
-
-    Args:
-        body_kind: ``Body`` or ``MeshBody``.
-        grips: Points that touch hold on to the indenter.
-    """
+    """Build the kernels."""
     made = {
         "enable_backward": False,
         "module": "unique",

@@ -18,7 +18,6 @@ class ContactOptions:
     Attributes:
         distance_m: d_hat [m]: the gel feels the indenter from here on.
         stiffness_factor: kappa in units of E d_hat.
-        bonded: Points that touch stick to the indenter.
         friction: Coulomb coefficient mu; zero without friction.
         slip_m: Tangential offset at which sticking has become sliding [m].
         face_splits: How often each face is cut in four for its contact points; a sharp rim that
@@ -77,7 +76,6 @@ class State:
         positions: Deformed nodes [m], shape [node_count, 3].
         tip: The indenter's tip [m], shape [3].
         rotation: Indenter frame to pad frame, shape [3, 3].
-        grip: Memory of tangential contact; None where there is none.
         extension: Share of d_hat below which the barrier is a parabola.
     """
 

@@ -27,8 +27,6 @@ class TrialFields:
 
     Attributes:
         shape: Nodes and faces of the deformed surface, and the indenter's tip.
-        at_nodes: Fields at those nodes.
-        at_faces: Fields at those faces.
         surface: The deformed contact surface, for the optics.
     """
 

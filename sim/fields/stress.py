@@ -19,8 +19,6 @@ class SurfaceStress:
     """Algorithm 1 on every face that is not clamped, shape [face_count, ...].
 
     Attributes:
-        normals: Outward unit normals of the deformed faces.
-        areas_m2: Deformed areas.
         traction_pa: t = sigma n, sigma of the parent tetrahedron (mean over its points).
         normal_pa: p_n = t . n; negative is compression.
         tangential_pa: t - p_n n.

@@ -65,13 +65,11 @@ class ElasticBody:
 
     Args:
         young_pa: E of every tetrahedron [Pa].
-        poisson: nu of every tetrahedron.
         prony: How the gel relaxes, if it does; E is then that of slow loading.
 
     Attributes:
         rounding_n: About how much the nodal forces change, in norm, when every coordinate is
             rounded [N].
-        relaxation: What the gel remembers; None for an elastic one.
     """
 
     def __init__(
@@ -144,7 +142,6 @@ class ElasticBody:
         Args:
             wanted: 1 for environments to evaluate, on the device.
             positions: Nodes [m], on the device, shape [environment_count, node_count].
-            room: What ``room`` gave.
             gel: What ``of`` gave; None is this one.
         """
         kernel = element_kernel(self._law, self._reference.order, remembers=self._remembers)

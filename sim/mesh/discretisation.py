@@ -32,7 +32,6 @@ class Discretisation:
         elements: Nodes of every tetrahedron, its corners first.
         faces: Nodes of every face that may be touched, its corners first: those on the surface,
             neither clamped nor on a plane of symmetry.
-        face_parents: Tetrahedron behind each of them.
         clamped: Nodes on the base, shape [node_count].
         jacobians: Of the tetrahedra at rest [m], shape [element_count, 3, 3].
         volumes: Of the tetrahedra at rest [m^3].

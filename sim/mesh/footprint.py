@@ -110,8 +110,6 @@ class _Samples:
         underside: Height of the indenter above its tip [m], inf beside it.
         clearance: Height of the indenter over the pad, its tip at z = 0 [m]; inf beside either.
         limit: Clearance up to which the pad will be touched [m].
-        on_pad: Which samples lie on the pad.
-        touched: Which will be touched.
     """
 
     points: FloatArray

@@ -20,7 +20,6 @@ class TetMesh:
     Attributes:
         vertices: Positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0.
         tets: Shape [tet_count, 4].
-        name: Where it came from, for reports.
         symmetry: The symmetry by which these tetrahedra stand for the whole pad.
         layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
             mesh was made for a gel of one material.

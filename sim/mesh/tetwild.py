@@ -41,7 +41,6 @@ class WildSizing:
         fine_m: l_c, edge length in the fine region, and of a parametric surface [m].
         coarse_m: l_g, edge length elsewhere [m].
         envelope_share: epsilon over the bounding box's diagonal.
-        stop_energy: AMIPS energy at which optimisation stops.
     """
 
     contact_share: float = 0.15

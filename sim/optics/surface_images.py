@@ -38,8 +38,6 @@ class SurfaceImages:
         samples: Of a pixel, both ways; replays take 2.
         background: No-contact frame without markers, RGB, uint8, shape [height, width, 3]; evenly
             grey by default.
-        colours: Calibrated optics; nominal ones by default.
-        geometry: Calibrated pixels; those of the sensor's file by default.
         blur_px: Standard deviation of the camera's blur [px].
 
     Raises:

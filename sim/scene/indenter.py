@@ -93,7 +93,6 @@ class MeshIndenter:
 
     Attributes:
         surface: Its triangles [m].
-        name: Where it came from, for reports.
         content_hash: First 16 hex digits of the SHA-256 of vertices and faces.
     """
 

@@ -68,11 +68,7 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layer:
-    """A layer of a layered gel, bonded to the one below.
-
-    Attributes:
-        share: Its share of the pad's thickness.
-    """
+    """A layer of a layered gel, bonded to the one below."""
 
     share: float
     material: Material

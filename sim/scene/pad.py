@@ -147,7 +147,6 @@ class SurfacePad:
 
     Attributes:
         surface: Its triangles [m].
-        name: Where it came from, for reports.
         height_m: Of its highest point [m].
         content_hash: First 16 hex digits of the SHA-256 of vertices and faces.
     """

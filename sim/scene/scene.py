@@ -125,20 +125,15 @@ class Scene:
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
         material: Of the whole gel, or of what ``layers`` do not give.
         layers: From the clamped base upwards; empty for a gel of one material.
-        contact: What touching points may do along the indenter.
         friction: Coulomb coefficient mu, for contact ``friction``.
-        motion: What the indenter does besides going straight down.
         duration_s: Time in which the indenter reaches its target [s].
-        outputs: What is asked for besides the force.
         tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
         output_tolerances: The same of other outputs, where it is not to follow from F_z's.
         effects: Effects switched on or off by the user, against the plan.
         refinement: Every edge this many times shorter than the preset's; in a light scene in the
             section through the axis, while the sectors become more with its root.
-        drive: How a force target is reached.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
-        tetwild: Settings of fTetWild, for meshes that it makes.
         sensor: Name of the sensor, for reports; empty for a bare pad.
     """
 

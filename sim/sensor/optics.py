@@ -43,7 +43,6 @@ class ShadowCaster:
     """Lamps that cast shadows, and how soft those are.
 
     Attributes:
-        lamps: As the sensor's file has them.
         softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
     """
 
@@ -60,7 +59,6 @@ class Renderer:
             any calibration, a ``sim.optics.colour.pixel_colours.ColourModel``; None where the file
             gives none.
         needed: Keys that ``[optics]`` must have, beside ``kind``.
-        optional: Keys that it may have.
         exponents: Of the terms that a calibration fits, shape [term_count, 5], see
             ``PhotometricModel``; None cannot be calibrated.
         sees_slope: Colours tell the slope of the gel under its lamps; if not, grey tells its depth.
@@ -75,14 +73,7 @@ class Renderer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorOptics:
-    """How a sensor turns its gel's surface into an image.
-
-    Attributes:
-        kind: Name of its renderer.
-        lamps: Nominal lamps; empty where none are known.
-        shadows: None where the sensor shows none.
-        model: What the renderer read.
-    """
+    """How a sensor turns its gel's surface into an image."""
 
     kind: str
     renderer: Renderer

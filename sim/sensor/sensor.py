@@ -48,7 +48,6 @@ class Sensor:
     Attributes:
         material: Of the whole gel, or of the layer that is touched.
         layers: From the clamped base upwards; empty for a gel of one material.
-        tetwild: Settings of fTetWild.
         numbers: Every number of the file by its dotted name, for reports; layers count from 1.
     """
 

@@ -61,7 +61,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
     Args:
         grips: Points that touch hold on to the indenter.
         pulls: Nodes have further energies.
-        threads: Of a block at most.
     """
     made = {
         "enable_backward": False,

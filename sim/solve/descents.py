@@ -69,10 +69,8 @@ class Descents:
     """The descents of some environments.
 
     Args:
-        memory: Steps that are remembered, 32 at most.
         patience: After so many steps with a factor, it is asked for anew if the residual is still
             more than this share of the contact force.
-        count: Environments.
         gel: Their elements, as ``ElasticBody.of`` gives them; None is the model's, of one.
         surface: What may be touched of them, as ``ContactSurface.of`` gives it, likewise.
         young_share: E that the inverse is of over theirs, shape [environment_count].
@@ -85,7 +83,6 @@ class Descents:
         state: Where every environment is.
         vectors: Over the unknowns.
         positions: Of the nodes [m], shape [environment_count, node_count].
-        poses: Of the indenter.
         grip: What tangential contact remembers; ``grip_start`` from before the step.
     """
 

@@ -75,7 +75,6 @@ class Reuse:
     """What is kept from step to step; a factor costs as much as ten to fifteen steps.
 
     Attributes:
-        memory: Steps that are remembered.
         evaluations_max: A state begins with a new factor if the last one took more evaluations.
         patience: In a state, after so many steps with a factor, it is renewed if the residual is
             still more than this share of the contact force.
@@ -95,7 +94,6 @@ class Equilibrium:
     """A converged state's numbers.
 
     Attributes:
-        iterations: Steps taken.
         push_n: Force on the indenter, modelled part [N], shape [3].
         touch: Finds the contact at the last positions, exact or not ``curved``.
         elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
@@ -137,9 +135,6 @@ class Evaluation:
 
 class EquilibriumSolver:
     """Settles one indenter against one pad, again and again, and keeps what helps the next time.
-
-    Args:
-        potentials: Further energies of the nodes: weight, inertia.
 
     Attributes:
         factor: The stiffness that was factored last.

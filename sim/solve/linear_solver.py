@@ -68,7 +68,6 @@ class BorderedSolver:
     """A factor with one more row and column, last: those of a pushed indenter's height.
 
     Args:
-        solver: Has factored the rest.
         border: The column [N/m], shape [dof_count]; None holds the indenter.
         corner: Its diagonal entry [N/m].
         least: What must be left of that once the nodes follow, for a load to have a direction.

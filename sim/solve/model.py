@@ -22,22 +22,17 @@ class Model:
 
     Args:
         young_pa: E [Pa] of every tetrahedron, or one number for all.
-        poisson: nu of every tetrahedron, or one number for all.
         prony: How the gel relaxes, if it does; E is then that of slow loading.
-        device: Warp device, ``cpu`` or ``cuda:0``.
 
     Attributes:
         discretisation: Nodes, elements and surface that all this stands on.
         young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness: a
             softer one would leave the barrier's pressure on a stiff skin short of what it needs.
-        poisson: nu of that layer.
         height_m: Of the highest node at rest [m].
         volume_m3: Of the tetrahedra at rest [m^3].
         energy_scale_j: E times volume summed over the tetrahedra [J]; energies are rounded to
             about 1e-16 of it.
-        gel: Its elastic energy and derivatives on the device.
         surface: Its contact on the device, and what that remembers of friction.
-        relaxation: What the gel remembers; None for an elastic one.
         materials: E [Pa] and nu of every tetrahedron.
     """
 
@@ -111,7 +106,6 @@ class Model:
         """Return the CSR values of the Newton matrix [N/m].
 
         Args:
-            stiffness: Contact stiffness of ``ContactForces``.
             projected: Make every point's tangent positive semidefinite.
         """
         values = self._device.zeros(self.pattern.block_count, wp.mat33d)

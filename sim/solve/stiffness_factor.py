@@ -43,7 +43,6 @@ class StiffnessFactor:
     """Factors the stiffness of one pad under one indenter.
 
     Attributes:
-        made: Factorisations so far.
         attempt: Of the last: 0 exact, above ever safer.
         held: The indenter is; else its height is the last unknown.
     """
@@ -70,9 +69,6 @@ class StiffnessFactor:
 
     def renew(self, state: State, *, first: int = 0) -> None:
         """Take a state's stiffness, or the first safer one that is positive definite.
-
-        Args:
-            first: Attempt to begin with.
 
         Raises:
             ConvergenceError: No safe matrix was found.

@@ -32,8 +32,6 @@ class Untangled:
 
     Attributes:
         positions: Nodes [m], shape [node_count, 3].
-        passes: Linear solves spent.
-        inverted_share: Share of the volume that is still inverted.
     """
 
     positions: FloatArray

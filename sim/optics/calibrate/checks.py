@@ -152,7 +152,6 @@ class SlopeCoverage:
     """How often each slope was seen.
 
     Attributes:
-        tilt_limit: Largest tilt seen.
         slopes_seen_share: Part of the disc of tilts up to the limit that at least one press shows.
         image_share: Part of the image that lies in at least one contact.
         tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1].

@@ -33,7 +33,6 @@ class Calibration:
     """What a set of presses gave.
 
     Attributes:
-        model: Photometric model.
         scene: The scene with the no-contact frame averaged over all frames, which has less noise.
         circles: Nudged circles, in the order of the presses.
         lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
@@ -175,10 +174,6 @@ class PressSamples:
 
     Args:
         blur_px: Standard deviation of the camera's blur [px].
-        every: Only so many-th pixel is taken.
-
-    Attributes:
-        surface: The samples, without their colours.
     """
 
     def __init__(

@@ -131,11 +131,9 @@ class PressScores:
     Attributes:
         r2: Share of the variance of the colour change explained inside the contacts.
         mae: Mean absolute error inside the contacts [grey levels].
-        ssim_crop: Mean SSIM in the crops.
         r2_no_contact: The same of the no-contact frame in place of the rendering; likewise the
             next two.
         mae_no_contact: [grey levels].
-        press_count: Presses scored.
     """
 
     r2: float
@@ -167,11 +165,7 @@ class CheckScores(PressScores):
 def score_presses(
     rendered: Sequence[RenderedPress], scene: PressScene, *, light_matched: bool
 ) -> PressScores:
-    """Score renderings against the real presses.
-
-    Args:
-        light_matched: Add each frame's light before comparing.
-    """
+    """Score renderings against the real presses."""
     changes, errors, similarities, floors = [], [], [], []
     for item in rendered:
         light = item.light if light_matched else np.zeros_like(item.light)

@@ -29,17 +29,12 @@ class OpticsRequest:
     """What a calibration is made of.
 
     Attributes:
-        folder: Images of a ball pressed into the sensor.
         background: The no-contact frame, in the folder or a path of its own.
         circles: Table of contacts, in the folder or a path of its own; None takes ``circles.csv``
             of the folder where there is one, and finds the contacts in the images where not.
         ball_diameter_m: Diameter of the ball [m].
         scale_px_m: Pixels per metre along columns and rows.
-        out: Calibration file.
-        check: Folder of other labelled presses.
         sensor: Its pad is pressed in the simulator to know the gel around the ball.
-        preset: Of those presses.
-        folds: Of the cross-validation.
         jobs: Fits at a time, each in a process of its own.
     """
 
@@ -72,10 +67,8 @@ class OpticsInput:
 
     Attributes:
         background: No-contact frame, RGB, shape [height, width, 3].
-        geometry: Scale of the pixels.
         labelled: The presses where there is a table of their circles.
         images: The images of the presses where there is none, by name.
-        check: Other labelled presses.
     """
 
     background: ImageArray

@@ -36,7 +36,6 @@ class GreyDepthModel:
     Attributes:
         depth_m: Rising indentations from 0 [m].
         change: Grey levels added at each; beyond the last the change stays.
-        provenance: Where the table comes from.
     """
 
     depth_m: Sequence[float]

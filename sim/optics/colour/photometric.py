@@ -48,7 +48,6 @@ class PhotometricModel:
         indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
         terms: Lamps and creases, not bounded by the limit of tilt; None has none.
         term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
-        response: How the camera shows light.
         reference: Grey level of a no-contact frame to which the change holds; where the frame is
             brighter or darker, the change of light is so too, as paint and lamps shade both alike.
             None adds the same everywhere.

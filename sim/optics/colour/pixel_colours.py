@@ -22,7 +22,6 @@ class PixelColours:
 
     Attributes:
         light: Of the no-contact frame [grey levels], shape [3, height, width].
-        response: How the camera shows light.
         kernel: From the samples' tilts and indentations to the mean change of light of pixels.
         inputs: Of the kernel, but for samples.
         function: In place of a kernel.

@@ -72,7 +72,6 @@ class ShadingTerms:
     """Lamps and creases; each contributes its value, and that times u and times v.
 
     Attributes:
-        lamps: Near lamps.
         softness: Half width of their terminators, as a cosine.
         aspect: Height of the image over its width.
         crease_limit: Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases

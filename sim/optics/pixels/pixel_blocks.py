@@ -25,9 +25,7 @@ class PixelBlocks:
     """Where the samples of a camera's images lie.
 
     Attributes:
-        geometry: Pixels.
         samples: Of a pixel, both ways.
-        device: Warp's name of the device.
         lanes: Pixels of a block.
     """
 

@@ -48,7 +48,6 @@ class TactileRenderer:
             of its whole area, which at a sharp rim no single point stands for. Height maps are
             then of ``geometry.refined(samples)``.
         blur_px: Standard deviation of the camera's blur [px].
-        device: Warp's name of the device, such as ``cuda:0``.
 
     Raises:
         ConfigError: An image or map has not the geometry's size.
@@ -147,7 +146,6 @@ class _Images:
         change: Change of light of pixels, channel by channel.
         bytes: Of the images, shape [count, height, width, 3].
         to_change: Stages from dents to changes of light, each of parts.
-        to_bytes: Stages from there to bytes.
     """
 
     def __init__(

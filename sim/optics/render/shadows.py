@@ -30,15 +30,12 @@ class HiddenLamp:
     """What a dent hides of a lamp, for some images at once.
 
     Args:
-        lamp: The lamp; its colour does not count.
         softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
         dent: Unloaded minus loaded height [m], on a device, shape [count, height, width].
-        lanes: Values of a block.
         highest: Room for a value a step and ray, such as another lamp has; None takes new one.
 
     Attributes:
         highest: Room for a value a step and ray.
-        rays: For kernels.
         hidden: How much of the lamp samples do not see, 0 to 1, in the order of the rays.
         stages: Kernels, each with the counts over which it may be parted and others, and inputs.
     """

@@ -34,7 +34,6 @@ class PhotometricSamples:
     """Pixels with known surface and observed colour.
 
     Attributes:
-        gel: The surface at the n pixels.
         position: Normalised pixel position, shape [2, n].
         change: Red, green and blue minus the no-contact colour [grey levels], shape [3, n].
         weights: Of each colour in a fit, zero where it is not known, shape [3, n].
@@ -109,7 +108,6 @@ class NormalEquations:
         normal: Matrix of each colour's fit, shape [3, n, n].
         load: Its right side, shape [3, n].
         squares: Sum of the squares of all weighted colours.
-        sample_count: Samples.
         told_count: Colours that are known.
     """
 

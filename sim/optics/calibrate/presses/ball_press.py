@@ -41,9 +41,7 @@ class BallPress:
     """One image of a pressed ball.
 
     Attributes:
-        name: File name.
         image: RGB, uint8, shape [height, width, 3].
-        circle: The contact's edge.
     """
 
     name: str

@@ -58,10 +58,7 @@ class PressScene:
     """Camera, no-contact frame and gel that all presses of a set share.
 
     Attributes:
-        geometry: Scale of the pixels.
         background: No-contact frame, RGB levels as float, shape [height, width, 3].
-        profile: The gel around the ball.
-        exponents: Terms of the model that is fitted.
         masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
         rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
             None is level gel.

@@ -40,7 +40,6 @@ class TargetPoints:
     Attributes:
         positions_m: From the target's middle, x along its rows, y down its columns [m], [n, 2].
         pixels: Column and row [px], shape [n, 2].
-        wanted: How many points the target has.
     """
 
     positions_m: FloatArray
