@@ -28,6 +28,7 @@ from sim.contact.friction import (
     tangential_contact,
 )
 from sim.contact.indenter_distance import (
+    MeshBody,
     Poses,
     distance_curvature,
     nearby_gap,
@@ -66,6 +67,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         "module_options": {"cpu_compiler_flags": CPU_FLAGS},
     }
 
+    gap_of = nearby_gap if body_kind is MeshBody else signed_distance
+
     @wp.kernel(**made)
     def gap(
         # Model:
@@ -101,7 +104,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         if wanted[b] == 1:
             x = surface_point(surface, positions[b], f, q)
             here = posed(body, poses, b)
-            distance, n = nearby_gap(here, x)
+            distance, n = gap_of(here, x)
             density = wp.float64(0.0)
             v = wp.vec3d()
             if distance < surface.distance:

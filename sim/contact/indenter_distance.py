@@ -59,22 +59,9 @@ class Poses:
 
 
 @wp.func
-def posed(body: Body, poses: Poses, b: wp.int32) -> Body:
+def posed(body: Any, poses: Poses, b: wp.int32):
     """Return an indenter at the pose of an environment."""
-    made = Body()
-    made.shape = body.shape
-    made.radius = body.radius
-    made.fillet = body.fillet
-    made.position = poses.tips[b]
-    made.rotation = poses.rotations[b]
-    return made
-
-
-@wp.func  # type: ignore[no-redef]
-def posed(body: MeshBody, poses: Poses, b: wp.int32) -> MeshBody:  # noqa: F811 - overloaded by type
-    """Return an indenter at the pose of an environment."""
-    made = MeshBody()
-    made.surface = body.surface
+    made = body
     made.position = poses.tips[b]
     made.rotation = poses.rotations[b]
     return made
@@ -155,15 +142,8 @@ def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads
 
 
 @wp.func
-def nearby_gap(body: Body, x: wp.vec3d):
-    """Return the gap [m] and its gradient; far from a body of triangles too small a gap."""
-    gap, n = signed_distance(body, x)
-    return gap, n
-
-
-@wp.func  # type: ignore[no-redef]
-def nearby_gap(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
-    """Return the gap [m] and its gradient; far from a body of triangles too small a gap."""
+def nearby_gap(body: MeshBody, x: wp.vec3d):
+    """Return the gap [m] and its gradient; far from the body too small a gap."""
     gap, n = nearby_distance(body.surface, local_point(body, x))
     return gap, body.rotation * n
 

@@ -158,7 +158,7 @@ class ElasticBody:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         tangents, *vectors = self._tangent_room
         inputs = [self._arrays, self._device.vectors(positions), projected]
-        kernel = tangent_kernel(self._law)
+        kernel = tangent_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, self._shape, inputs, [tangents, *vectors])
         self._device.launch(
             hessian,
@@ -166,8 +166,6 @@ class ElasticBody:
             [self._slots, tangents, *vectors],
             [values],
         )
-        if self.relaxation is not None:
-            self.relaxation.add_hessian(self._slots, values, projected=projected)
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
@@ -222,7 +220,8 @@ class ElasticBody:
     def _tangent_room(self) -> list[Any]:
         """Tangents and shape gradients at the points: arrays that are kept, to be filled anew."""
         shape = (*self._shape, self._reference.node_count)
-        vectors = [self._device.empty(shape, wp.vec3d) for _ in range(3)]
+        shapes = [shape, shape, shape, shape if self._remembers else (0, 0, 0)]
+        vectors = [self._device.zeros(each, wp.vec3d) for each in shapes]
         return [self._device.empty(self._shape, Tangent), *vectors]
 
 

@@ -63,13 +63,14 @@ def cauchy(P: wp.mat33d, F: wp.mat33d) -> wp.mat33d:
 
 
 @cache
-def tangent_kernel(law: Law) -> Any:
-    """Build what gives a law's ``Tangent`` and the shape gradients that ``hessian`` takes.
+def tangent_kernel(law: Law, *, remembers: bool) -> Any:
+    """Build what gives a law's ``Tangent`` and the shape gradients g that ``hessian`` takes.
 
-    It launches over [element_count, point_count]. Warp compiles kernels at their first launch and
+    A history H of an objective law adds g . H h to the matrix: of it H g is given. The kernel
+    launches over [element_count, point_count]. Warp compiles kernels at their first launch and
     keeps the result.
     """
-    law_tangent = law.tangent
+    law_tangent, bends = law.tangent, remembers and law.is_objective
 
     @wp.kernel(
         enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
@@ -85,6 +86,7 @@ def tangent_kernel(law: Law) -> Any:
         gradients_out: wp.array3d(dtype=wp.vec3d),
         deformed_out: wp.array3d(dtype=wp.vec3d),
         cofactor_out: wp.array3d(dtype=wp.vec3d),
+        remembered_out: wp.array3d(dtype=wp.vec3d),
     ):
         e, q = wp.tid()
         F = deformation_gradient(gel, positions, e, q)
@@ -99,11 +101,17 @@ def tangent_kernel(law: Law) -> Any:
         t.d = t.d * w
         t.e = t.e * w
         tangent_out[e, q] = t
+        if wp.static(bends):
+            H = gel.history[e, q] * gel.weights[e, q]
+            if projected:
+                H = _without_negative(H)
         for node in range(gel.nodes.shape[1]):
             g = wp.transpose(inverse) * gel.reference_gradients[q, node]
             gradients_out[e, q, node] = g
             deformed_out[e, q, node] = t.deformation * g
             cofactor_out[e, q, node] = t.cofactor * g
+            if wp.static(bends):
+                remembered_out[e, q, node] = H * g
 
     return tangent
 
@@ -152,6 +160,15 @@ def semidefinite(t: Tangent) -> Tangent:
     return t
 
 
+@wp.func
+def _without_negative(H: wp.mat33d) -> wp.mat33d:
+    """Return the nearest symmetric matrix without negative eigenvalues."""
+    vectors, values = wp.eig3((H + wp.transpose(H)) * wp.float64(0.5))
+    zero = wp.float64(0.0)
+    kept = wp.vec3d(wp.max(values[0], zero), wp.max(values[1], zero), wp.max(values[2], zero))
+    return vectors * wp.diag(kept) * wp.transpose(vectors)
+
+
 @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS})
 def hessian(
     # Model:
@@ -161,6 +178,7 @@ def hessian(
     gradients: wp.array3d(dtype=wp.vec3d),
     deformed: wp.array3d(dtype=wp.vec3d),
     cofactors: wp.array3d(dtype=wp.vec3d),
+    remembered: wp.array3d(dtype=wp.vec3d),
     # Data out:
     values_out: wp.array(dtype=wp.mat33d),
 ):
@@ -180,6 +198,9 @@ def hessian(
                     cofactors[e, q, i],
                     cofactors[e, q, j],
                 )
+                if remembered.shape[0] > 0:
+                    bent = wp.dot(remembered[e, q, i], gradients[e, q, j])
+                    total += wp.identity(n=3, dtype=wp.float64) * bent
             if slot % 2 == 1:
                 total = wp.transpose(total)
             wp.atomic_add(values_out, slot // 2, total)

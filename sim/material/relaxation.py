@@ -93,7 +93,6 @@ class Relaxation:
         self, law: Law, gel: Any, series: PronySeries, positions: FloatArray, device: Device
     ) -> None:
         self.series, self._gel, self._device = series, gel, device
-        self._objective = law.is_objective
         self._advance = kernels.advance_kernel(law)
         self._points = tuple(gel.weights.shape)
         self._stress = device.zeros(self._points, wp.mat33d)
@@ -123,12 +122,6 @@ class Relaxation:
         """Accept ``positions`` [m] as the end of the step that was begun."""
         inputs = [self._gel, self._keeps, self._gains, self._device.vectors(positions)]
         self._device.launch(self._advance, self._points, inputs, [self._stress, self._branches])
-
-    def add_hessian(self, slots: Any, values: Any, *, projected: bool) -> None:
-        """Add the history's stiffness [N/m] to the matrix's blocks."""
-        if self._objective:
-            inputs = [slots, self._gel, projected]
-            self._device.launch(kernels.add_hessian, tuple(slots.shape[:2]), inputs, [values])
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
         self._keeps, self._gains = (self._device.array(each, wp.float64) for each in (keeps, gains))

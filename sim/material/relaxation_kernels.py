@@ -3,7 +3,7 @@
 The history is one tensor H a quadrature point, constant over a time step. It adds the energy
 1/2 H : (F^T F - 1) a unit of rest volume, whose derivative is F H. A law that is not objective is
 linear in F - 1, and so is its history: energy H : (F - 1), derivative H. All kernels launch over
-[element_count, point_count] but ``add_hessian``.
+[element_count, point_count].
 """
 
 from __future__ import annotations
@@ -65,37 +65,3 @@ def recall(
     for k in range(keeps.shape[0]):
         total += (branches[k, e, q] * keeps[k] - stress[e, q] * gains[k]) * ratios[k, e]
     history_out[e, q] = total
-
-
-@wp.kernel(enable_backward=False)
-def add_hessian(
-    # Model:
-    blocks: wp.array3d(dtype=wp.int32),
-    gel: GelArrays,
-    # Data in:
-    projected: wp.bool,
-    # Data out:
-    values_out: wp.array(dtype=wp.mat33d),
-):
-    """Add (g . H h) 1 for each pair of nodes; launches over [element_count, element_node_count]."""
-    e, i = wp.tid()
-    inverse = wp.transpose(gel.inverse_jacobians[e])
-    for q in range(gel.reference_gradients.shape[0]):
-        H = gel.history[e, q]
-        if projected:
-            H = _semidefinite(H)
-        pulled = (H * (inverse * gel.reference_gradients[q, i])) * gel.weights[e, q]
-        for j in range(i, blocks.shape[2]):
-            slot = blocks[e, i, j]
-            if slot >= 0:
-                s = wp.dot(pulled, inverse * gel.reference_gradients[q, j])
-                wp.atomic_add(values_out, slot // 2, wp.identity(n=3, dtype=wp.float64) * s)
-
-
-@wp.func
-def _semidefinite(H: wp.mat33d) -> wp.mat33d:
-    """Return the nearest symmetric matrix without negative eigenvalues."""
-    vectors, values = wp.eig3((H + wp.transpose(H)) * wp.float64(0.5))
-    zero = wp.float64(0.0)
-    kept = wp.vec3d(wp.max(values[0], zero), wp.max(values[1], zero), wp.max(values[2], zero))
-    return vectors * wp.diag(kept) * wp.transpose(vectors)
