@@ -23,10 +23,8 @@ def press_image(found: Calibration, circle: Circle) -> FloatArray:
     """
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)
-    gain = model.gain(light)
     change = scene.whole_image(model).light_change(circle).reshape(light.shape)
-    if gain is not None:
-        change = change * np.asarray(gain, dtype=np.float64)
+    change = change * model.gain(light)
     if found.shadows is not None:
         bulge, tilt = pressed_surface(scene, circle)
         change = change + darkening(found.shadows, bulge, tilt, scene.geometry).transpose(1, 2, 0)

@@ -100,28 +100,27 @@ class PhotometricModel:
             change += self.term_coefficients.T.astype(tilt.dtype) @ values
         return change
 
-    def gain(self, light: RealArray) -> RealArray | None:
-        """Return what the change is multiplied by over a no-contact frame; None is 1.
+    def gain(self, light: RealArray) -> RealArray:
+        """Return what the change is multiplied by over a no-contact frame, the same shape.
 
         Args:
             light: Of the no-contact frame [grey levels], any shape.
         """
         if self.reference is None:
-            return None
+            return np.ones_like(light)
         kind = light.dtype.type
         return np.asarray(np.maximum(light, kind(1.0)) * kind(1.0 / self.reference))
 
     def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
         light = self.response.light(frame)
-        gain = self.gain(light)
         position = normalised_positions(layout.geometry.height, layout.geometry.width)
         columns = layout.pixel_rows(position[:1, : layout.geometry.width])
         inputs = [
             self._colours(position[1, :: layout.geometry.width], layout),
             columns[0],
             layout.array(lamp_planes(self.terms, position, layout), layout.block),
-            layout.pixel_rows(np.ones_like(light) if gain is None else gain),
+            layout.pixel_rows(self.gain(light)),
         ]
         return PixelColours(
             light=np.asarray(light, dtype=np.float32),

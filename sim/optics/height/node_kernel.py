@@ -49,12 +49,10 @@ class Gel:
         place: Which place of ``face`` it is.
         axis: Of the rings, x and y [m].
         angle: About the axis at rest of the nodes [rad].
-        between: Nodes in the middle of chords, ring by ring.
-        on_rays: Nodes at the ends of chords, ring by ring.
-        starts: Where the ring of each of these begins in ``between``.
-        weight_starts: Where its weights begin.
-        counts: How many nodes its ring has between rays.
-        weights: Of radius, turn and height of those nodes in its own.
+        between: Nodes in the middle of chords, shape [ring_count, sector_count].
+        on_rays: Nodes at the ends of chords, the same shape.
+        weights: Of radius, turn and height of those in the middle in theirs, shape [ring_count,
+            sector_count, sector_count].
         neighbour_starts: Where the neighbours of each node begin.
         neighbours: Nodes at most two edges away.
     """
@@ -75,12 +73,9 @@ class Gel:
     place: wp.array(dtype=wp.int32)
     axis: wp.vec2d
     angle: wp.array(dtype=wp.float64)
-    between: wp.array(dtype=wp.int32)
-    on_rays: wp.array(dtype=wp.int32)
-    starts: wp.array(dtype=wp.int32)
-    weight_starts: wp.array(dtype=wp.int32)
-    counts: wp.array(dtype=wp.int32)
-    weights: wp.array(dtype=wp.float64)
+    between: wp.array2d(dtype=wp.int32)
+    on_rays: wp.array2d(dtype=wp.int32)
+    weights: wp.array3d(dtype=wp.float64)
     neighbour_starts: wp.array(dtype=wp.int32)
     neighbours: wp.array(dtype=wp.int32)
 
@@ -134,12 +129,12 @@ def _ring_place(gel: Gel, canvas: Canvas, env: int, node: int):
 @wp.kernel(enable_backward=False)
 def round_nodes(gel: Gel, canvas: Canvas):
     """Put the nodes on rays onto the curves through those between."""
-    env, i = wp.tid()
+    env, ring, i = wp.tid()
     place = wp.vec3d()
-    for k in range(gel.counts[i]):
-        between = _ring_place(gel, canvas, env, gel.between[gel.starts[i] + k])
-        place += gel.weights[gel.weight_starts[i] + k] * between
-    node = gel.on_rays[i]
+    for k in range(gel.between.shape[1]):
+        between = _ring_place(gel, canvas, env, gel.between[ring, k])
+        place += gel.weights[ring, i, k] * between
+    node = gel.on_rays[ring, i]
     angle = gel.angle[node] + place[1]
     x = gel.axis[0] + place[0] * wp.cos(angle)
     canvas.nodes[env, node] = wp.vec3d(x, gel.axis[1] + place[0] * wp.sin(angle), place[2])

@@ -40,30 +40,23 @@ def round_rings(
     """
     offset = rest[:, :2] - np.array(axis_m)
     radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
-    empty = np.zeros(0, dtype=np.int32)
-    between, on_rays, starts, counts = [empty], [empty], [empty], [empty]
-    weights = [np.zeros(0)]
-    begin = 0
-    for rays, middles in _rings(faces, radius, angle):
-        ordered = middles[np.argsort(angle[middles])]
-        turn = np.append(angle[ordered], angle[ordered[0]] + 2.0 * np.pi)
-        ones = np.eye(len(ordered))[[*range(len(ordered)), 0]]
-        curve = CubicSpline(turn, ones, bc_type="periodic")
-        weights.append(curve(angle[rays]).reshape(-1))
-        between.append(ordered)
-        on_rays.append(rays)
-        starts.append(np.full(len(rays), begin))
-        counts.append(np.full(len(rays), len(ordered)))
-        begin += len(ordered)
-    count = np.concatenate(counts)
+    rings = list(_rings(faces, radius, angle))
+    sectors = max((len(rays) for rays, _ in rings), default=0)
+    between, on_rays, weights = [], [], []
+    for rays, middles in rings:
+        if len(rays) == sectors:
+            ordered = middles[np.argsort(angle[middles])]
+            turn = np.append(angle[ordered], angle[ordered[0]] + 2.0 * np.pi)
+            ones = np.eye(sectors)[[*range(sectors), 0]]
+            weights.append(CubicSpline(turn, ones, bc_type="periodic")(angle[rays]))
+            between.append(ordered)
+            on_rays.append(rays)
+    shape = (len(between), sectors)
     return {
         "angle": angle,
-        "between": np.concatenate(between),
-        "on_rays": np.concatenate(on_rays),
-        "starts": np.concatenate(starts),
-        "weight_starts": np.cumsum(count) - count,
-        "counts": count,
-        "weights": np.concatenate(weights),
+        "between": np.array(between, dtype=np.int32).reshape(shape),
+        "on_rays": np.array(on_rays, dtype=np.int32).reshape(shape),
+        "weights": np.array(weights, dtype=np.float64).reshape(*shape, sectors),
     }
 
 

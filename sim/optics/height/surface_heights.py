@@ -157,7 +157,7 @@ class SurfaceHeights:
         count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
         launch(take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
         if _length(gel.on_rays):
-            launch(round_nodes, (count, len(gel.on_rays)), [gel], [canvas])
+            launch(round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
         if self._is_quadratic:
             launch(mark_steep, canvas.steep.shape, [gel], [canvas])
             launch(add_nodes, (count, len(gel.face)), [gel], [canvas])

@@ -250,8 +250,7 @@ class PredictedPixels:
         found = np.zeros_like(self._light)
         moved, change = self._moved(circle)
         light, response = self._light[moved], self._model.response
-        gain = self._model.gain(light)
-        loaded = light + (change if gain is None else gain * change)
+        loaded = light + self._model.gain(light) * change
         found[moved] = response.levels(loaded) - response.levels(light)
         return found
 
