@@ -24,6 +24,7 @@ from sim.batch.environment import (
     BatchResult,
     Course,
     Environment,
+    goals_of,
     refuse_unfit,
     start_of,
 )
@@ -154,10 +155,7 @@ class Batch:
         if given is None:
             wanted = "loads_n" if self.pilot.is_pushed else "depths_m"
             raise ConfigError(f"the pilot is made for {wanted}", remedy=f"give {wanted}")
-        goal = np.zeros((self.count, 4))
-        goal[:, 0] = given
-        goal[:, 1:3] = 0.0 if shifts_m is None else shifts_m
-        goal[:, 3] = 0.0 if turns_rad is None else turns_rad
+        goal = goals_of(given, shifts_m, turns_rad)
         taking = np.ones(self.count, dtype=np.bool_) if active is None else active
         return self._go(goal, taking)
 

@@ -67,21 +67,18 @@ class Course:
         return len(self.along)
 
     @property
-    def shifts(self) -> FloatArray:
-        """Shifts [m], shape [frame_count, 2]."""
-        none = np.zeros((self.frame_count, 2))
-        return none if self.shifts_m is None else np.asarray(self.shifts_m, dtype=np.float64)
-
-    @property
-    def turns(self) -> FloatArray:
-        """Turns [rad], shape [frame_count]."""
-        none = np.zeros(self.frame_count)
-        return none if self.turns_rad is None else np.asarray(self.turns_rad, dtype=np.float64)
-
-    @property
     def goals(self) -> FloatArray:
-        """Depths [m] or loads [N], shifts [m] and turns [rad], shape [frame_count, 4]."""
-        return np.column_stack([self.along, self.shifts, self.turns])
+        """What ``goals_of`` makes of it frame by frame."""
+        return goals_of(self.along, self.shifts_m, self.turns_rad)
+
+
+def goals_of(
+    along: FloatArray, shifts_m: FloatArray | None, turns_rad: FloatArray | None
+) -> FloatArray:
+    """Return depths [m] or loads [N], shifts [m] and turns [rad], shape [..., 4]; none is zero."""
+    shifts = np.zeros((len(along), 2)) if shifts_m is None else shifts_m
+    turns = np.zeros(len(along)) if turns_rad is None else turns_rad
+    return np.column_stack([along, shifts, turns]).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -129,7 +129,7 @@ class Pilot:
         kept = np.unique(np.linspace(0, frames, self.count + 1).round().astype(int)[1:] - 1)
         before = np.zeros(4)
         for frame in kept[kept >= 0]:
-            stand = np.array([course.along[frame], *course.shifts[frame], course.turns[frame]])
+            stand = course.goals[frame]
             if stand[0] != before[0]:
                 go = path.push if self.is_pushed else path.advance
                 point = go(float(stand[0]))
@@ -147,15 +147,15 @@ class Pilot:
             )
 
     def _state(self, frame: int, point: PathPoint) -> PilotState:
-        model, state, course = self.model, point.state, self.course
+        model, state = self.model, point.state
         contact = point.equilibrium.touch(curved=False)
-        along = course.along[frame] * (self.metres[0] if self.is_pushed else 1.0)
-        turn = course.turns[frame] * self.metres[1]
+        along, x, y, turn = self.course.goals[frame]
+        along *= self.metres[0] if self.is_pushed else 1.0
         return PilotState(
             data=model.hessian_data(state.positions, contact.stiffness, projected=True),
             border=model.pattern.unknowns(model.surface.scatter(-contact.stiffness[..., 2])),
             corner=float(contact.stiffness[..., 2, 2].sum()),
-            stand_m=np.array([*course.shifts[frame], along, turn]),
+            stand_m=np.array([x, y, along, turn * self.metres[1]]),
             motion_m=state.positions - model.nodes,
             depth_m=point.depth_m,
         )

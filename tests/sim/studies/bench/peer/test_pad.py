@@ -124,7 +124,7 @@ def test_a_load_becomes_the_depths_that_our_press_found() -> None:
     depths = pad.course.along
     assert not pad.course.is_pushed
     assert np.all(np.diff(depths[:10]) > 0.0)
-    assert pad.course.shifts[-1] == pytest.approx([0.3e-3, 0.0])
+    assert pad.course.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
     task = pad.task(count=1, tolerance=STRICT)
     assert task.friction == pytest.approx(0.5)
     assert task.resistance > 0.0
