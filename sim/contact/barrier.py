@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import warp as wp
 
+_STIFFNESS_FACTOR = wp.constant(wp.float64(8.0))  # kappa over E d_hat
+
 
 @wp.struct
 class TouchedSurface:
@@ -29,7 +31,6 @@ class TouchedSurface:
         extensions: Share of d_hat below which the barrier goes on as a parabola, the same shape.
         friction: mu, the same shape.
         distance: d_hat [m].
-        stiffness_factor: kappa over E d_hat.
         slip: s [m], the offset at which sticking has become sliding.
         bonded: Points that touch stick, with k = E / d_hat.
     """
@@ -41,7 +42,6 @@ class TouchedSurface:
     extensions: wp.array(dtype=wp.float64)
     friction: wp.array(dtype=wp.float64)
     distance: wp.float64
-    stiffness_factor: wp.float64
     slip: wp.float64
     bonded: wp.bool
 
@@ -101,7 +101,7 @@ def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
     extension = surface.extensions[b]
-    scale = surface.stiffness_factor * surface.young[b]
+    scale = _STIFFNESS_FACTOR * surface.young[b]
     pressure = scale * barrier_slope(s, extension)
     change = scale / surface.distance * barrier_curvature(s, extension)
     return scale * surface.distance * _barrier(s, extension), pressure, change

@@ -43,7 +43,6 @@ class ContactSurface:
             values=device.array(pad.reference.face_values, wp.float64),
             areas=device.array(areas, wp.float64),
             distance=options.distance_m,
-            stiffness_factor=options.stiffness_factor,
             slip=options.slip_m,
             bonded=options.bonded,
         )

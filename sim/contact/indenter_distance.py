@@ -20,16 +20,19 @@ from sim.contact.triangle_distance import (
 from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 
-PLANE = wp.constant(0)
-CYLINDER = wp.constant(1)
-SPHERE = wp.constant(2)
+# Radius of a plate [m], which ends nowhere on a pad.
+_PLATE_M = 1e9
 
 
 @wp.struct
 class Body:
-    """An analytic indenter at its pose; local = rotation^T (x - position)."""
+    """An analytic indenter at its pose; local = rotation^T (x - position).
 
-    shape: wp.int32
+    It is a cylinder with a fillet, as wide as a plate or a ball's lower half; ``is_ball`` says
+    whether it has the upper one.
+    """
+
+    is_ball: wp.bool
     radius: wp.float64
     fillet: wp.float64
     position: wp.vec3d
@@ -81,10 +84,10 @@ def body_of(indenter: Indenter, *, device: str = "cpu") -> Any:
     if isinstance(indenter, MeshIndenter):
         return filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
     if isinstance(indenter, Cylinder):
-        return filled(Body, shape=CYLINDER, radius=indenter.radius_m, fillet=indenter.fillet_m)
+        return filled(Body, radius=indenter.radius_m, fillet=indenter.fillet_m)
     if isinstance(indenter, Sphere):
-        return filled(Body, shape=SPHERE, radius=indenter.radius_m)
-    return filled(Body, shape=PLANE)
+        return filled(Body, radius=indenter.radius_m, fillet=indenter.radius_m, is_ball=True)
+    return filled(Body, radius=_PLATE_M)
 
 
 def poses_at(tips: FloatArray, rotations: FloatArray, device: Device) -> Any:
@@ -112,12 +115,12 @@ def signed_distance(body: Body, x: wp.vec3d):
     p = local_point(body, x)
     gap = -p[2]
     n = wp.vec3d(zero, zero, wp.float64(-1.0))
-    if body.shape == SPHERE:
+    if body.is_ball:
         c = p - wp.vec3d(zero, zero, body.radius)
         length = wp.max(wp.length(c), wp.float64(1.0e-30))
         gap = length - body.radius
         n = c / length
-    if body.shape == CYLINDER:
+    else:
         r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
         side = r - (body.radius - body.fillet)
         below = body.fillet - p[2]
@@ -158,12 +161,12 @@ def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
     one = wp.float64(1.0)
     p = local_point(body, x)
     H = wp.mat33d()
-    if body.shape == SPHERE:
+    if body.is_ball:
         c = p - wp.vec3d(zero, zero, body.radius)
         length = wp.max(wp.length(c), wp.float64(1.0e-30))
         n = c / length
         H = (wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)) * (one / length)
-    if body.shape == CYLINDER:
+    else:
         r = wp.max(wp.sqrt(p[0] * p[0] + p[1] * p[1]), wp.float64(1.0e-30))
         side = r - (body.radius - body.fillet)
         below = body.fillet - p[2]

@@ -17,7 +17,6 @@ class ContactOptions:
 
     Attributes:
         distance_m: d_hat [m]: the gel feels the indenter from here on.
-        stiffness_factor: kappa in units of E d_hat.
         friction: Coulomb coefficient mu; zero without friction.
         slip_m: Tangential offset at which sticking has become sliding [m].
         face_splits: How often each face is cut in four for its contact points; a sharp rim that
@@ -28,7 +27,6 @@ class ContactOptions:
     """
 
     distance_m: float = 1.0e-5
-    stiffness_factor: float = 8.0
     bonded: bool = False
     friction: float = 0.0
     slip_m: float = 1.0e-6

@@ -49,10 +49,7 @@ class Cylinder:
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        radius = np.hypot(x, y)
-        inside = np.clip(radius - (self.radius_m - self.fillet_m), 0.0, self.fillet_m)
-        height = self.fillet_m - np.sqrt(np.maximum(self.fillet_m**2 - inside**2, 0.0))
-        return np.where(radius <= self.radius_m, height, np.inf)
+        return _round_underside(self.radius_m, self.fillet_m, np.hypot(x, y))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,9 +68,7 @@ class Sphere:
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
-        squared = self.radius_m**2 - np.hypot(x, y) ** 2
-        height = self.radius_m - np.sqrt(np.maximum(squared, 0.0))
-        return np.where(squared >= 0.0, height, np.inf)
+        return _round_underside(self.radius_m, self.radius_m, np.hypot(x, y))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,6 +166,12 @@ def read_mesh_indenter(path: Path, *, unit: MeshUnit = MeshUnit.MILLIMETRE) -> M
     """
     vertices, faces = read_triangles(path, unit)
     return mesh_indenter(vertices, faces, name=f"{path.name},unit={unit.value}")
+
+
+def _round_underside(radius_m: float, fillet_m: float, away_m: FloatArray) -> FloatArray:
+    inside = np.clip(away_m - (radius_m - fillet_m), 0.0, fillet_m)
+    height = fillet_m - np.sqrt(np.maximum(fillet_m**2 - inside**2, 0.0))
+    return np.where(away_m <= radius_m, height, np.inf)
 
 
 def _check_positive(name: str, value: float) -> None:

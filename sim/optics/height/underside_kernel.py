@@ -11,15 +11,7 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray
-from sim.contact.indenter_distance import (
-    CYLINDER,
-    SPHERE,
-    Body,
-    MeshBody,
-    Poses,
-    body_of,
-    poses_at,
-)
+from sim.contact.indenter_distance import Body, MeshBody, Poses, body_of, poses_at
 from sim.device import Device
 from sim.fields.surface import SurfaceState
 from sim.scene.triangle_rays import BESIDE, lowest_height
@@ -32,17 +24,10 @@ _SETTLED_M = wp.constant(wp.float64(1.0e-12))
 def _lowest(body: Body, x: wp.float64, y: wp.float64):
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
     zero = wp.float64(0.0)
-    height = zero
-    squared = x * x + y * y
-    if body.shape == SPHERE:
-        left = body.radius * body.radius - squared
-        height = wp.where(left < zero, BESIDE, body.radius - wp.sqrt(wp.max(left, zero)))
-    if body.shape == CYLINDER:
-        radius = wp.sqrt(squared)
-        inside = wp.clamp(radius - (body.radius - body.fillet), zero, body.fillet)
-        arc = wp.sqrt(wp.max(body.fillet * body.fillet - inside * inside, zero))
-        height = wp.where(radius > body.radius, BESIDE, body.fillet - arc)
-    return height
+    radius = wp.sqrt(x * x + y * y)
+    inside = wp.clamp(radius - (body.radius - body.fillet), zero, body.fillet)
+    arc = wp.sqrt(wp.max(body.fillet * body.fillet - inside * inside, zero))
+    return wp.where(radius > body.radius, BESIDE, body.fillet - arc)
 
 
 @wp.func  # type: ignore[no-redef]
