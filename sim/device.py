@@ -19,7 +19,11 @@ from tacauchy_rig.errors import ConfigError
 
 # For kernels on the processor that much time goes by: products and sums in one instruction. Warp's
 # own flags add some that suit other kernels.
-CPU_FLAGS = "-march=native -ffp-contract=fast"
+FAST_KERNEL: dict[str, Any] = {
+    "enable_backward": False,
+    "module": "unique",
+    "module_options": {"cpu_compiler_flags": "-march=native -ffp-contract=fast"},
+}
 # Relative rounding of what the kernels compute; the host computes in float64.
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 

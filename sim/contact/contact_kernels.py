@@ -35,7 +35,7 @@ from sim.contact.indenter_distance import (
     posed,
     signed_distance,
 )
-from sim.device import CPU_FLAGS
+from sim.device import FAST_KERNEL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,15 +61,9 @@ class ContactKernels:
 @cache
 def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     """Build the kernels."""
-    made = {
-        "enable_backward": False,
-        "module": "unique",
-        "module_options": {"cpu_compiler_flags": CPU_FLAGS},
-    }
-
     gap_of = nearby_gap if body_kind is MeshBody else signed_distance
 
-    @wp.kernel(**made)
+    @wp.kernel(**FAST_KERNEL)
     def gap(
         # Model:
         surface: TouchedSurface,
@@ -85,7 +79,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         distance, _ = signed_distance(here, surface_point(surface, positions[b], f, q))
         gap_out[b, f, q] = distance
 
-    @wp.kernel(**made)
+    @wp.kernel(**FAST_KERNEL)
     def touch(
         # Model:
         surface: TouchedSurface,
@@ -126,7 +120,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 v = v * surface.areas[f, q]
                 add_to_nodes(v, surface, f, q, nodes_out[b])
 
-    @wp.kernel(**made)
+    @wp.kernel(**FAST_KERNEL)
     def force(
         # Model:
         surface: TouchedSurface,
@@ -176,7 +170,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         force_out[b, f, q] = pull * surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
 
-    @wp.kernel(**made)
+    @wp.kernel(**FAST_KERNEL)
     def hold(
         # Model:
         surface: TouchedSurface,
@@ -201,7 +195,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             change_out[b, f, q] = surface.areas[f, q] * wp.length(load - before)
             limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
 
-    @wp.kernel(**made)
+    @wp.kernel(**FAST_KERNEL)
     def drag(
         # Model:
         surface: TouchedSurface,

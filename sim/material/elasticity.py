@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.device import CPU_FLAGS, start_warp
+from sim.device import FAST_KERNEL, start_warp
 from sim.material.laws.tangent import Law, Tangent, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
@@ -72,9 +72,7 @@ def tangent_kernel(law: Law, *, remembers: bool) -> Any:
     """
     law_tangent, bends = law.tangent, remembers and law.is_objective
 
-    @wp.kernel(
-        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
-    )
+    @wp.kernel(**FAST_KERNEL)
     def tangent(
         # Model:
         gel: GelArrays,
@@ -169,7 +167,7 @@ def _without_negative(H: wp.mat33d) -> wp.mat33d:
     return vectors * wp.diag(kept) * wp.transpose(vectors)
 
 
-@wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS})
+@wp.kernel(**FAST_KERNEL)
 def hessian(
     # Model:
     blocks: wp.array3d(dtype=wp.int32),
@@ -224,9 +222,7 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     node_count = reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
-    @wp.kernel(
-        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}
-    )
+    @wp.kernel(**FAST_KERNEL)
     def element(
         # Model:
         gel: GelArrays,

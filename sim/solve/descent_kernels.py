@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.device import CPU_FLAGS
+from sim.device import FAST_KERNEL
 from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_way
 from sim.solve.descent_state import (
     Act,
@@ -62,12 +62,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         grips: Points that touch hold on to the indenter.
         pulls: Nodes have further energies.
     """
-    made = {
-        "enable_backward": False,
-        "launch_bounds": threads,
-        "module": "unique",
-        "module_options": {"cpu_compiler_flags": CPU_FLAGS},
-    }
+    made = {**FAST_KERNEL, "launch_bounds": threads}
 
     @wp.kernel(**made)
     def judge(

@@ -13,18 +13,8 @@ from sim.contact.triangle_distance import uploaded_surface
 from sim.device import Device, filled
 from sim.fields.surface import TopSurface
 from sim.mesh.elements import QUARTERS
+from sim.optics.height import node_kernel as kernels
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
-from sim.optics.height.node_kernel import (
-    Canvas,
-    Gel,
-    add_nodes,
-    add_slopes,
-    close_gaps,
-    mark_edges,
-    mark_steep,
-    round_nodes,
-    take_nodes,
-)
 from sim.optics.height.rings import round_rings
 from sim.optics.height.slope_fit_kernel import fit_slopes, two_rings
 from sim.optics.height.steep_faces import cut_tables
@@ -125,7 +115,7 @@ class SurfaceHeights:
         else:
             tables |= two_rings(top.faces, len(top.rest))
         middle = wp.vec2d(*(axis or (0.0, 0.0)))
-        self._gel = self._device.tables(Gel, tables, axis=middle, **lengths_m)
+        self._gel = self._device.tables(kernels.Gel, tables, axis=middle, **lengths_m)
 
     def _blank(self) -> Any:
         """Return room for all that is drawn."""
@@ -133,7 +123,7 @@ class SurfaceHeights:
         nodes, pixels = len(gel.sources) + _length(gel.face), rows * columns
         drawn = dict.fromkeys(("heights", "pressed"), (count, pixels))
         others = {"steep": (count, len(gel.faces)), "covered": (count,), "rest": (pixels,)}
-        return self._device.zeroed(Canvas, (count, nodes), **drawn, **others)
+        return self._device.zeroed(kernels.Canvas, (count, nodes), **drawn, **others)
 
     def _draw_rest(self, top: TopSurface) -> None:
         """Draw the unloaded surface as it is, neither round nor cut, far from the indenter."""
@@ -141,7 +131,7 @@ class SurfaceHeights:
         nodes = np.zeros((1, top.sources.max() + 1, 3))
         nodes[0, top.sources] = top.rest * top.signs
         taken = [self._gel, device.vectors(nodes)]
-        device.launch(take_nodes, (1, len(top.rest)), taken, [canvas])
+        device.launch(kernels.take_nodes, (1, len(top.rest)), taken, [canvas])
         self._draw_nodes(1)
         if canvas.heights.numpy()[0].min() >= BARE_M:
             raise ConfigError(
@@ -155,14 +145,14 @@ class SurfaceHeights:
     def _draw(self, positions: Any, poses: Any) -> None:
         """Draw all surfaces, not yet bounded by the indenter."""
         count, gel, canvas, launch = self._count, self._gel, self._canvas, self._device.launch
-        launch(take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
+        launch(kernels.take_nodes, (count, len(gel.sources)), [gel, positions], [canvas])
         if _length(gel.on_rays):
-            launch(round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
+            launch(kernels.round_nodes, (count, *gel.on_rays.shape), [gel], [canvas])
         if self._is_quadratic:
-            launch(mark_steep, canvas.steep.shape, [gel], [canvas])
-            launch(add_nodes, (count, len(gel.face)), [gel], [canvas])
-        launch(close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
-        launch(mark_edges, (count, len(gel.parts)), [gel], [canvas])
+            launch(kernels.mark_steep, canvas.steep.shape, [gel], [canvas])
+            launch(kernels.add_nodes, (count, len(gel.face)), [gel], [canvas])
+        launch(kernels.close_gaps, canvas.nodes.shape, [gel, self._body, poses], [canvas])
+        launch(kernels.mark_edges, (count, len(gel.parts)), [gel], [canvas])
         self._draw_nodes(count)
 
     def _draw_nodes(self, count: int) -> None:
@@ -170,7 +160,7 @@ class SurfaceHeights:
         gel, canvas, launch = self._gel, self._canvas, self._device.launch
         if self._is_quadratic:
             canvas.sums.zero_()
-            launch(add_slopes, (count, len(gel.parts)), [gel], [canvas])
+            launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
         else:
             launch(fit_slopes, (count, len(gel.sources)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
