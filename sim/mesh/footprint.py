@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.spatial
@@ -100,16 +101,11 @@ def footprint(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Samples:
-    """A rectangle of a pad, sampled evenly; shapes begin with [x_count, y_count].
+class _Samples(NamedTuple):
+    """A rectangle of a pad, sampled evenly, shape [x_count, y_count, ...] each [m].
 
-    Attributes:
-        points: Points of the top [m], shape [..., 3].
-        spacing: Between samples along x and y [m], shape [2].
-        underside: Height of the indenter above its tip [m], inf beside it.
-        clearance: Height of the indenter over the pad, its tip at z = 0 [m]; inf beside either.
-        limit: Clearance up to which the pad will be touched [m].
+    ``underside`` is the indenter's height above its tip, inf beside it, and ``clearance`` that over
+    the pad, the tip at z = 0, inf beside either: up to ``limit`` the pad will be touched.
     """
 
     points: FloatArray
@@ -118,7 +114,11 @@ class _Samples:
     clearance: FloatArray
     limit: float
     on_pad: NDArray[np.bool_]
-    touched: NDArray[np.bool_]
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Which will be touched."""
+        return self.clearance <= self.limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,14 +136,20 @@ class _Press:
         Raises:
             ConfigError: Nothing of the indenter stands over the pad.
         """
-        if np.any(low >= high):
-            raise _beside(self.pad, self.centre)
         axes = [np.linspace(a, b, _SAMPLES_ACROSS) for a, b in zip(low, high, strict=True)]
         x, y = np.meshgrid(*axes, indexing="ij")
         on_pad, top, underside = self._surfaces(x, y)
         clearance = np.where(on_pad, underside - top, np.inf)
-        if not np.isfinite(clearance).any():
-            raise _beside(self.pad, self.centre)
+        if np.any(low >= high) or not np.isfinite(clearance).any():
+            half_x, half_y = self.pad.half_extents()
+            raise ConfigError(
+                f"the indenter at x = {self.centre[0] * 1e3:.4g} mm, y = "
+                f"{self.centre[1] * 1e3:.4g} mm comes down beside the pad and never touches its "
+                "top",
+                remedy=f"move it over the pad, which reaches from {-half_x * 1e3:.4g} to "
+                f"{half_x * 1e3:.4g} mm in x and from {-half_y * 1e3:.4g} to {half_y * 1e3:.4g} mm "
+                "in y",
+            )
         limit = float(clearance.min()) + (1.0 - _EDGE_OVERLAP) * self.depth_m
         return _Samples(
             points=np.stack([x, y, top], axis=-1),
@@ -152,7 +158,6 @@ class _Press:
             clearance=clearance,
             limit=limit,
             on_pad=on_pad,
-            touched=clearance <= limit,
         )
 
     def between(self, samples: _Samples, inner: IntArray, outer: IntArray) -> FloatArray:
@@ -178,17 +183,6 @@ class _Press:
         on_pad = self.pad.covers(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
         top = np.where(on_pad, self.pad.height_at(x, y), 0.0)
         return on_pad, top, self.indenter.lower_surface(x - self.centre[0], y - self.centre[1])
-
-
-def _beside(pad: Pad, centre_m: FloatArray) -> ConfigError:
-    x, y = centre_m
-    half_x, half_y = pad.half_extents()
-    return ConfigError(
-        f"the indenter at x = {x * 1e3:.4g} mm, y = {y * 1e3:.4g} mm comes down beside the pad and "
-        "never touches its top",
-        remedy=f"move it over the pad, which reaches from {-half_x * 1e3:.4g} to "
-        f"{half_x * 1e3:.4g} mm in x and from {-half_y * 1e3:.4g} to {half_y * 1e3:.4g} mm in y",
-    )
 
 
 def _sharp_pairs(samples: _Samples) -> tuple[IntArray, IntArray]:
