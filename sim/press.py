@@ -181,11 +181,7 @@ def surface_traction_gap(model: Model, point: PathPoint) -> float:
 
 
 def algorithms_apart(model: Model, point: PathPoint, recovered: SurfaceTraction) -> float:
-    """Return how far the tractions of the paper's two algorithms are apart in the contact.
-
-    Args:
-        recovered: Algorithm 2's at the nodes.
-    """
+    """Return how far the tractions of the paper's two algorithms are apart in the contact."""
     touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
     if not touching.any():
         return 0.0

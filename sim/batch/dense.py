@@ -100,11 +100,7 @@ class DenseProduct:
 
 
 def packed(matrices: NDArray[np.float16]) -> NDArray[np.float16]:
-    """Order matrices as the lanes of a warp take them.
-
-    Returns:
-        Shape [matrix_count, row_tile, step, half of it, 32, 8].
-    """
+    """Order matrices as the lanes of a warp take them: [matrix, row tile, step, half, 32, 8]."""
     count, rows, _ = matrices.shape
     tiles = matrices.reshape(count, rows // 16, 2, 8, rows // 32, 4, 2, 2, 2)
     # [matrix, tile, upper or lower, group, step, member, half, low or high, odd] becomes

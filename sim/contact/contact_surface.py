@@ -111,11 +111,7 @@ class ContactSurface:
         return ContactForces(points=points, forces=forces, stiffness=stiffness)
 
     def room(self, count: int) -> tuple[Any, ...]:
-        """Return what ``touch`` fills for so many environments.
-
-        Returns:
-            Nodal forces [N], energies [J], gaps [m].
-        """
+        """Return room for so many environments' nodal forces [N], energies [J] and gaps [m]."""
         nodal = self._device.zeros((count, len(self._pad.nodes)), wp.vec3d)
         return nodal, *(self._points(wp.float64, count) for _ in range(2))
 

@@ -137,8 +137,7 @@ def dragged(
 def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, length: wp.float64):
     """Return energy [J/m^2] and stiffness across and along an offset [Pa/m], at its length [m].
 
-    Args:
-        load: Lagged pressure [Pa].
+    ``load`` is the lagged pressure [Pa].
     """
     one = wp.float64(1.0)
     bond = surface.young[b] / surface.distance

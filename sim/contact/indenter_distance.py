@@ -76,11 +76,7 @@ def body_kind(indenter: Indenter) -> Any:
 
 
 def body_of(indenter: Indenter, *, device: str = "cpu") -> Any:
-    """Return the device's description of an indenter, without a pose.
-
-    Args:
-        device: Where the kernels run; a mesh is uploaded there once.
-    """
+    """Return the device's description of an indenter, without a pose; a mesh is uploaded once."""
     if isinstance(indenter, MeshIndenter):
         return filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
     if isinstance(indenter, Cylinder):

@@ -90,8 +90,7 @@ def surface_traction(model: Model, point: PathPoint) -> SurfaceTraction:
 def surface_normals(model: Model, vectors: FloatArray) -> FloatArray:
     """Return the outward unit normal at every node of the surface, shape [node_count, 3].
 
-    Args:
-        vectors: Normal times area at the contact points [m^2], shape [face_count, point_count, 3].
+    From normals times area at the contact points [m^2], shape [face_count, point_count, 3].
     """
     normals = np.zeros(model.nodes.shape)
     np.add.at(normals, model.faces, vectors.sum(axis=1)[:, None])

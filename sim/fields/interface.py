@@ -58,11 +58,7 @@ class InterfaceTraction:
 
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
-    """Return the traction on every interface from the base upwards; none in a gel of one layer.
-
-    Args:
-        positions: Deformed nodes [m], shape [node_count, 3].
-    """
+    """Return the traction on every interface from the base upwards; none in a gel of one layer."""
     labels = model.mesh.layers
     if labels is None:
         return ()

@@ -60,14 +60,11 @@ def cauchy_stress(model: Model, positions: FloatArray) -> CauchyStress:
 
 
 def recovered_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
-    """Return the recovered stress at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
+    """Return the stress recovered at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
 
     Args:
         positions: Deformed nodes [m], shape [node_count, 3].
         chosen: Which tetrahedra are of the layer, shape [tet_count].
-
-    Returns:
-        Shape [vertex_count, 3, 3].
     """
     corners = model.elements[chosen, :4]
     vertices, local = np.unique(corners, return_inverse=True)

@@ -127,11 +127,7 @@ class ElasticBody:
         )
 
     def room(self, count: int) -> tuple[Any, Any, Any]:
-        """Return what an evaluation of so many environments fills.
-
-        Returns:
-            Gradient [N], energies [J], volume ratios.
-        """
+        """Return room for so many environments' gradients [N], energies [J] and volume ratios."""
         device, shape = self._device, (count, self._shape[0])
         energies, ratios = (device.empty(shape, wp.float64) for _ in range(2))
         return device.zeros((count, self._node_count), wp.vec3d), energies, ratios
@@ -189,16 +185,10 @@ class ElasticBody:
         self._device.launch(kernel, stress.shape, [gel or self._arrays, positions], [stress])
 
     def stress_at(self, deformations: FloatArray, elements: IntArray) -> FloatArray:
-        """Return the elastic Cauchy stress of given deformation gradients [Pa].
+        """Return the elastic Cauchy stress [Pa] of deformation gradients, shape [count, 3, 3] each.
 
-        What the gel remembers is known at quadrature points only, and is left out.
-
-        Args:
-            deformations: F, shape [count, 3, 3].
-            elements: Whose material, shape [count].
-
-        Returns:
-            Shape [count, 3, 3].
+        What the gel remembers is known at quadrature points only, and is left out; ``elements``
+        says whose material each is of.
         """
         # A made-up element of three nodes, at F's columns, whose gradients are the unit vectors.
         count = len(deformations)

@@ -17,11 +17,7 @@ from sim.scene.pad import BoxPad
 
 
 def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> TetMesh:
-    """Mesh a box, or the part of it that stands for the whole.
-
-    Args:
-        spacing_m: Largest side of a cell [m].
-    """
+    """Mesh a box, or the part of it that stands for the whole, cells ``spacing_m`` [m] wide at most."""
     half_x, half_y = pad.half_extents()
     ends = (
         (0.0 if symmetry.mirror_x else -half_x, half_x),

@@ -69,13 +69,10 @@ class ReferenceElement:
         return int(self.face_values.shape[1])
 
     def area_vectors(self, face_nodes: FloatArray) -> FloatArray:
-        """Return outward normal times area at the contact points of faces [m^2].
+        """Return outward normal times area at the contact points [m^2], shape [face, point, 3].
 
         Args:
             face_nodes: Positions of the faces' nodes [m], shape [face_count, face_node_count, 3].
-
-        Returns:
-            Shape [face_count, face_point_count, 3].
         """
         along = np.einsum("pka,fkx->afpx", self.face_gradients, face_nodes)
         return np.asarray(0.5 * np.cross(along[0], along[1]) * self.face_weights[:, None])
@@ -109,13 +106,9 @@ def reference_element(order: ElementOrder, *, face_splits: int = 0) -> Reference
 
 
 def shape_gradients(order: ElementOrder, barycentric: FloatArray) -> FloatArray:
-    """Return shape function gradients in reference coordinates at any points.
+    """Return shape functions' gradients in reference coordinates, shape [..., node_count, 3].
 
-    Args:
-        barycentric: Shape [..., 4].
-
-    Returns:
-        Shape [..., node_count, 3].
+    At any points in barycentric coordinates, shape [..., 4].
     """
     if order is ElementOrder.P2:
         return _quadratic_gradients(barycentric, _TET_GRADIENTS, EDGES)
@@ -147,13 +140,10 @@ def quadratic_nodes(
 
 
 def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
-    """Find the faces that belong to one element only, oriented outwards.
+    """Find the faces that belong to one of the elements only, oriented outwards, and to which.
 
-    Args:
-        elements: Shape [element_count, 4 or 10], positive orientation.
-
-    Returns:
-        Faces [face_count, 3 or 6] and the element each belongs to [face_count].
+    Faces are of shape [face_count, 3 or 6]; elements, positively oriented, of shape
+    [element_count, 4 or 10].
     """
     faces = np.concatenate([elements[:, _face_columns(elements, face)] for face in FACES])
     parents = np.tile(np.arange(len(elements), dtype=np.int32), len(FACES))

@@ -24,11 +24,7 @@ _ON_TOP_M = 1e-9
 
 
 def with_top_fitted(mesh: TetMesh, pad: Pad, *, reach_m: float) -> TetMesh:
-    """Move the vertices near the pad's top onto it.
-
-    Args:
-        reach_m: How far a vertex may be moved [m].
-    """
+    """Move the vertices within ``reach_m`` [m] of the pad's top onto it."""
     outer, heights = _outer(mesh, pad)
     at = mesh.vertices[outer]
     near = (np.abs(at[:, 2] - heights) < reach_m) & (at[:, 2] > reach_m)

@@ -188,8 +188,7 @@ class _Press:
 def _sharp_pairs(samples: _Samples) -> tuple[IntArray, IntArray]:
     """Return touched samples and free ones beside them that the indenter rises steeply over.
 
-    Returns:
-        Indices of both, shape [pair_count, 2] each.
+    By their indices, shape [pair_count, 2] each.
     """
     free = samples.on_pad & ~samples.touched
     inner, outer = [], []

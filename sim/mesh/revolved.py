@@ -113,8 +113,7 @@ def _revolve(
 ) -> tuple[IntArray, IntArray]:
     """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out.
 
-    Returns:
-        Tetrahedra [tet_count, 4] and the triangle that each comes from [tet_count].
+    Tetrahedra, shape [tet_count, 4], come with the triangle that each is of, shape [tet_count].
     """
     count = len(on_axis)
     a, b, c = np.sort(triangles, axis=1).T

@@ -67,11 +67,7 @@ class TurnedIndenter:
 def cylinder_triangles(
     cylinder: Cylinder, *, sectors: int = _SECTORS, fillet_rings: int = _FILLET_RINGS
 ) -> tuple[FloatArray, IntArray]:
-    """Return a cylinder as triangles, twice as long as it is wide.
-
-    Returns:
-        Vertices [m], shape [vertex_count, 3], and faces [face_count, 3].
-    """
+    """Return vertices [m] and faces of a cylinder, twice as long as it is wide."""
     turn = np.linspace(0.0, 0.5 * np.pi, fillet_rings + 1 if cylinder.fillet_m > 0.0 else 1)
     radii = cylinder.radius_m - cylinder.fillet_m * (1.0 - np.sin(turn))
     heights = cylinder.fillet_m * (1.0 - np.cos(turn))

@@ -31,13 +31,10 @@ class MeshUnit(StrEnum):
 
 
 def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:
-    """Read a file of triangles; polygons of an OBJ are cut into triangles.
+    """Read vertices [m] and faces from a file of triangles; polygons of an OBJ are cut into them.
 
-    Coordinates of an STL are of single precision, as its binary form has them.
-
-    Returns:
-        Vertices [m], shape [vertex_count, 3], corners of neighbouring triangles not merged; and
-        faces, shape [face_count, 3].
+    Coordinates of an STL are of single precision, as its binary form has them. Corners of
+    neighbouring triangles are not merged.
 
     Raises:
         ConfigError: The file is missing, damaged, empty, or of another kind.

@@ -83,11 +83,7 @@ def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, f
 
 
 def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
-    """Return the lowest height of a surface over points of the plan, inf beside it, shape [count].
-
-    Args:
-        plan: Shape [count, 2].
-    """
+    """Return the lowest height of a surface over points [count, 2] of the plan, inf beside it."""
     device = Device("cpu")
     tree, centre, size = unit_tree(surface, device.name)
     placed = {"tree": tree.id, "centre": wp.vec3d(*centre), "per_size": 1.0 / size}

@@ -37,10 +37,7 @@ _LISTED = 6  # images that a warning names
 def check_before(
     presses: Sequence[BallPress], geometry: CameraGeometry, *, ball_radius_m: float
 ) -> list[str]:
-    """Look at presses before anything is fitted to them.
-
-    Returns:
-        Warnings, one a line.
+    """Look at presses before anything is fitted to them, and return warnings, one a line.
 
     Raises:
         ConfigError: Most are saturated, or a circle is larger than the ball.
@@ -108,10 +105,7 @@ def check_coverage(coverage: SlopeCoverage) -> list[str]:
 def check_after(
     scores: CheckScores, held_out: Sequence[RenderedPress], scene: PressScene
 ) -> list[str]:
-    """Look at what cross-validation says of the presses.
-
-    Returns:
-        Warnings, one a line.
+    """Look at what cross-validation says of the presses, and return warnings, one a line.
 
     Raises:
         ConfigError: The presses contradict each other, so that none can be predicted by the rest.

@@ -145,13 +145,10 @@ def _with_terms(
 def averaged_no_contact(
     placed: Sequence[PlacedPress], model: PhotometricModel, scene: PressScene
 ) -> FloatArray:
-    """Average the no-contact frame over all frames outside their contacts.
+    """Average the no-contact frame over all frames outside their contacts [grey levels].
 
     One frame has a camera's noise of one or two grey levels in every pixel, which a rendering over
     it would repeat; each press shows most of the gel as well, once its light and skirt are off.
-
-    Returns:
-        Grey levels, shape [height, width, 3].
     """
     height, width = scene.background.shape[:2]
     rows, columns = np.mgrid[:height, :width]
@@ -200,9 +197,8 @@ class PressSamples:
     ) -> PhotometricSamples:
         """Return the samples with the light that the camera saw.
 
-        Args:
-            model: Stands in for pixels that are too bright or too dark for the camera; without
-                one they do not count.
+        A model stands in for pixels that are too bright or too dark for the camera; without one
+        they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
         gain = np.maximum(response.light(self._unloaded), 1.0) / REFERENCE

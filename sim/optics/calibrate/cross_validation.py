@@ -100,8 +100,7 @@ def check_scores(
 ) -> CheckScores:
     """Score presses that a calibration has not seen, rendered as labelled and with nudged circles.
 
-    Args:
-        scene: With the no-contact frame that was taken, not averaged.
+    The scene has the no-contact frame that was taken, not averaged.
     """
     moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
     return CheckScores(

@@ -43,11 +43,8 @@ def calibrate_with_shadows(
 ) -> Calibration:
     """Fit colours, and direction, elevation and colour of the lamps' shadows.
 
-    Their softness stays that of the sensor's file: the short shadows of a ball do not tell a soft
-    strong one from a sharp weak one.
-
-    Args:
-        nominal: The lamps of the sensor's file, where the search starts.
+    The search starts at the lamps of the sensor's file. Their softness stays: the short shadows of
+    a ball do not tell a soft strong one from a sharp weak one.
 
     Raises:
         ConfigError: As ``calibrate_optics``.

@@ -80,16 +80,13 @@ class PhotometricModel:
         indentation_m: RealArray,
         curvature: RealArray | None = None,
     ) -> RealArray:
-        """Return the colour change [grey levels] in the precision of the arguments.
+        """Return the change of red, green, blue [grey levels] in the precision of the arguments.
 
         Args:
             tilt: Shape [2, point_count].
             position: Normalised pixel position, shape [2, point_count].
             indentation_m: Unloaded minus loaded height [m], shape [point_count].
             curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
-
-        Returns:
-            Red, green, blue, shape [3, point_count].
         """
         bounded = bounded_tilt(tilt, self.tilt_limit)
         depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
@@ -101,11 +98,7 @@ class PhotometricModel:
         return change
 
     def gain(self, light: RealArray) -> RealArray:
-        """Return what the change is multiplied by over a no-contact frame, the same shape.
-
-        Args:
-            light: Of the no-contact frame [grey levels], any shape.
-        """
+        """Return what the change is multiplied by over a no-contact frame's light [grey levels]."""
         if self.reference is None:
             return np.ones_like(light)
         kind = light.dtype.type
@@ -210,10 +203,9 @@ def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:
-    """Return u, v over columns and rows, -1 and 1 in the middle of the first and last pixel.
+    """Return u, v over columns and rows, shape [2, height * width].
 
-    Returns:
-        Shape [2, height * width].
+    They are -1 and 1 in the middle of the first and last pixel.
     """
     v, u = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
     return np.stack([u.ravel(), v.ravel()]).astype(np.float32)

@@ -19,13 +19,10 @@ def polynomial_exponents(
     indentation_degree: int = 0,
     indentation_tilt_degree: int = 0,
 ) -> IntArray:
-    """List the terms p^a q^b u^c v^d w^e of a model.
+    """List the exponents of the terms p^a q^b u^c v^d w^e of a model, shape [term_count, 5].
 
     Terms without indentation have 1 <= a + b <= tilt_degree; terms with 1 <= e <=
     indentation_degree have a + b <= indentation_tilt_degree; all have c + d <= position_degree.
-
-    Returns:
-        Exponents, shape [term_count, 5].
     """
     tilts = [
         (a, total - a, e)
@@ -113,8 +110,7 @@ def _distinct(exponents: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
 def degrees_of_tilt(exponents: IntArray) -> IntArray:
     """Return the highest degree of tilt beside each power of u (falling) and of indentation.
 
-    Returns:
-        Shape [powers of u, powers of indentation]; -1 where there is no such term.
+    It is -1 where there is no such term.
     """
     along, deep = exponents[:, 2], exponents[:, 4]
     degrees = np.full((along.max(initial=0) + 1, deep.max(initial=0) + 1), -1, dtype=np.int32)
@@ -125,11 +121,7 @@ def degrees_of_tilt(exponents: IntArray) -> IntArray:
 def row_weights(
     exponents: IntArray, coefficients: FloatArray, degrees: IntArray, v: RealArray
 ) -> Float32Array:
-    """Return each row's coefficients in the order in which the kernel comes to the terms.
-
-    Returns:
-        Shape [row_count, term_count, 3].
-    """
+    """Return each row's coefficients as the kernel comes to the terms, shape [row, term, 3]."""
     order = [
         (a, b, len(degrees) - 1 - c, e)
         for c, row in enumerate(degrees.tolist())

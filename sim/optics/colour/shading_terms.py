@@ -131,8 +131,7 @@ def lamp_weights(
 ) -> Float32Array:
     """Return level and slope along each row of the colours of lamps and creases.
 
-    Returns:
-        Shape [row_count, lamp_count + 1, 3, 2].
+    Of shape [row_count, lamp_count + 1, 3, 2].
     """
     if terms is None:
         return np.zeros((len(v), 1, 3, 2), dtype=np.float32)

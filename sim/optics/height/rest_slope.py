@@ -13,11 +13,7 @@ _TOUCHING_ROUNDS = 4
 
 
 def pad_slopes(pad: Pad, places_m: FloatArray) -> FloatArray:
-    """Return dz/dx and dz/dy of the top at rest, zero beside the pad, shape [..., 2].
-
-    Args:
-        places_m: x, y [m], shape [..., 2].
-    """
+    """Return dz/dx and dz/dy of the top at rest at x, y [m], [..., 2], zero beside the pad."""
     x, y, step = places_m[..., 0], places_m[..., 1], _STEP_M
     with np.errstate(invalid="ignore"):
         along = pad.height_at(x + step, y) - pad.height_at(x - step, y)

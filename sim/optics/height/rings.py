@@ -26,17 +26,14 @@ _SECTORS_MIN = 4
 def round_rings(
     rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]
 ) -> dict[str, NDArray[Any]]:
-    """Return what draws the circles of a revolved mesh of quadratic faces about its axis smooth.
+    """Return what draws circles of a revolved mesh smooth, as tables of ``node_kernel.Gel``.
 
     A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.
 
     Args:
         rest: Nodes at rest [m], shape [node_count, 3].
-        faces: Shape [face_count, 6].
+        faces: Quadratic ones, shape [face_count, 6].
         axis_m: x and y [m].
-
-    Returns:
-        Tables of ``node_kernel.Gel`` by their names.
     """
     offset = rest[:, :2] - np.array(axis_m)
     radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])

@@ -65,13 +65,9 @@ def _in_four(nodes: IntArray) -> list[IntArray]:
 
 
 def cut_tables(faces: IntArray, node_count: int) -> dict[str, NDArray[Any]]:
-    """Number the nodes that cutting quadratic faces would add, after the mesh's own.
+    """Number the nodes that cutting quadratic faces, shape [face_count, 6], would add.
 
-    Args:
-        faces: Shape [face_count, 6].
-
-    Returns:
-        Tables of ``node_kernel.Gel`` by their names.
+    They come after the mesh's own, in tables of ``node_kernel.Gel``.
     """
     ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
     _, first, edge, uses = np.unique(

@@ -81,15 +81,7 @@ def _undersides(
 
 
 def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the height of the indenter's underside over pad points.
-
-    Args:
-        x: Pad x [m], any shape.
-        y: Pad y [m], same shape.
-
-    Returns:
-        Heights in the pad's frame [m], same shape; inf beside the indenter.
-    """
+    """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
     device = Device("cpu")
     poses = poses_at(surface.indenter_position[None], surface.indenter_rotation[None], device)
     places = device.array(np.stack([x, y], axis=-1).reshape(-1, 2), wp.vec2d)

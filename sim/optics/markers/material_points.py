@@ -43,9 +43,7 @@ class MaterialPoints:
         self._moved: Any = self._device.zeros((count, len(points)), wp.vec3d)
 
     def displacement(self, positions: Any) -> Any:
-        """Return the displacement of the points [m], vec3d, shape [count, n].
-
-        Exactly zero where nothing moved.
+        """Return the points' displacement [m], vec3d, shape [count, n]; zero where nothing moved.
 
         Args:
             positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
@@ -56,13 +54,7 @@ class MaterialPoints:
 
 
 def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArray:
-    """Interpolate the displacement of the surface at material points.
-
-    Args:
-        points: x, y at rest [m], shape [n, 2].
-
-    Returns:
-        Displacement along x, y, z [m], shape [n, 3]; exactly zero where nothing moved.
+    """Interpolate the displacement [m] of points given by x, y at rest [m], shape [n, 3] of [n, 2].
 
     Raises:
         ConfigError: A point lies beside the surface.

@@ -143,15 +143,9 @@ def marker_places(grid: MarkerGrid) -> FloatArray:
 def draw_markers(
     image: ImageArray, places: FloatArray, radius_m: float, geometry: CameraGeometry
 ) -> ImageArray:
-    """Print dots over an image.
+    """Print dots over an image, RGB, uint8, with edges softened over one pixel.
 
-    Args:
-        image: RGB, uint8, shape [height, width, 3].
-        places: Centres of the dots on the pad [m], shape [n, 2].
-        radius_m: Radius of the dots [m].
-
-    Returns:
-        Image of the same shape, with edges softened over one pixel.
+    Their centres on the pad are of shape [n, 2] [m].
     """
     away = cKDTree(places).query(np.stack(geometry.pad_grid(), axis=-1))[0]
     inside = (radius_m - away) / geometry.mean_scale_m

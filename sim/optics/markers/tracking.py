@@ -38,10 +38,7 @@ class MarkerTracks:
 def track_markers(
     rest: ImageArray, loaded: ImageArray, geometry: CameraGeometry, *, radius_m: float
 ) -> MarkerTracks:
-    """Find the markers in both frames and pair each with its nearest, both ways.
-
-    Args:
-        radius_m: Radius of the markers [m].
+    """Find the markers of a radius [m] in both frames and pair each with its nearest, both ways.
 
     Raises:
         ConfigError: The frame at rest shows no marker.
@@ -67,17 +64,10 @@ def track_markers(
 
 
 def dark_markers(image: NDArray[np.uint8], *, radius_px: float) -> FloatArray:
-    """Find dots that are darker than the gel around them.
+    """Find dots of a radius that are darker than the gel around them: column and row [px], [n, 2].
 
     Ink takes a share of the light, whatever the light: the share is what is weighed, against the
     median of a window that is wider than a marker.
-
-    Args:
-        image: Grey, shape [height, width].
-        radius_px: Radius of the dots [px].
-
-    Returns:
-        Column, row of the centres [px], shape [n, 2].
     """
     window = 2 * round(2.5 * radius_px) + 1
     around = cv2.medianBlur(image, window).astype(np.float64)

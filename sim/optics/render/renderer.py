@@ -270,13 +270,9 @@ class _Images:
 
 
 def gaussian_weights(sigma_px: float) -> Float32Array:
-    """Return the weights of a pixel's neighbours along a row or a column, their sum 1.
+    """Return the weights of a pixel and its neighbours in a row or column, their sum 1.
 
-    Args:
-        sigma_px: Standard deviation [px]; 0 leaves the pixel alone.
-
-    Returns:
-        Shape [2 reach + 1], the pixel itself in the middle.
+    The pixel itself is in the middle; a standard deviation of 0 px leaves it alone.
     """
     if not sigma_px > 0.0:
         return np.ones(1, dtype=np.float32)

@@ -118,8 +118,7 @@ def fit_response(
 def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:
     """Return where a parabola through the lowest misfit and its neighbours is lowest.
 
-    Args:
-        places: Evenly spaced; the lowest misfit is neither at the first nor at the last.
+    Places are evenly spaced; the lowest misfit is neither at the first nor at the last.
     """
     best = int(np.argmin(misfit))
     left, middle, right = misfit[best - 1 : best + 2]

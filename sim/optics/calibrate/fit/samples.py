@@ -67,8 +67,7 @@ class PhotometricSamples:
     def seen(self, values: Callable[[SurfacePoints], RealArray]) -> FloatArray:
         """Return the mean of what points give whose light is mixed, less what gel at rest gives.
 
-        Args:
-            values: Something that is linear in light, of points, shape [any, n].
+        Values are linear in light, shape [any, n].
         """
         first, *others = self.around or (self.gel,)
         found = np.asarray(values(first), dtype=np.float64)
@@ -143,8 +142,7 @@ class NormalEquations:
     def solved(self, ridge: float) -> FloatArray:
         """Return each colour's coefficients, shape [3, n].
 
-        Args:
-            ridge: Weight on their squares, per sample: keeps those small that samples do not tell.
+        The ridge, a weight on their squares per sample, keeps those small that samples do not tell.
         """
         held = self.normal + ridge * self.sample_count * np.eye(self.normal.shape[-1])
         return np.asarray(np.linalg.solve(held, self.load[..., None])[..., 0])

@@ -67,10 +67,7 @@ def read_rgb(path: Path) -> ImageArray:
 
 
 def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
-    """Read the images that a circle table names.
-
-    Args:
-        circles: CSV with the columns image, center_x_px, center_y_px, radius_px.
+    """Read the images that a CSV with the columns image, center_x_px, center_y_px, radius_px names.
 
     Raises:
         ConfigError: The table or an image is missing or damaged; the message names the line.

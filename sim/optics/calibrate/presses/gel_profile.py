@@ -107,13 +107,9 @@ class PressedProfiles:
 
 
 def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, RadialProfile]:
-    """Average the height maps of a press on the pad's centre over the azimuth.
+    """Average the height maps of a press on the pad's centre, seen finely, over the azimuth.
 
-    Args:
-        maps: Loaded and rest surface, seen finely (20 um per pixel, say).
-
-    Returns:
-        Contact radius [m] from the contact's area, and the profile.
+    Returned are the contact's radius [m], from its area, and the profile.
     """
     x, y = geometry.pad_grid()
     r = np.hypot(x, y)

@@ -22,15 +22,12 @@ _TELLING = 251  # of a compressed range the last levels tell less than their noi
 
 
 def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
-    """Evaluate the plane.
+    """Evaluate the plane, shape [n, 3].
 
     Args:
         light: Level, change from the middle to the right and to the bottom border of red, green,
             blue [grey levels], shape [3, 3].
         position: Normalised pixel position in [-1, 1], shape [2, n].
-
-    Returns:
-        Shape [n, 3].
     """
     return np.asarray(light[0] + position.T @ light[1:])
 
@@ -38,16 +35,13 @@ def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
 def fit_light(
     change: FloatArray, exposed: NDArray[np.bool_], position: FloatArray, *, level_only: bool
 ) -> FloatArray:
-    """Fit the plane to differences from the no-contact frame, bounding what outliers can do.
+    """Fit the plane of ``light_at`` to differences from the no-contact frame, bounding outliers.
 
     Args:
         change: Frame minus what it would be in the no-contact frame's light, shape [n, 3].
         exposed: False where the pixel is too bright or too dark to tell, shape [n, 3].
         position: Normalised pixel position, shape [2, n].
         level_only: Fit no gradient, for pixels that see only a part of the image.
-
-    Returns:
-        Coefficients as ``light_at`` wants them, shape [3, 3].
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
     light = []

@@ -157,11 +157,8 @@ class PressScene:
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
 
-        Args:
-            model: Explains the skirt; without one, the farthest pixels are taken to be level.
-
-        Returns:
-            Coefficients of ``light_at`` [grey levels], shape [3, 3].
+        In the form of ``light_at``. A model explains the skirt; without one, the farthest pixels
+        are taken to be level.
         """
         rows, columns = self._lattice(self.stride)
         distance = circle.distance(columns, rows)

@@ -38,13 +38,11 @@ class ScaleFit:
 
 
 def read_positions(path: Path) -> dict[str, tuple[float, float]]:
-    """Read commanded positions: a CSV with the columns image, x_m, y_m.
-
-    Returns:
-        Image name to x, y from the gel's centre [m].
+    """Read commanded positions, x and y from the gel's centre [m], by the names of images.
 
     Raises:
-        ConfigError: Missing, or a line without name or numbers; the message names the line.
+        ConfigError: The CSV with the columns image, x_m, y_m is missing, or a line without name or
+            numbers; the message names the line.
     """
     lines = read_image_table(path, what="positions", numbers=("x_m", "y_m"))
     return {name: (x, y) for _, name, (x, y) in lines}

@@ -193,10 +193,7 @@ class DotTarget(ScaleTarget):
 
 
 def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPoints:
-    """Find a target as it is, or mirrored, as a camera sees it through a mirror.
-
-    Args:
-        image: Grey, uint8, shape [height, width].
+    """Find a target in a grey image as it is, or mirrored, as a camera sees it through a mirror.
 
     Raises:
         ConfigError: Less than half of the target is found.
