@@ -134,6 +134,7 @@ def measure(
     )
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
+    traction_gap, apart = stress_gaps(model, point, recovered)
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),
@@ -143,8 +144,8 @@ def measure(
         max_pressure_pa=float(recovered.pressure_pa.max()),
         base_reaction_n=_vector(reaction),
         force_balance_relative=balance / size if size > 0.0 else 0.0,
-        surface_traction_gap_relative=surface_traction_gap(model, point),
-        algorithms_apart_relative=algorithms_apart(model, point, recovered),
+        surface_traction_gap_relative=traction_gap,
+        algorithms_apart_relative=apart,
         min_jacobian=point.equilibrium.min_jacobian,
         gap_min_m=contact.gap_min_m,
         newton_iterations=path.counts.newton_iterations,
@@ -165,35 +166,24 @@ def measure(
     )
 
 
-def surface_traction_gap(model: Model, point: PathPoint) -> float:
-    """Return how far the surface integral of sigma n misses the indenter's force, relative to it.
+def stress_gaps(model: Model, point: PathPoint, recovered: SurfaceTraction) -> tuple[float, float]:
+    """Return how far sigma n on the surface misses the indenter's force, and Algorithm 2.
 
-    Zero without a force.
+    As ``PressResult`` has them: of its integral, and in the contact; zero where nothing touches.
     """
-    size = float(np.linalg.norm(point.force_n))
-    if size == 0.0:
-        return 0.0
-    touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
-    stress = surface_stress(model, point.state.positions)
-    traction = stress.traction_pa[touching] * stress.areas_m2[touching, None]
-    carried = model.mesh.symmetry.whole_force(traction.sum(axis=0))
-    return float(np.linalg.norm(carried + point.force_n)) / size
-
-
-def algorithms_apart(model: Model, point: PathPoint, recovered: SurfaceTraction) -> float:
-    """Return how far the tractions of the paper's two algorithms are apart in the contact."""
     touching = np.any(point.equilibrium.contact.forces != 0.0, axis=(1, 2))
     if not touching.any():
-        return 0.0
+        return 0.0, 0.0
     stress = surface_stress(model, point.state.positions)
+    own, areas = stress.traction_pa[touching], stress.areas_m2[touching, None]
+    missing = model.mesh.symmetry.whole_force((own * areas).sum(axis=0)) + point.force_n
     vectors = model.surface.area_vectors(point.state.positions)[touching]
     shares = np.linalg.norm(vectors, axis=2) @ model.reference.face_values
     nodal = recovered.traction_pa[model.faces[touching]]
-    areas = stress.areas_m2[touching, None]
     contact = np.einsum("fk,fki->fi", shares, nodal) / areas
-    apart = stress.traction_pa[touching] - contact
-    size = float(np.sum(contact**2 * areas))
-    return float(np.sqrt(np.sum(apart**2 * areas) / size)) if size > 0.0 else 0.0
+    apart, size = np.sum((own - contact) ** 2 * areas), max(np.sum(contact**2 * areas), 1e-300)
+    gap = np.linalg.norm(missing) / np.linalg.norm(point.force_n)
+    return float(gap), float(np.sqrt(apart / size))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

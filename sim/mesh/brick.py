@@ -17,7 +17,7 @@ from sim.scene.pad import BoxPad
 
 
 def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> TetMesh:
-    """Mesh a box, or the part of it that stands for the whole, cells ``spacing_m`` [m] wide at most."""
+    """Mesh a box, or the part that stands for the whole, by cells of at most ``spacing_m`` [m]."""
     half_x, half_y = pad.half_extents()
     ends = (
         (0.0 if symmetry.mirror_x else -half_x, half_x),

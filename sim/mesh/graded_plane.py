@@ -101,7 +101,12 @@ class _Section:
 def _triangulate(points: FloatArray, low_m: float, high_m: float) -> IntArray:
     """Return the triangles of the points between two heights, both included."""
     chosen = np.flatnonzero((points[:, 1] >= low_m) & (points[:, 1] <= high_m))
-    triangles = chosen[scipy.spatial.Delaunay(points[chosen]).simplices]
+    return chosen[triangulated(points[chosen])].astype(np.int32)
+
+
+def triangulated(points: FloatArray) -> IntArray:
+    """Return the Delaunay triangles of points [point_count, 2] that are no lines, [count, 3]."""
+    triangles = scipy.spatial.Delaunay(points).simplices
     a, b, c = (points[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.spatial
 
 from sim.arrays import FloatArray, IntArray
+from sim.mesh.graded_plane import triangulated
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.errors import ConfigError
@@ -23,8 +23,6 @@ _GRID_COUNTS = (33, 33, 41)
 _SNAP_ENVELOPES = 2.0
 # Inner points of a parametric pad's top keep this share of the spacing from its outline.
 _INNER_SHARE = 0.4
-# Of the largest: twice the area of a triangle that is a line.
-_FLAT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +180,7 @@ def pad_surface(
     plan, rim_count = _plan(pad, spacing_m)
     top = np.column_stack([plan, pad.height_at(plan[:, 0], plan[:, 1])])
     bottom = np.column_stack([plan, np.zeros(len(plan))])
-    triangles = _upward(plan, scipy.spatial.Delaunay(plan).simplices)
+    triangles = triangulated(plan)
     rim = np.arange(rim_count)
     after, below = np.roll(rim, -1), rim + len(plan)
     walls = [
@@ -205,10 +203,3 @@ def _plan(pad: ParametricPad, spacing_m: float) -> tuple[FloatArray, int]:
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     inner = grid[pad.distance_to_outline(grid) > _INNER_SHARE * spacing_m]
     return np.concatenate([outline, inner]), len(outline)
-
-
-def _upward(plan: FloatArray, triangles: IntArray) -> IntArray:
-    a, b, c = (plan[triangles[:, k]] for k in range(3))
-    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    kept = np.abs(doubled) > _FLAT * np.abs(doubled).max()
-    return np.asarray(triangles[kept])

@@ -37,11 +37,6 @@ class Tangent:
     e: wp.float64
 
 
-def no_rest_stress(_young_pa: float, _poisson: float) -> float:
-    """Return zero [Pa]: what every law for use gives."""
-    return 0.0
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Law:
     """A constitutive law.
@@ -62,7 +57,7 @@ class Law:
     energy: Any
     stress: Any
     tangent: Any
-    rest_stress: Callable[[float, float], float] = no_rest_stress
+    rest_stress: Callable[[float, float], float] = lambda _young_pa, _poisson: 0.0
     is_objective: bool = True
 
 
