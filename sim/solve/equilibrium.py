@@ -116,23 +116,6 @@ class Equilibrium:
         return self.touch()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
-    """A state's energy and forces.
-
-    Attributes:
-        energy_j: Of gel, contact and potentials [J].
-        gradient: By the nodes [N], shape [node_count, 3].
-        push_n: Force on the indenter, modelled part [N], shape [3].
-        gaps: Of every contact point [m], shape [face_count, point_count].
-    """
-
-    energy_j: float
-    gradient: FloatArray
-    push_n: FloatArray
-    gaps: FloatArray
-
-
 class EquilibriumSolver:
     """Settles one indenter against one pad, again and again, and keeps what helps the next time.
 
@@ -216,20 +199,11 @@ class EquilibriumSolver:
             remedy="give the indenter a fillet, coarsen the mesh at its rim, or widen the barrier",
         )
 
-    def evaluate(self, state: State) -> Evaluation:
-        """Evaluate a state."""
-        descents = self._descents
-        self._upload(state, state.grip)
-        descents.set(wanted=1, strained=1)
-        descents.evaluate()
-        elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
-        contact, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
-        push = contact.sum(axis=0)
-        energy, gradient = float(energies.sum() + touched.sum()), elastic + contact
-        for potential in self._potentials:
-            energy += potential.energy(state.positions)
-            gradient += potential.gradient(state.positions)
-        return Evaluation(energy_j=energy, gradient=gradient, push_n=push, gaps=gaps.copy())
+    def energy_j(self, state: State) -> float:
+        """Return a state's energy, of gel, contact and potentials [J]."""
+        elastic, _ = self.model.gel.energy(state.positions)
+        stored = self.model.surface.energy(state.positions, self.indenter, state)
+        return elastic + stored + sum(each.energy(state.positions) for each in self._potentials)
 
     def take_factor(self, state: State, *, first: int = 0) -> None:
         """Factor a state's stiffness; what was learnt of another is forgotten."""
@@ -316,9 +290,9 @@ class EquilibriumSolver:
         model, start = self.model, state.positions
         tangled = model.gel.energy(start)[1] <= 0.0
         if tangled and inverted_share(model, start) >= TANGLED_SHARE:
-            before, found = self.evaluate(state).energy_j, untangle(model, start)
+            before, found = self.energy_j(state), untangle(model, start)
             state.positions = found.positions
-            if self.evaluate(state).energy_j > before:
+            if self.energy_j(state) > before:
                 state.positions = start
             logger.debug("untangled in %d passes, %.3g left", found.passes, found.inverted_share)
             self._passes = found.passes

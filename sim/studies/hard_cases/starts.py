@@ -72,7 +72,7 @@ def random_start() -> Outcome:
         for seed in range(_SEEDS):
             state = _started(model, _scattered(model, seed))
             solver = EquilibriumSolver(model, _FAR)
-            start = solver.evaluate(state).energy_j
+            start = solver.energy_j(state)
             found = solver.settle(state, options=_PATIENT)
             energies = [start, *solver.energies_j]
             iterations = max(iterations, found.iterations)
