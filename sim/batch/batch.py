@@ -26,7 +26,6 @@ from sim.batch.environment import (
     Environment,
     goals_of,
     refuse_unfit,
-    start_of,
 )
 from sim.batch.frames import Frames
 from sim.batch.inverses import inverses_for
@@ -88,14 +87,7 @@ class Batch:
             young_share=model.young_pa / young_pa,
             keeps=True,
         )
-        self._start = start_of(
-            pilot.model,
-            pilot.indenter,
-            self.environments,
-            centre_m=pilot.centre_m,
-            rotation=pilot.rotation,
-            touch_m=pilot.touch_m,
-        )
+        self._tips_m, self._rotations = pilot.starts(self.environments)
         self._allocate()
         self.positions = self.trail.last
         self.stress = StressProjection(model, self.positions, gel=self._gel)
@@ -106,9 +98,9 @@ class Batch:
     def reset(self, which: Sequence[int] | None = None) -> None:
         """Put environments back to the untouched gel; None is all of them."""
         chosen = np.arange(self.count) if which is None else np.asarray(which, dtype=np.intp)
-        trail, model, start = self.trail, self.pilot.model, self._start
+        trail, model = self.trail, self.pilot.model
         for b in chosen:
-            tip, rotation = start.tips_m[b], start.rotations[b]
+            tip, rotation = self._tips_m[b], self._rotations[b]
             self.descents.place(int(b), model.nodes, tip=tip, rotation=rotation)
             free = model.surface.free_grip(model.nodes, tip, rotation)
             if free is not None:
@@ -122,7 +114,7 @@ class Batch:
             (trail.older, np.stack([model.nodes] * 2)),
         ):
             self._assign(array, chosen, value)
-        heights = np.repeat(start.tips_m[:, 2:], 3, axis=1)
+        heights = np.repeat(self._tips_m[:, 2:], 3, axis=1)
         self._assign(trail.heights, chosen, heights[chosen])
         self._extend(chosen, np.zeros(len(chosen), dtype=np.intp))
         self._at[chosen] = 0.0
@@ -317,12 +309,12 @@ class Batch:
 
     def way(self, course: Any, until: Any) -> Any:
         """Return where the environments begin, and where a course leads them."""
-        start, symmetry, device = self._start, self.model.mesh.symmetry, self._device
+        symmetry, device = self.model.mesh.symmetry, self._device
         metres_n, metres_rad = self.pilot.metres
         return filled(
             kernels.Way,
-            tips=device.array(start.tips_m, wp.vec3d),
-            rotations=device.array(start.rotations, wp.mat33d),
+            tips=device.array(self._tips_m, wp.vec3d),
+            rotations=device.array(self._rotations, wp.mat33d),
             course=course,
             until=until,
             metres=wp.vec2d(metres_n, metres_rad),
@@ -374,7 +366,7 @@ class Batch:
         part = results["push"]
         return BatchResult(
             force_n=np.sum([sign * part for sign in symmetry.signs()], axis=0),
-            depth_m=self._start.tips_m[:, 2] - results["tips"][..., 2],
+            depth_m=self._tips_m[:, 2] - results["tips"][..., 2],
             residual=results["residual"],
             imbalance=results["imbalance"],
             gap_m=results["gap"],

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.scene.indenter import Indenter
 from sim.scene.material import Material
-from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
 
@@ -171,46 +169,3 @@ def refuse_unfit(model: Model, environments: Sequence[Environment]) -> None:
                 f"{model.contact_options.friction:g}",
                 remedy="give a friction above zero to all, or to none",
             )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Start:
-    """Where environments begin, shape [environment_count, ...] each.
-
-    Attributes:
-        tips_m: At first touch [m], shape [..., 3].
-        rotations: Indenter frame to pad frame, shape [..., 3, 3].
-    """
-
-    tips_m: FloatArray
-    rotations: FloatArray = field(repr=False)
-
-
-def start_of(
-    model: Model,
-    indenter: Indenter,
-    environments: Sequence[Environment],
-    *,
-    centre_m: tuple[float, float],
-    rotation: FloatArray,
-    touch_m: float,
-) -> Start:
-    """Return where the environments' indenters first touch the pad.
-
-    Args:
-        model: On a processor.
-        centre_m: Where the pilot came down, x and y [m].
-        touch_m: Height of its tip at first touch [m].
-    """
-    tips, rotations = [], []
-    for environment in environments:
-        turned = rotation if environment.rotation is None else environment.rotation
-        x, y = np.add(centre_m, environment.offset_m)
-        height = touch_m
-        if environment.rotation is not None or environment.offset_m != (0.0, 0.0):
-            height = touch_height(
-                model, indenter, model.nodes, centre_m=(float(x), float(y)), rotation=turned
-            )
-        tips.append([x, y, height])
-        rotations.append(turned)
-    return Start(tips_m=np.array(tips), rotations=np.array(rotations))

@@ -71,10 +71,10 @@ class Frames:
     def _launch(self) -> None:
         busy = self._batch.descents.busy
         busy.zero_()
-        self._start()
+        _launched(self._starts)
         wp.capture_while(busy, while_body=self._iterate)
         if not self.paced:
-            self._land()
+            _launched(self._lands)
         for watch in self._batch.watchers:
             watch()
 
@@ -84,16 +84,8 @@ class Frames:
             return
         for _ in range(_STEPS_OF_SOME if self._batch.count <= _SOME else 1):
             self._batch.descents.step()
-        self._land()
-        self._start()
-
-    def _start(self) -> None:
-        for launch in self._starts:
-            launch.launch()
-
-    def _land(self) -> None:
-        for launch in self._lands:
-            launch.launch()
+        _launched(self._lands)
+        _launched(self._starts)
 
     def _recorded(self) -> tuple[list[Any], list[Any]]:
         """Record what comes before and after an environment's descent."""
@@ -146,3 +138,8 @@ class Frames:
     def _copied(self, stage: int, given: Any, out: Any) -> Any:
         inputs = [self._batch.trail.stage, stage, given]
         return self._device.record(kernels.copy_grip, tuple(given.held.shape), inputs, [out])
+
+
+def _launched(recorded: list[Any]) -> None:
+    for launch in recorded:
+        launch.launch()

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray
-from sim.batch.environment import Course
+from sim.batch.environment import Course, Environment
 from sim.effects.plan import plan_effects
 from sim.effects.presets import BATCH, build_model, mesh_for
 from sim.scene.indenter import Indenter
 from sim.scene.scene import Effect, Scene
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.errors import ConfigError
@@ -122,6 +123,26 @@ class Pilot:
     def is_pushed(self) -> bool:
         """The indenter's height is an unknown, its force given."""
         return self.course.is_pushed
+
+    def starts(self, environments: Sequence[Environment]) -> tuple[FloatArray, FloatArray]:
+        """Return where environments' indenters first touch the pad.
+
+        Returns:
+            Tips [m], shape [environment_count, 3], and rotations to the pad's frame, [..., 3, 3].
+        """
+        tips, rotations = [], []
+        for own in environments:
+            rotation = self.rotation if own.rotation is None else own.rotation
+            x, y = np.add(self.centre_m, own.offset_m).tolist()
+            height = self.touch_m
+            if not own.is_guided:
+                nodes = self.model.nodes
+                height = touch_height(
+                    self.model, self.indenter, nodes, centre_m=(x, y), rotation=rotation
+                )
+            tips.append([x, y, height])
+            rotations.append(rotation)
+        return np.array(tips), np.array(rotations)
 
     def _points(self, path: LoadingPath) -> Iterator[tuple[int, PathPoint]]:
         """Go the course, and yield the frames that are kept."""

@@ -7,13 +7,14 @@ while a neighbour is nearer: near an edge, single precision may propose the wron
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from sim.device import Device, filled
+from sim.device import Device
 from sim.scene.indenter import MeshIndenter
 from sim.scene.triangle_rays import unit_tree
 
@@ -52,16 +53,14 @@ def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
     """Return a surface on a device, uploaded once, and its tree, which must live as long."""
     source = indenter.surface
     tree, centre, size = unit_tree(source, device)
-    on_device = Device(device)
-    kinds = dict.fromkeys(("vertices", "face_normals", "vertex_normals"), wp.vec3d)
-    kinds |= dict.fromkeys(("faces", "neighbours", "ring_starts", "ring_faces"), wp.int32)
-    arrays = {name: on_device.array(getattr(source, name), kind) for name, kind in kinds.items()}
+    names = [field.name for field in fields(source)]
     placed = {
         "centre": wp.vec3d(*centre),
         "half": wp.vec3d(*(np.abs(source.vertices - centre).max(axis=0))),
         "per_size": 1.0 / size,
     }
-    return filled(DeviceSurface, tree=tree.id, **placed, **arrays), tree
+    arrays = {name: getattr(source, name) for name in names}
+    return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
 
 
 @wp.struct

@@ -108,11 +108,6 @@ class Sensor:
         return worst.uncertainty / worst.value, worst.source
 
 
-def sensor_names() -> list[str]:
-    """Return the names of the sensors that are built in or that other packages bring."""
-    return names(Kind.SENSOR)
-
-
 def load_sensor(name: str) -> Sensor:
     """Load a sensor by the name that the registry knows it by, or from a TOML file by path.
 
@@ -126,8 +121,8 @@ def load_sensor(name: str) -> Sensor:
     if path.suffix != ".toml" or not path.is_file():
         raise ConfigError(
             f"sensor {name!r} is neither built in nor a TOML file in {Path.cwd()}",
-            remedy=f"use one of {', '.join(sensor_names())}, or the path of a sensor file from the "
-            "folder where the command is run",
+            remedy=f"use one of {', '.join(names(Kind.SENSOR))}, or the path of a sensor file from "
+            "the folder where the command is run",
         )
     return parse_sensor(path.read_text("utf-8"), origin=str(path), folder=path.parent)
 

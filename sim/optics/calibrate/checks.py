@@ -21,7 +21,7 @@ from sim.optics.calibrate.presses.scene import PressScene
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.errors import ConfigError
 
-_FEWEST = 5
+FEWEST = 5
 _FEW = 14
 _SATURATED_WARN = 0.01
 _SATURATED_REFUSE = 0.6
@@ -71,19 +71,6 @@ def check_before(
             f"camera's range): {', '.join(bad[:_LISTED])}{rest}; lower exposure or gain"
         )
     return warnings
-
-
-def check_count(count: int) -> None:
-    """Refuse too few presses.
-
-    Raises:
-        ConfigError: There are.
-    """
-    if count < _FEWEST:
-        raise ConfigError(
-            f"{count} ball presses are too few to calibrate and to check by",
-            remedy=f"give at least {_FEWEST}, better 20 all over the image and at several depths",
-        )
 
 
 def check_coverage(coverage: SlopeCoverage) -> list[str]:

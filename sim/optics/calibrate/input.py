@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim.optics.calibrate.checks import check_before, check_count
+from sim.optics.calibrate.checks import FEWEST, check_before
 from sim.optics.calibrate.presses.ball_press import (
     BallPress,
     check_presses_fit,
@@ -100,7 +100,11 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     labelled = read_ball_presses(request.folder, table) if table else []
     check_presses_fit(labelled, background)
     images = _images(request, background) if table is None else {}
-    check_count(len(labelled) + len(images))
+    if (count := len(labelled) + len(images)) < FEWEST:
+        raise ConfigError(
+            f"{count} ball presses are too few to calibrate and to check by",
+            remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
+        )
     if labelled:
         check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
     check = []

@@ -29,9 +29,10 @@ from sim.scene.scene import Effect, Motion, Preset, Scene, Target
 from sim.scene.tetwild_options import TetWildOptions
 from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
 from sim.scene.triangle_surface import closed_surface
-from sim.sensor.sensor import load_sensor, sensor_names
+from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.registry import Kind, names
 
 PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
 PUNCH = Cylinder(diameter_m=5e-3)
@@ -65,7 +66,7 @@ def upright(indenter: Indenter) -> TurnedIndenter:
     return TurnedIndenter(indenter=indenter, rotation=UPRIGHT)
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("name", names(Kind.SENSOR))
 def test_built_in_sensors_bring_their_coarse_mesh(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,16 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from sim.sensor.sensor import load_sensor, parse_sensor, sensor_names
+from sim.sensor.sensor import load_sensor, parse_sensor
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.registry import Kind, names
 
 TEXT = resources.files("sim.sensor.files").joinpath("gelsight-mini.toml").read_text("utf-8")
 
 
 def test_built_in_sensors_load() -> None:
     """All three, each number with a source and an uncertainty."""
-    assert sensor_names() == ["9dtact", "digit", "gelsight-mini"]
-    for name in sensor_names():
+    assert names(Kind.SENSOR) == ["9dtact", "digit", "gelsight-mini"]
+    for name in names(Kind.SENSOR):
         sensor = load_sensor(name)
         assert sensor.name == name
         assert all(n.source and n.uncertainty > 0.0 for n in sensor.numbers.values())
