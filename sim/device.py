@@ -77,10 +77,6 @@ class Device:
         """Copy values to an array of a Warp type."""
         return wp.array(np.ascontiguousarray(values), dtype=kind, device=self.name)
 
-    def vectors(self, positions: NDArray[Any]) -> Any:
-        """Copy positions [m], shape [count, 3], to an array of vectors."""
-        return self.array(positions, wp.vec3d)
-
     def tables(self, structure: Any, tables: Mapping[str, Any], **members: Any) -> Any:
         """Return a Warp structure with copies of tables as its arrays, and other members."""
         kinds = {name: var.type for name, var in structure.vars.items()}

@@ -153,7 +153,7 @@ class ElasticBody:
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
         tangents, *vectors = self._tangent_room
-        inputs = [self._arrays, self._device.vectors(positions), projected]
+        inputs = [self._arrays, self._device.array(positions, wp.vec3d), projected]
         kernel = tangent_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, self._shape, inputs, [tangents, *vectors])
         self._device.launch(

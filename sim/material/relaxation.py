@@ -120,7 +120,7 @@ class Relaxation:
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
-        inputs = [self._gel, self._keeps, self._gains, self._device.vectors(positions)]
+        inputs = [self._gel, self._keeps, self._gains, self._device.array(positions, wp.vec3d)]
         self._device.launch(self._advance, self._points, inputs, [self._stress, self._branches])
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:

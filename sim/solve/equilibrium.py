@@ -26,7 +26,6 @@ pressure: points that have come to touch take hold once the steps have ended.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -44,8 +43,6 @@ from sim.solve.potential import Potential
 from sim.solve.stiffness_factor import StiffnessFactor
 from sim.solve.untangle import TANGLED_SHARE, inverted_share, untangle
 from tacauchy_rig.errors import ConvergenceError
-
-logger = logging.getLogger(__name__)
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
@@ -290,12 +287,10 @@ class EquilibriumSolver:
         model, start = self.model, state.positions
         tangled = model.gel.energy(start)[1] <= 0.0
         if tangled and inverted_share(model, start) >= TANGLED_SHARE:
-            before, found = self.energy_j(state), untangle(model, start)
-            state.positions = found.positions
+            before = self.energy_j(state)
+            state.positions, self._passes = untangle(model, start)
             if self.energy_j(state) > before:
                 state.positions = start
-            logger.debug("untangled in %d passes, %.3g left", found.passes, found.inverted_share)
-            self._passes = found.passes
         refuse_deep_overlap(model, self.indenter, state)
 
     def _equilibrium(self, state: State, iterations: int) -> Equilibrium:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -147,7 +148,7 @@ class PardisoSolver:
         arrays = [np.zeros(64, dtype=np.int64), self._values]
         arrays += [np.asarray(index, np.int32) for index in (pattern.indptr, pattern.indices)]
         arrays += [np.zeros(count, dtype=np.int32), settings, self._right, self._found]
-        self._call = _Call(self._library, arrays, count=count, error=self._error)
+        self._call = _pardiso(self._library, arrays, count=count, error=self._error)
         self._run(_ANALYSE)
         weakref.finalize(self, self._call, _RELEASE)
 
@@ -179,37 +180,26 @@ class PardisoSolver:
             )
 
 
-class _Call:
-    """Pardiso's long argument list, made once; it keeps the arrays alive."""
+def _pardiso(
+    library: Any, arrays: list[Any], *, count: int, error: ctypes.c_int32
+) -> Callable[..., None]:
+    """Return Pardiso by its phase, its long argument list made once; it keeps the arrays alive."""
+    handle, values, starts, columns, order, settings, right, found = (
+        array.ctypes.data_as(ctypes.c_void_p) for array in arrays
+    )
+    one, kind, silent, size = (ctypes.byref(ctypes.c_int32(value)) for value in (1, 2, 0, count))
+    number = ctypes.c_int32(0)
+    usual = [handle, one, one, kind, ctypes.byref(number), size, values, starts, columns, order]
+    usual += [one, settings, silent, right, found, ctypes.byref(error)]
 
-    def __init__(
-        self, library: Any, arrays: list[Any], *, count: int, error: ctypes.c_int32
-    ) -> None:
-        self._function, self._arrays = library.pardiso, arrays
-        handle, values, starts, columns, order, settings, right, found = (
-            array.ctypes.data_as(ctypes.c_void_p) for array in arrays
-        )
-        one, kind, silent = (ctypes.byref(ctypes.c_int32(value)) for value in (1, 2, 0))
-        self._phase = ctypes.c_int32(0)
-        self._arguments = (
-            *(
-                handle,
-                one,
-                one,
-                kind,
-                ctypes.byref(self._phase),
-                ctypes.byref(ctypes.c_int32(count)),
-            ),
-            *(values, starts, columns, order, one, settings, silent, right, found),
-            ctypes.byref(error),
-        )
-
-    def __call__(self, phase: int, *vectors: NDArray[Any]) -> None:
-        self._phase.value = phase
-        arguments = list(self._arguments)
+    def call(phase: int, *vectors: NDArray[Any]) -> None:
+        number.value = phase
+        arguments = list(usual)
         if vectors:  # other than those that are kept
             arguments[_VECTOR_COUNT] = ctypes.byref(ctypes.c_int32(len(vectors[0])))
             arguments[_RIGHT : _RIGHT + 2] = (
                 each.ctypes.data_as(ctypes.c_void_p) for each in vectors
             )
-        self._function(*arguments)
+        library.pardiso(*arguments)
+
+    return call

@@ -9,7 +9,7 @@ state from which both are easy.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
 
 import numpy as np
 import scipy.sparse.linalg
@@ -18,6 +18,7 @@ from sim.arrays import FloatArray
 from sim.mesh.sparsity import assembled
 from sim.solve.model import Model
 
+logger = logging.getLogger(__name__)
 # Shares of the rest volume that are inverted: worth untangling, and little enough to end.
 TANGLED_SHARE = 0.1
 _ENOUGH_SHARE = 1e-3
@@ -26,21 +27,11 @@ _PASSES_MAX = 10
 _REST_BIAS = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Untangled:
-    """What the passes gave.
+def untangle(model: Model, positions: FloatArray) -> tuple[FloatArray, int]:
+    """Turn inverted elements the right way round; fixed degrees of freedom stay where they are.
 
-    Attributes:
-        positions: Nodes [m], shape [node_count, 3].
+    Returned are the nodes [m], shape [node_count, 3], and the linear solves that were spent.
     """
-
-    positions: FloatArray
-    passes: int
-    inverted_share: float
-
-
-def untangle(model: Model, positions: FloatArray) -> Untangled:
-    """Turn inverted elements the right way round; fixed degrees of freedom stay where they are."""
     gradients, weights = _rest_gradients(model)
     fit = _Fit(model, gradients, weights)
     share, passes = 1.0, 0
@@ -49,7 +40,8 @@ def untangle(model: Model, positions: FloatArray) -> Untangled:
         deformation = _deformation(model, gradients, positions)
         positions = fit.solve(_rotations(deformation), positions)
         share = _share(_deformation(model, gradients, positions), weights)
-    return Untangled(positions=positions, passes=passes, inverted_share=share)
+    logger.debug("untangled in %d passes, %.3g left", passes, share)
+    return positions, passes
 
 
 def inverted_share(model: Model, positions: FloatArray) -> float:

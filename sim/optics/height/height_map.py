@@ -70,8 +70,8 @@ def height_maps(
         pad=pad,
     )
     loaded, contact = drawing.maps(
-        device.vectors(surface.positions[None]),
-        device.vectors(surface.indenter_position[None]),
+        device.array(surface.positions[None], wp.vec3d),
+        device.array(surface.indenter_position[None], wp.vec3d),
         device.array(surface.indenter_rotation[None], wp.mat33d),
     )
     shape = geometry.height, geometry.width

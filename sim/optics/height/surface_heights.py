@@ -130,7 +130,7 @@ class SurfaceHeights:
         device, canvas = self._device, self._canvas
         nodes = np.zeros((1, top.sources.max() + 1, 3))
         nodes[0, top.sources] = top.rest * top.signs
-        taken = [self._gel, device.vectors(nodes)]
+        taken = [self._gel, device.array(nodes, wp.vec3d)]
         device.launch(kernels.take_nodes, (1, len(top.rest)), taken, [canvas])
         self._draw_nodes(1)
         if canvas.heights.numpy()[0].min() >= BARE_M:

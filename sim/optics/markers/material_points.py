@@ -59,7 +59,7 @@ def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArra
     Raises:
         ConfigError: A point lies beside the surface.
     """
-    positions = Device("cpu").vectors(surface.positions[None])
+    positions = Device("cpu").array(surface.positions[None], wp.vec3d)
     found = MaterialPoints(surface.top, points).displacement(positions)
     return np.asarray(found.numpy()[0])
 

@@ -146,11 +146,13 @@ def _from_nodes(
 
     alone, on_host, on_device = drawing("cpu", 1), Device("cpu"), Device(batch_device())
     expected = [
-        alone.images(on_host.vectors(nodes[None]), on_host.vectors(tip[None])).numpy().copy()
+        alone.images(on_host.array(nodes[None], wp.vec3d), on_host.array(tip[None], wp.vec3d))
+        .numpy()
+        .copy()
         for nodes, tip in zip(positions, tips, strict=True)
     ]
     many = drawing(on_device.name, count)
-    taken = on_device.vectors(positions), on_device.vectors(tips)
+    taken = on_device.array(positions, wp.vec3d), on_device.array(tips, wp.vec3d)
 
     def images() -> Any:
         many.markers(taken[0])

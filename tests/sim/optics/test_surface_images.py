@@ -82,7 +82,7 @@ def _together(
     positions, tips = _pressed(model)
     turned = np.tile(rotation, (len(tips), 1, 1))
     drawing = SurfaceImages(model, indenter, load_sensor(sensor), count=len(tips), samples=_SAMPLES)
-    vectors = [device.vectors(values) for values in (positions, tips)]
+    vectors = [device.array(values, wp.vec3d) for values in (positions, tips)]
     return drawing, [*vectors, device.array(turned, wp.mat33d)]
 
 
@@ -128,8 +128,8 @@ def test_unmoved_gel_gives_the_frame_and_markers_at_rest() -> None:
     )
     drawing = SurfaceImages(model, _PUNCH, sensor, count=1, background=frame)
     device = Device("cpu")
-    nodes = device.vectors(model.nodes[None])
-    above = device.vectors(np.array([[0.0, 0.0, 2.0 * model.height_m]]))
+    nodes = device.array(model.nodes[None], wp.vec3d)
+    above = device.array(np.array([[0.0, 0.0, 2.0 * model.height_m]]), wp.vec3d)
     np.testing.assert_array_equal(drawing.images(nodes, above).numpy()[0], frame)
     rest = sensor.camera.to_pixels(marker_places(sensor.markers))
     np.testing.assert_allclose(drawing.markers(nodes).numpy()[0], rest, rtol=1e-6)
