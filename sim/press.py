@@ -94,10 +94,7 @@ class PressResult:
 def press(
     scene: Scene, *, model: Model | None = None, device: str = "cpu", estimate_error: bool = False
 ) -> PressResult:
-    """Press as a scene asks.
-
-    Args:
-        estimate_error: Press on longer edges too, and say what the outputs are worth.
+    """Press as a scene asks; if asked, on longer edges too, to say what the outputs are worth.
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.

@@ -33,8 +33,7 @@ _REPEATED = {"layer", "effect", "output"}
 def scene_from(words: str) -> Scene:
     """Return what ``tacauchy-rig press`` presses when these words follow it.
 
-    Args:
-        words: For example ``--sensor digit --indenter sphere:diameter=5mm --depth 0.5mm``.
+    For example ``--sensor digit --indenter sphere:diameter=5mm --depth 0.5mm``.
 
     Raises:
         ConfigError: An option or a value is not understood, or the scene is not complete.

@@ -54,11 +54,10 @@ class SurfaceTraction:
 
 
 def split_forces(point: PathPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Split the contact forces on the gel along the indenter's normals.
+    """Split the contact forces on the gel along the indenter's normals, [face, point, ...].
 
-    Returns:
-        Outward unit normals, zero where nothing touches, normal forces [N], which press on the gel,
-        and tangential forces [N], shape [face_count, point_count, ...].
+    Outward unit normals, zero where nothing touches, come first, then normal forces [N], which
+    press on the gel, and tangential ones [N].
     """
     contact, grip = point.equilibrium.contact, point.state.grip
     normals = unit(contact.forces if grip is None else grip.loads @ point.state.rotation.T)

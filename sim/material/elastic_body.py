@@ -114,8 +114,7 @@ class ElasticBody:
     def of(self, materials: Sequence[tuple[FloatArray, FloatArray]]) -> Any:
         """Return the elements for environments that differ in E [Pa] and nu.
 
-        Args:
-            materials: Those of every tetrahedron, or one number each for all, by environment.
+        Those are given for every tetrahedron, or as one number each for all, by environment.
         """
         count = self._shape[0]
         parameters = [

@@ -61,10 +61,7 @@ class PronySeries:
 def prony_series(
     terms: Sequence[Sequence[RelaxationTerm]], material_of: IntArray
 ) -> PronySeries | None:
-    """Collect the terms of a gel's materials; None where nothing relaxes.
-
-    Args:
-        material_of: Which material each tetrahedron is of, shape [element_count].
+    """Collect the terms of materials for tetrahedra [element_count]; None where none relaxes.
 
     Raises:
         ConfigError: A material loses all of its stiffness.
@@ -107,11 +104,7 @@ class Relaxation:
         self.commit(positions)
 
     def begin_step(self, step_s: float) -> None:
-        """Prepare a step from the last commit; it may be begun again.
-
-        Args:
-            step_s: From 0 s, at once, to inf, for ever.
-        """
+        """Prepare a step [s], from 0 to inf, from the last commit; it may be begun again."""
         spent = step_s / self.series.times_s
         gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
         self._set_step(np.exp(-spent), gains)

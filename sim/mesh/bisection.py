@@ -24,10 +24,7 @@ _TETS_MAX = 400_000
 
 
 def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
-    """Halve edges until none is longer than 3/2 of the target at its middle.
-
-    Args:
-        size_at: Target edge length [m] at points [count, 3] [m].
+    """Halve edges until none is longer than 3/2 of the target length [m] at its middle.
 
     Raises:
         ConfigError: The target asks for more tetrahedra than can be solved for.

@@ -81,8 +81,7 @@ class ReferenceElement:
 def reference_element(order: ElementOrder, *, face_splits: int = 0) -> ReferenceElement:
     """Return the tables of an element type.
 
-    Args:
-        face_splits: How often each face is cut in four, each part with a contact rule of its own.
+    Each face is cut in four so many times, each part with a contact rule of its own.
     """
     face_points, face_weights = _split_rule(*_triangle_rule(), splits=face_splits)
     if order is ElementOrder.P1:

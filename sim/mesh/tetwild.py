@@ -158,14 +158,8 @@ def pad_surface(
 ) -> tuple[FloatArray, IntArray]:
     """Triangulate a pad's surface, outward normals, and the interfaces of its layers.
 
-    A pad from a file keeps its triangles.
-
-    Args:
-        spacing_m: About how far apart points of the top lie [m].
-        interface_shares: Shares of the local height at which a sheet cuts the pad.
-
-    Returns:
-        Vertices [m], shape [vertex_count, 3], and faces [face_count, 3].
+    A pad from a file keeps its triangles; of another, points of the top lie about a spacing [m]
+    apart. Sheets cut it at shares of the local height.
 
     Raises:
         ConfigError: A pad from a file has layers.

@@ -138,14 +138,10 @@ def describe(indenter: Indenter) -> str:
 
 
 def mesh_indenter(vertices: FloatArray, faces: IntArray, *, name: str) -> MeshIndenter:
-    """Make an indenter of a closed surface, its normals in or out.
+    """Make an indenter of vertices [n, 3] [m] and faces [n, 3], closed, their normals in or out.
 
     The tip is the lowest point of the mesh, or the middle of its lowest points where there are
     several, as in a flat face; the mesh is shifted so that it becomes the origin, and not turned.
-
-    Args:
-        vertices: Corners [m], shape [vertex_count, 3].
-        faces: Triangles, shape [face_count, 3].
 
     Raises:
         ConfigError: The surface is not closed, contradicts itself, or has no likely size.

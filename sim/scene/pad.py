@@ -64,16 +64,10 @@ class BoxPad:
     def sectors(
         self, centre: FloatArray, count: int, *, start_rad: float, end_rad: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return directions from a point, corners among them, both ends included.
+        """Return directions from a point, x and y [m], corners among them, and both ends [rad].
 
-        Args:
-            centre: The point, x and y [m], shape [2].
-            count: About how many sectors a full turn has.
-            start_rad: First direction [rad].
-            end_rad: Last direction [rad], at most a full turn on.
-
-        Returns:
-            Angles [rad] and the distance to the outline in each [m].
+        They are about as many as ``count`` in a full turn. With each angle [rad] comes the distance
+        to the outline [m].
         """
         half = np.array(self.half_extents())
         corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * half - centre
@@ -196,11 +190,9 @@ def read_surface_pad(path: Path, *, unit: MeshUnit) -> SurfacePad:
 
 
 def surface_pad(vertices: FloatArray, faces: IntArray, *, name: str) -> SurfacePad:
-    """Make a pad of a closed surface, its normals in or out; it is shifted and not turned.
+    """Make a pad of vertices [n, 3] [m] and faces [n, 3], closed, their normals in or out.
 
-    Args:
-        vertices: Corners [m], shape [vertex_count, 3].
-        faces: Triangles, shape [face_count, 3].
+    It is shifted and not turned.
 
     Raises:
         ConfigError: The surface is not closed, has no likely size, or stands on no flat base.

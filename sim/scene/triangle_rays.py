@@ -37,10 +37,8 @@ class RaySurface:
 def lowest_height(surface: Any, x: wp.float64, y: wp.float64) -> wp.float64:
     """Return the lowest height of a surface over a point of the plan, ``BESIDE`` beside it.
 
-    A ray in single precision finds the face; the height on it is kept within the face.
-
-    Args:
-        surface: A ``RaySurface``, or a structure with more.
+    A ray in single precision finds the face of a ``RaySurface``, or of a structure with more; the
+    height on it is kept within the face.
     """
     start = wp.vec3f((wp.vec3d(x, y, wp.float64(0.0)) - surface.centre) * surface.per_size)
     start[2] = _RAY_START

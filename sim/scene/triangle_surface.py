@@ -59,10 +59,7 @@ class TriangleSurface:
 
 
 def closed_surface(vertices: FloatArray, faces: IntArray, *, name: str) -> TriangleSurface:
-    """Merge equal vertices, check that the triangles close, and turn them outwards.
-
-    Args:
-        name: Whose triangles they are, for messages.
+    """Merge equal vertices, check that the named triangles close, and turn them outwards.
 
     Raises:
         ConfigError: The surface has holes, or neighbouring triangles contradict each other.

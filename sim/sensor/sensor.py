@@ -63,11 +63,7 @@ class Sensor:
     numbers: dict[str, Measured]
 
     def scene(self, indenter: Indenter, target: Target, **further: Any) -> Scene:
-        """Return a press into this sensor.
-
-        Args:
-            further: Other fields of the scene; they overrule the sensor's own.
-        """
+        """Return a press into this sensor; further fields of a scene overrule the sensor's own."""
         own = {
             "pad": self.pad,
             "material": self.material,
@@ -128,10 +124,7 @@ def load_sensor(name: str) -> Sensor:
 
 
 def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Sensor:
-    """Read a sensor file's text.
-
-    Args:
-        folder: Where the path of a pad's surface starts; None is the current folder.
+    """Read a sensor file's text; the path of a pad's surface starts in the folder.
 
     Raises:
         ConfigError: The text is not TOML, or has an unknown key, a wrong unit or a gap.

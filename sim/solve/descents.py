@@ -59,8 +59,7 @@ class Inverse(Protocol):
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count].
 
-        Args:
-            asked: Environments that ask, for an inverse on the host; None on a GPU.
+        ``asked`` names the environments that ask, for an inverse on the host; on a GPU it is None.
         """
         ...
 

@@ -157,10 +157,7 @@ class EquilibriumSolver:
     def settle(
         self, state: State, *, load_n: float | None = None, options: SolverOptions
     ) -> Equilibrium:
-        """Move ``state`` to equilibrium.
-
-        Args:
-            load_n: Force that pushes the indenter down on the modelled part [N]; None holds it.
+        """Move ``state`` to equilibrium, held or, on the modelled part, pushed by a load [N].
 
         Raises:
             ConvergenceError: No equilibrium was found; ``state`` is left where the steps stopped.

@@ -53,11 +53,9 @@ class LinearSolver(Protocol):
 
 
 def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolver:
-    """Return Pardiso where it is installed, else SuperLU; both take the same pattern.
+    """Return Pardiso where it is installed, else SuperLU, in float64; both take the same pattern.
 
-    Args:
-        kind: What Pardiso computes in: float32 is enough for a preconditioner, and cheaper.
-            SuperLU takes float64.
+    Of kinds, float32 is enough for a preconditioner, and cheaper.
     """
     try:
         return PardisoSolver(pattern, pardiso_module(), kind)

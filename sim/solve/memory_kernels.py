@@ -257,11 +257,8 @@ _NOTE = f"""
 def note_products(memory: Memory, b: wp.int32, fraction: wp.float64, own: wp.float64):
     """Fill in the table for the newest of an environment.
 
-    ``products`` are those of all s with the new gradient.
-
-    Args:
-        fraction: Of the direction that the step was.
-        own: s . y of the newest [J].
+    ``products`` are those of all s with the new gradient; the step was a fraction of the direction,
+    and its own s . y is given [J].
     """
 
 

@@ -103,11 +103,7 @@ class Model:
     def hessian_data(
         self, positions: FloatArray, stiffness: FloatArray, *, projected: bool
     ) -> FloatArray:
-        """Return the CSR values of the Newton matrix [N/m].
-
-        Args:
-            projected: Make every point's tangent positive semidefinite.
-        """
+        """Return the CSR values of the Newton matrix [N/m], if ``projected`` semidefinite."""
         values = self._device.zeros(self.pattern.block_count, wp.mat33d)
         self.gel.add_hessian(positions, values, projected=projected)
         self.surface.add_hessian(stiffness, values)

@@ -49,10 +49,7 @@ def overlap_fraction(
 def allowed_fraction(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
     """Return about how much of a motion keeps every gap above a floor; 1 where all of it does.
 
-    Args:
-        before: Gaps at its start [m].
-        after: Gaps at its end [m].
-        floor: Least gaps [m].
+    Of gaps [m] at its start and its end, and the least ones.
     """
     hit = after < floor
     if not hit.any():

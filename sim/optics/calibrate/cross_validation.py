@@ -65,8 +65,7 @@ def cross_validate(
 ) -> tuple[CheckScores, list[RenderedPress], Calibration]:
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
 
-    Args:
-        on_fold: Told the number of each fold that is done, from 0; the last is of all presses.
+    ``on_fold`` is told the number of each fold that is done, from 0; the last is of all presses.
 
     Returns:
         Scores over all presses, each press as rendered by the model that had not seen it

@@ -16,11 +16,7 @@ def read_image_table(
 ) -> list[tuple[str, str, list[float]]]:
     """Read a table with the column image and those of some numbers, in any order.
 
-    Args:
-        what: What the table is of, for messages.
-
-    Returns:
-        Of each line: where it stands, for messages; the image's name; its numbers.
+    Of each line: where it stands, for messages; the image's name; its numbers.
 
     Raises:
         ConfigError: The table is missing or damaged; the message names the line and the column.

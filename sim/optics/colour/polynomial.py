@@ -83,9 +83,7 @@ def evaluate_polynomial(
     """Return the polynomials' values, shape [3, point_count], in the precision of ``tilt``.
 
     In bands of pixels that stay in the cache; terms that differ in place only share the rest.
-
-    Args:
-        coefficients: Shape [term_count, 3]; the others are those of ``monomials``.
+    Coefficients are of shape [term_count, 3]; the others are those of ``monomials``.
     """
     shapes, shape_of = _distinct(exponents * (1, 1, 0, 0, 1))
     places, place_of = _distinct(exponents * (0, 0, 1, 1, 0))

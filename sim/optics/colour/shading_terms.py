@@ -42,10 +42,8 @@ class NearLamp:
         """Return the light on a tilted surface less that on a level one, shape [n].
 
         Args:
-            tilt: Shape [2, n].
-            upright: Third component of the normal, shape [n].
+            tilt: Shape [2, n]; ``upright`` is the normal's third component, shape [n].
             position: In halves of the image's width along both, shape [2, n].
-            softness: Half width of the terminator, as a cosine.
         """
         along, across, height, level = self.seen_from(position, softness=softness)
         cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
@@ -54,9 +52,7 @@ class NearLamp:
     def seen_from(self, position: RealArray, *, softness: float) -> RealArray:
         """Return the direction to the lamp, of length 1, and its light on level gel, shape [4, n].
 
-        Args:
-            position: In halves of the image's width along both, shape [2, n].
-            softness: Half width of the terminator, as a cosine.
+        Positions are in halves of the image's width along both, shape [2, n].
         """
         kind = position.dtype.type
         along = kind(self.distance * math.cos(self.azimuth_rad)) - position[0]

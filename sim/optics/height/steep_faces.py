@@ -29,9 +29,8 @@ _ON_EDGE = (1, 2, 3, 5, 6, 7)
 def cut_face() -> tuple[FloatArray, FloatArray, IntArray]:
     """Return the places of a face; the first 24 are its nodes and those on its edges.
 
-    Returns:
-        ``values`` and ``straight`` as ``node_kernel.Gel`` has them, of 45 places; and the places
-        of the parts' nodes, shape [16, 6].
+    As ``values`` and ``straight`` of ``node_kernel.Gel``, of 45 places, and as the places of the
+    parts' nodes, shape [16, 6].
     """
     places = list(_FACE_NODES)
     for a, b in FACE_EDGES:

@@ -47,14 +47,10 @@ class RadialProfile:
     indentation_m: FloatArray
 
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:
-        """Return the divergence of the tilt [1/m], averaged over ``width_m`` along the radius.
+        """Return the divergence of the tilt [1/m] at distances from the axis, over a width [m].
 
         The flux of the tilt through a circle is what the divergence inside it amounts to, so that
         a sharp bend counts whole however narrow it is.
-
-        Args:
-            radius_m: Distances from the axis [m], any shape.
-            width_m: What a pixel sees of the gel [m].
         """
         outer = radius_m + 0.5 * width_m
         inner = np.maximum(radius_m - 0.5 * width_m, 0.0)
