@@ -125,8 +125,15 @@ def alternatives(
     own = WORTH.get(setting)
     if own is None:
         return ()
-    better = [each for each, worth in WORTH.items() if worth.error_ratio < own.error_ratio]
-    found = {"cheaper": _cheaper(own), "better": better[0] if better else None}
+    cheaper = _cheaper(own)
+    # Of presets and ladders some are cheaper and better at once: what is dearer must be better yet.
+    least = min(own.error_ratio, WORTH[cheaper].error_ratio if cheaper else own.error_ratio)
+    better = [
+        each
+        for each, worth in WORTH.items()
+        if worth.error_ratio < least and worth.time_ratio > own.time_ratio
+    ]
+    found = {"cheaper": cheaper, "better": better[0] if better else None}
     return tuple(
         Alternative(
             role=role,
