@@ -277,22 +277,17 @@ class Batch:
         """Go to a goal in one step, and return who arrived."""
         frames = self.prepare(1)
         frames.course.assign(goal[None])
-        self._active.assign(taking.astype(np.int32))
-        while True:
+        arrived = np.zeros(self.count, dtype=np.bool_)
+        while taking.any():
+            self._active.assign(taking.astype(np.int32))
             frames.begin()
             frames.run(1)
             status = on_host(self.descents.state.status)
+            arrived |= taking & (status == Status.DONE)
             near = taking & (status == Status.TOO_NEAR)
-            near &= self._extension + 1 < len(self._extensions)
-            if not near.any():
-                return np.asarray(taking & (status == Status.DONE))
-            arrived = taking & (status == Status.DONE)
-            again = np.flatnonzero(near)
-            self._extend(again, self._extension[again] + 1)
-            taking = near
-            self._active.assign(taking.astype(np.int32))
-            if arrived.any():
-                return np.asarray(arrived | self._attempt(goal, taking))
+            taking = near & (self._extension + 1 < len(self._extensions))
+            self._extend(np.flatnonzero(taking), self._extension[taking] + 1)
+        return arrived
 
     def _in_parts(
         self, goal: FloatArray, failing: NDArray[np.bool_], parts: int

@@ -58,37 +58,6 @@ def surface_point(
 
 
 @wp.func
-def add_to_nodes(
-    v: wp.vec3d, surface: TouchedSurface, f: wp.int32, q: wp.int32, out: wp.array(dtype=wp.vec3d)
-):
-    """Share a vector at a contact point among the nodes of its face."""
-    for k in range(surface.faces.shape[1]):
-        wp.atomic_add(out, surface.faces[f, k], v * surface.values[q, k])
-
-
-@wp.func
-def barrier_curvature(s: wp.float64, extension: wp.float64) -> wp.float64:
-    """Return f''(s), where the parabola below ``extension`` goes on."""
-    r = wp.max(s, extension)
-    return wp.float64(1.0) / (r * r)
-
-
-@wp.func
-def barrier_slope(s: wp.float64, extension: wp.float64) -> wp.float64:
-    """Return f'(s), where the parabola below ``extension`` goes on."""
-    r = wp.max(s, extension)
-    return wp.float64(1.0) - wp.float64(1.0) / r + (s - r) / (r * r)
-
-
-@wp.func
-def _barrier(s: wp.float64, extension: wp.float64) -> wp.float64:
-    r = wp.max(s, extension)
-    h = s - r
-    one = wp.float64(1.0)
-    return r - one - wp.log(r) + h * (one - one / r) + wp.float64(0.5) * h * h / (r * r)
-
-
-@wp.func
 def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
     """Return ``v`` without its component along the unit vector ``n``."""
     return v - n * wp.dot(v, n)
@@ -100,11 +69,14 @@ def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
 
     The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
     """
-    extension = surface.extensions[b]
+    one = wp.float64(1.0)
+    r = wp.max(s, surface.extensions[b])
+    h = s - r
     scale = _STIFFNESS_FACTOR * surface.young[b]
-    pressure = scale * barrier_slope(s, extension)
-    change = scale / surface.distance * barrier_curvature(s, extension)
-    return scale * surface.distance * _barrier(s, extension), pressure, change
+    energy = r - one - wp.log(r) + h * (one - one / r) + wp.float64(0.5) * h * h / (r * r)
+    pressure = scale * (one - one / r + h / (r * r))
+    change = scale / surface.distance * (one / (r * r))
+    return scale * surface.distance * energy, pressure, change
 
 
 @wp.kernel(enable_backward=False)

@@ -16,7 +16,6 @@ import warp as wp
 
 from sim.contact.barrier import (
     TouchedSurface,
-    add_to_nodes,
     normal_contact,
     surface_point,
 )
@@ -118,7 +117,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             gap_out[b, f, q] = distance
             if wp.dot(v, v) > wp.float64(0.0):
                 v = v * surface.areas[f, q]
-                add_to_nodes(v, surface, f, q, nodes_out[b])
+                for k in range(surface.faces.shape[1]):
+                    wp.atomic_add(nodes_out, b, surface.faces[f, k], v * surface.values[q, k])
 
     @wp.kernel(**FAST_KERNEL)
     def force(

@@ -67,7 +67,7 @@ def trial_fields(path: LoadingPath, point: PathPoint) -> TrialFields:
     apart[recovered.pressure_pa == 0.0] = 0.0
     across = np.einsum("ni,ni->n", apart, recovered.normals)
     along = np.linalg.norm(apart - across[:, None] * recovered.normals, axis=1)
-    nodes, faces = _renumbered(model.faces, len(model.nodes))
+    nodes, faces = _renumbered(model.faces)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     parents = model.face_parents
     return TrialFields(
@@ -123,7 +123,7 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
 
 def top_surface(model: Model) -> TopSurface:
     """Return the whole contact surface at rest; a part of a pad is mirrored."""
-    nodes, faces = _renumbered(model.faces[top_faces(model)], len(model.nodes))
+    nodes, faces = _renumbered(model.faces[top_faces(model)])
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     return TopSurface(
         rest=whole.at_nodes(model.nodes[nodes]),
@@ -141,9 +141,7 @@ def top_faces(model: Model) -> NDArray[np.bool_]:
     return np.asarray(normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1))
 
 
-def _renumbered(faces: IntArray, node_count: int) -> tuple[IntArray, IntArray]:
+def _renumbered(faces: IntArray) -> tuple[IntArray, IntArray]:
     """Return the nodes that faces use, and the faces in their numbering."""
-    nodes = np.unique(faces)
-    local = np.zeros(node_count, dtype=np.int32)
-    local[nodes] = np.arange(len(nodes), dtype=np.int32)
-    return nodes, local[faces]
+    nodes, local = np.unique(faces, return_inverse=True)
+    return nodes, local.reshape(faces.shape).astype(np.int32)

@@ -13,6 +13,7 @@ from sim.fields.stress_field import cauchy_stress, components
 from sim.fields.surface import SurfaceState
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import MeshIndenter
+from sim.scene.tilted_indenter import ring_walls
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
 
@@ -82,15 +83,6 @@ def indenter_vtu(surface: SurfaceState) -> bytes:
         angles = 2.0 * np.pi * np.arange(_SECTORS) / _SECTORS
         x, y = (np.outer(radii, each).reshape(-1) for each in (np.cos(angles), np.sin(angles)))
         points = np.column_stack([x, y, indenter.lower_surface(x * _INSIDE, y * _INSIDE)])
-        faces = _ring_faces()
+        faces = ring_walls(np.arange(len(points), dtype=np.int32).reshape(-1, _SECTORS))
     placed = points @ surface.indenter_rotation.T + surface.indenter_position
     return vtu(np.asarray(faces, dtype=np.int32), placed, {}, {})
-
-
-def _ring_faces() -> IntArray:
-    ring, sector = np.meshgrid(np.arange(_RINGS), np.arange(_SECTORS), indexing="ij")
-    after = (sector + 1) % _SECTORS
-    a, b = ring * _SECTORS + sector, ring * _SECTORS + after
-    quads = [(a, b, b + _SECTORS), (a, b + _SECTORS, a + _SECTORS)]
-    faces = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in quads]
-    return np.concatenate(faces).astype(np.int32)

@@ -83,15 +83,18 @@ def cylinder_triangles(
         axis=-1,
     )
     vertices = np.concatenate([[[0.0, 0.0, 0.0], [0.0, 0.0, length]], rings.reshape(-1, 3)])
-    index = 2 + np.arange(len(radii) * sectors).reshape(len(radii), sectors)
+    index = np.arange(2, 2 + len(radii) * sectors, dtype=np.int32).reshape(-1, sectors)
+    bottom = np.column_stack([np.zeros(sectors, dtype=int), np.roll(index[0], -1), index[0]])
+    top = np.column_stack([np.ones(sectors, dtype=int), index[-1], np.roll(index[-1], -1)])
+    return vertices, np.concatenate([bottom, top, ring_walls(index)]).astype(np.int32)
+
+
+def ring_walls(index: IntArray) -> IntArray:
+    """Return the triangles between rings of nodes, shape [ring_count, sector_count]."""
     here, after = index, np.roll(index, -1, axis=1)
-    walls = [
-        np.stack([here[:-1], after[:-1], after[1:]], axis=-1).reshape(-1, 3),
-        np.stack([here[:-1], after[1:], here[1:]], axis=-1).reshape(-1, 3),
-    ]
-    bottom = np.column_stack([np.zeros(sectors, dtype=int), after[0], here[0]])
-    top = np.column_stack([np.ones(sectors, dtype=int), here[-1], after[-1]])
-    return vertices, np.concatenate([bottom, top, *walls]).astype(np.int32)
+    halves = (here[:-1], after[:-1], after[1:]), (here[:-1], after[1:], here[1:])
+    walls = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in halves]
+    return np.concatenate(walls).astype(np.int32)
 
 
 def tilted(about_x_rad: float, about_y_rad: float) -> FloatArray:
