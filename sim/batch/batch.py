@@ -80,7 +80,6 @@ class Batch:
             model,
             pilot.indenter,
             self.inverse,
-            memory=self.options.memory,
             count=self.count,
             gel=self._gel,
             surface=surface,

@@ -71,13 +71,10 @@ class DenseProduct:
         blocks = np.full(full + min(count, matrix_count) - 1, -1, dtype=np.int32)
         blocks[:full] = 0
         self.blocks: Any = device.array(blocks, wp.int32)
+        self.column_count = len(blocks) * self.width
         self.which: Any = None
         self._device = device
         self._matrices = device.array(packed(padded).reshape(-1), wp.float16)
-
-    def columns(self, count: int) -> int:  # noqa: ARG002
-        """Return how many vectors it has room for: all of its blocks."""
-        return len(self.blocks) * self.width
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the products of the matrices with ``sources``, over ``unit``.

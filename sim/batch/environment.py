@@ -107,12 +107,10 @@ class BatchOptions:
     Attributes:
         residual_relative: Norm of the unbalanced force, and difference of base reaction and
             indenter force, over the contact force.
-        memory: Steps that are remembered.
         parts_max: Into how many parts a step is cut at most where the descent does not arrive.
     """
 
     residual_relative: float = 1e-6
-    memory: int = 16
     steps_max: int = 200
     parts_max: int = 16
 

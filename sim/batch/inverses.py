@@ -79,17 +79,13 @@ class FactoredInverses:
     kind, scaled, unit, width = wp.float64, False, 1.0, 0
 
     def __init__(self, pilot: Pilot, *, count: int) -> None:
-        self.row_count = pilot.model.pattern.dof_count + 1
+        self.row_count, self.column_count = pilot.model.pattern.dof_count + 1, count
         self.which: Any = wp.zeros(count, dtype=wp.int32, device="cpu")
         self.blocks: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._factors = [
             _factored(stiffness, pilot.model.pattern, pushed=pilot.is_pushed)
             for stiffness in pilot.states
         ]
-
-    def columns(self, count: int) -> int:
-        """Return how many vectors it takes at once: as many as there are."""
-        return count
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count]."""

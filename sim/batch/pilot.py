@@ -102,7 +102,10 @@ class Pilot:
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        self._check()
+        if self.model.relaxation is not None:
+            raise ConfigError(
+                "a batch does not know relaxation", remedy="leave it out, or press one by one"
+            )
         started = time.perf_counter()
         path = LoadingPath(
             self.model,
@@ -160,12 +163,6 @@ class Pilot:
                 point = path.carry(shift_m=(x, y), twist_rad=turn, hold=hold)
             before = stand
             yield int(frame), point
-
-    def _check(self) -> None:
-        if self.model.relaxation is not None:
-            raise ConfigError(
-                "a batch does not know relaxation", remedy="leave it out, or press one by one"
-            )
 
     def _state(self, frame: int, point: PathPoint) -> PilotState:
         model, state = self.model, point.state

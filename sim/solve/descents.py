@@ -45,16 +45,14 @@ class Inverse(Protocol):
         row_count: Rows of the vectors that it takes and gives, at least the unknowns and the tip.
         scaled: It wants what it takes in units of the residual.
         unit: What it gives must be multiplied with this.
+        column_count: Vectors that it takes at once.
     """
 
     kind: Any
     row_count: int
     scaled: bool
     unit: float
-
-    def columns(self, count: int) -> int:
-        """Return how many vectors it takes at once for so many environments."""
-        ...
+    column_count: int
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count].
@@ -280,7 +278,7 @@ class Descents:
         )
         inverse = self._inverse
         wide = max(rows, inverse.row_count)
-        shape = (inverse.columns(count), wide)
+        shape = (inverse.column_count, wide)
         self._sources = device.zeros(shape, inverse.kind)
         self._found = device.zeros(shape, wp.float32 if inverse.scaled else wp.float64)
 

@@ -47,7 +47,7 @@ class StiffnessFactor:
         held: The indenter is; else its height is the last unknown.
     """
 
-    kind, scaled, unit = wp.float64, False, 1.0
+    kind, scaled, unit, column_count = wp.float64, False, 1.0, 1
 
     def __init__(
         self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
@@ -104,10 +104,6 @@ class StiffnessFactor:
     def touches(self) -> bool:
         """The gel holds the indenter; without, a load has no direction to go by."""
         return self._corner > self._least
-
-    def columns(self, count: int) -> int:
-        """Return how many vectors it takes at once: as many as there are."""
-        return count
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""

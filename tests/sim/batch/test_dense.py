@@ -46,7 +46,7 @@ def test_product(columns: int) -> None:
     product = DenseProduct(matrices, count=columns, device=on)
     serving = np.arange(len(product.blocks)) % 3 - 1
     product.blocks.assign(serving.astype(np.int32))
-    right = np.zeros((product.columns(columns), product.row_count), dtype=np.float16)
+    right = np.zeros((product.column_count, product.row_count), dtype=np.float16)
     right[:, :300] = rng.standard_normal((len(right), 300))
     scale = np.abs(right[:, :300].astype(np.float64) @ matrices[1]).max()
     out = on.zeros(right.shape, wp.float32)
