@@ -10,7 +10,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.called_for import everything
 from sim.effects.scene_path import path_for
-from sim.scene.scene import Preset, Scene
+from sim.scene.scene import Preset, Scene, Target
 
 # What an input changes of a 5 mm punch's force, 0.5 mm deep in a GelSight Mini, fillet 0.1 mm, mu
 # 0.5; edges of preset fast so many times shorter (the seconds are of all of them):
@@ -34,7 +34,7 @@ def coarse_forces(
     """Press a scene's indenter coarsely to rising depths.
 
     Args:
-        scene: Of its target only the contact's width is made.
+        scene: Its own target does not count.
         depths_m: Depths [m], shape [depth_count].
         contact_force_n: Force from which they count [N]; 0 is first touch.
         refinement: Every edge this many times shorter than preset fast's.
@@ -55,6 +55,7 @@ def forces_at(
     scene: Scene, depths_m: Sequence[float], *, contact_force_n: float = 0.0
 ) -> FloatArray:
     """Press a scene's indenter, as it is, to rising depths; the rest is as of ``coarse_forces``."""
+    scene = replace(scene, target=Target(depth_m=max(depths_m)))
     path = path_for(scene, everything(scene))
     touched_m = path.push(contact_force_n).depth_m if contact_force_n else 0.0
     return np.array([float(path.advance(touched_m + by_m).force_n[2]) for by_m in depths_m])

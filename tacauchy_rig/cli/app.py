@@ -58,10 +58,11 @@ app.add_typer(
                 "scale": "tacauchy_rig.cli.calibrate.scale:scale",
                 "markers": "tacauchy_rig.cli.calibrate.markers:markers",
                 "optics": "tacauchy_rig.cli.calibrate.optics:optics",
+                "material": "tacauchy_rig.cli.calibrate.material:material",
             }
         ),
         no_args_is_help=True,
-        help="Calibrate a sensor's optics, the scale of its images, or how its markers move.",
+        help="Calibrate a sensor's optics, scale, markers, or the material of its gel.",
     ),
     name="calibrate",
 )
