@@ -123,7 +123,10 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
 
 def top_surface(model: Model) -> TopSurface:
     """Return the whole contact surface at rest; a part of a pad is mirrored."""
-    nodes, faces = _renumbered(model.faces[top_faces(model)])
+    a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    looks_up = normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1)
+    nodes, faces = _renumbered(model.faces[looks_up])
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     return TopSurface(
         rest=whole.at_nodes(model.nodes[nodes]),
@@ -132,13 +135,6 @@ def top_surface(model: Model) -> TopSurface:
         signs=whole.signs,
         mesh_axis_m=model.mesh.axis_m,
     )
-
-
-def top_faces(model: Model) -> NDArray[np.bool_]:
-    """Return which unclamped faces belong to the contact surface, shape [face_count]."""
-    a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
-    normals: FloatArray = np.cross(b - a, c - a)
-    return np.asarray(normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1))
 
 
 def _renumbered(faces: IntArray) -> tuple[IntArray, IntArray]:

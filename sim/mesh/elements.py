@@ -91,7 +91,7 @@ def reference_element(order: ElementOrder, *, face_splits: int = 0) -> Reference
     else:
         points, weights = _four_point_rule()
         face_values = quadratic_triangle_values(face_points)
-        face_gradients = quadratic_triangle_gradients(face_points)
+        face_gradients = _quadratic_gradients(face_points, _TRIANGLE_GRADIENTS, FACE_EDGES)
     return ReferenceElement(
         order=order,
         gradients=shape_gradients(order, points),
@@ -119,11 +119,6 @@ def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
     corners = barycentric * (2.0 * barycentric - 1.0)
     middles = [4.0 * barycentric[..., a] * barycentric[..., b] for a, b in FACE_EDGES]
     return np.concatenate([corners, np.stack(middles, axis=-1)], axis=-1)
-
-
-def quadratic_triangle_gradients(barycentric: FloatArray) -> FloatArray:
-    """Return the gradients of these along the last two coordinates, shape [..., 6, 2]."""
-    return _quadratic_gradients(barycentric, _TRIANGLE_GRADIENTS, FACE_EDGES)
 
 
 def quadratic_nodes(

@@ -55,10 +55,6 @@ class SparsePattern:
         slots = 2 * index + (rows > columns)
         return np.where((rows < 0) | (columns < 0), -1, slots).astype(np.int32)
 
-    def csr_data(self, block_values: FloatArray) -> FloatArray:
-        """Return the CSR values of filled blocks, shape [block_count, 3, 3]."""
-        return np.asarray(block_values.reshape(-1)[self.gather])
-
     def upper(self, data: FloatArray) -> scipy.sparse.csr_matrix:
         """Return the upper triangle with CSR values."""
         return scipy.sparse.csr_matrix((data, self.indices, self.indptr), (self.dof_count,) * 2)

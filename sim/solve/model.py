@@ -107,7 +107,7 @@ class Model:
         values = self._device.zeros(self.pattern.block_count, wp.mat33d)
         self.gel.add_hessian(positions, values, projected=projected)
         self.surface.add_hessian(stiffness, values)
-        return self.pattern.csr_data(on_host(values))
+        return np.asarray(on_host(values).reshape(-1)[self.pattern.gather])
 
     def rest_hessian_data(self) -> FloatArray:
         """Return the undeformed pad's CSR values [N/m]: a shift that is stiff in every direction.

@@ -18,6 +18,8 @@ from tacauchy_rig.errors import ConfigError
 
 # Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.
 _STEEPEST_TILT = 0.9
+# 1 - sqrt(1 - |t|^2) to fourth order, by the powers of the tilt's components.
+_ROOT = {(2, 0): 1 / 2, (0, 2): 1 / 2, (4, 0): 1 / 8, (2, 2): 1 / 4, (0, 4): 1 / 8}
 
 
 def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
@@ -34,9 +36,7 @@ def nominal_photometric(lamps: Sequence[Lamp]) -> PhotometricModel:
         along, across, facing = lamp.towards
         coefficients[row[1, 0]] += along * colour
         coefficients[row[0, 1]] += across * colour
-        for term, weight in (((2, 0), 1 / 2), ((0, 2), 1 / 2)):
-            coefficients[row[term]] -= facing * weight * colour
-        for term, weight in (((4, 0), 1 / 8), ((2, 2), 1 / 4), ((0, 4), 1 / 8)):
+        for term, weight in _ROOT.items():
             coefficients[row[term]] -= facing * weight * colour
     return PhotometricModel(
         exponents=exponents,
