@@ -24,9 +24,11 @@ _SETTLED_M = wp.constant(wp.float64(1.0e-12))
 def _lowest(body: Body, x: wp.float64, y: wp.float64):
     """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
     zero = wp.float64(0.0)
-    radius = wp.sqrt(x * x + y * y)
+    away = x * x + y * y
+    radius = wp.sqrt(away)
     inside = wp.clamp(radius - (body.radius - body.fillet), zero, body.fillet)
-    arc = wp.sqrt(wp.max(body.fillet * body.fillet - inside * inside, zero))
+    squared = wp.where(body.is_ball, away, inside * inside)  # the root costs a ball digits
+    arc = wp.sqrt(wp.max(body.fillet * body.fillet - squared, zero))
     return wp.where(radius > body.radius, BESIDE, body.fillet - arc)
 
 
