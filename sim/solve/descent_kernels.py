@@ -3,8 +3,9 @@
 An environment runs until it is done, or until it asks the host for what a kernel has not: a factor,
 a start that is not inside out, an error. ``judge`` decides, by ``descent_rules``; ``prepare`` takes
 over what was accepted and says what the inverse is asked for; ``turn`` makes a direction of the
-answer and goes along it. A block of threads has one environment, so that sums are known to all; on
-the CPU it is one thread. Device code has no membership test.
+answer and goes along it. ``dofs`` are the places of the unknowns in the flat nodal vector. A block
+of threads has one environment, so that sums are known to all; on the CPU it is one thread. Device
+code has no membership test.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from sim.solve.descent_state import (
     Mode,
     Pull,
     Status,
-    Unknowns,
     Vectors,
 )
 from sim.solve.memory_kernels import (
@@ -68,7 +68,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
     def judge(
         # Model:
         limits: Limits,
-        unknowns: Unknowns,
+        dofs: wp.array(dtype=wp.int32),
         pull: Pull,
         # Data in:
         evaluated: Evaluated,
@@ -93,7 +93,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             mode = d.mode[b]
             looks = mode < Mode.GO  # it begins, tries or is held anew
             push = d.push[b]
-            dof_count = unknowns.dofs.shape[0]
+            dof_count = dofs.shape[0]
             sums = Sums()
             ratio = wp.float64(FAR)
             nearest = wp.float64(FAR)
@@ -108,7 +108,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 for row in range(thread, dof_count + 1, wp.block_dim()):
                     g = wp.float64(0.0)
                     if row < dof_count:
-                        dof = unknowns.dofs[row]
+                        dof = dofs[row]
                         g = evaluated.elastic[b, dof] + evaluated.contact[b, dof]
                         if wp.static(pulls):
                             x = evaluated.positions[b, dof]
@@ -157,7 +157,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
     @wp.kernel(**made)
     def prepare(
         # Model:
-        unknowns: Unknowns,
+        dofs: wp.array(dtype=wp.int32),
         scaled: wp.bool,
         # Data in and out:
         d: Descent,
@@ -171,7 +171,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         b, thread = wp.tid()
         act = d.act[b]
         learns = d.learns[b] == 1
-        dof_count = unknowns.dofs.shape[0]
+        dof_count = dofs.shape[0]
         length = memory.table.shape[1]
         if d.takes[b] == 1:
             at = wp.int32(0)
@@ -182,7 +182,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 x = evaluated.tips[b][2]
                 if row < dof_count:
-                    x = evaluated.positions[b, unknowns.dofs[row]]
+                    x = evaluated.positions[b, dofs[row]]
                 vectors.start[b, row] = x
                 g = vectors.trial[b, row]
                 if learns:
@@ -228,7 +228,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
     def turn(
         # Model:
         limits: Limits,
-        unknowns: Unknowns,
+        dofs: wp.array(dtype=wp.int32),
         scaled: wp.bool,
         units: wp.array(dtype=wp.float64),
         # Data in:
@@ -244,7 +244,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         # The inverse's answer is ``found`` times ``units``, and times the residual if ``scaled``.
         b, thread = wp.tid()
         act = d.act[b]
-        dof_count = unknowns.dofs.shape[0]
+        dof_count = dofs.shape[0]
         fraction = d.fraction[b]
         if act == Act.SOLVE or act == Act.LOWER:
             fraction = wp.float64(1.0)
@@ -293,7 +293,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 x = vectors.start[b, row] + fraction * vectors.direction[b, row]
                 if row < dof_count:
-                    evaluated.positions[b, unknowns.dofs[row]] = x
+                    evaluated.positions[b, dofs[row]] = x
                 elif d.pushed[b] == 1:
                     tip = evaluated.tips[b]
                     evaluated.tips[b] = wp.vec3d(tip[0], tip[1], x)

@@ -166,17 +166,6 @@ class Vectors:
 
 
 @wp.struct
-class Unknowns:
-    """Which nodal coordinates are unknown.
-
-    Attributes:
-        dofs: Place of each in the flat nodal vector, shape [dof_count].
-    """
-
-    dofs: wp.array(dtype=wp.int32)
-
-
-@wp.struct
 class Evaluated:
     """What an evaluation reads and gives, shape [environment_count, ...] each, nodal vectors flat.
 

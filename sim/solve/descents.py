@@ -128,9 +128,7 @@ class Descents:
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
-        self._unknowns = filled(
-            kernels.Unknowns, dofs=device.array(model.pattern.free_dofs, wp.int32)
-        )
+        self._dofs = device.array(model.pattern.free_dofs, wp.int32)
         patience = [*patience, *[(_NEVER, 0.0)] * 3][:3]
         self._limits = filled(
             kernels.Limits,
@@ -303,14 +301,14 @@ class Descents:
 
         own = [self.state, self.vectors, self.memory]
         self._judge = recorded(
-            made.judge, [self._limits, self._unknowns, self._pull, evaluated, *own, self.busy]
+            made.judge, [self._limits, self._dofs, self._pull, evaluated, *own, self.busy]
         )
         self._prepare = recorded(
             made.prepare,
-            [self._unknowns, scaled, self.state, evaluated, *own[1:], self._sources],
+            [self._dofs, scaled, self.state, evaluated, *own[1:], self._sources],
         )
         found = [self._found, *own, evaluated, self.busy]
-        self._turn = recorded(made.turn, [self._limits, self._unknowns, scaled, units, *found])
+        self._turn = recorded(made.turn, [self._limits, self._dofs, scaled, units, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 

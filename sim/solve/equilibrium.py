@@ -82,10 +82,6 @@ class Reuse:
     patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
 
 
-NEWTON = Reuse(memory=0, evaluations_max=0, patience=((1, 0.0),))
-"""Newton's method: a factor for every step."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Equilibrium:
     """A converged state's numbers.
