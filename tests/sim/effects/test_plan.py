@@ -183,6 +183,7 @@ def test_what_is_off_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.add(grips)
         return contact_kernels(kind, grips=grips)
 
+    plan_effects(RUBBED)  # its trials rub; a plan is remembered, so that the press asks for its own
     monkeypatch.setattr(contact_surface, "contact_kernels", noted)
     result = press(RUBBED)
     assert asked == {False}
