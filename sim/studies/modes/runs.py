@@ -12,7 +12,7 @@ import numpy as np
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.indenter import Cylinder, Sphere, describe
-from sim.scene.scene import ContactMode, Effect, Preset, Target
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
@@ -24,8 +24,8 @@ SLIDE_STEP_M = 0.2e-3
 GROWTH_MAX = 5e-3
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)
 BALL = Sphere(diameter_m=8e-3)
-# A ball's whole contact is smooth: its edge wants finer faces than a force does.
-BALL_REFINEMENT = 1.25
+# A ball's whole contact is smooth: its maps want finer faces than a force does.
+BALL_PRESET = Preset.BALANCED
 DEPTH_M = 0.4e-3
 _SLIDE_MAX_M = 2e-3
 _TWIST_STEP_RAD, _TWIST_MAX_RAD = 0.1, 0.6
@@ -169,13 +169,8 @@ class ModeRun:
         }
 
 
-def press_in(
-    sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset, refinement: float = 1.0
-) -> ModeRun:
+def press_in(sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset) -> ModeRun:
     """Press straight down into the whole pad.
-
-    Args:
-        refinement: Make every edge this many times shorter than the preset does.
 
     Raises:
         ConvergenceError: There is no equilibrium.
@@ -186,11 +181,12 @@ def press_in(
         contact=ContactMode.FRICTION,
         friction=FRICTION,
         preset=preset,
+        outputs=frozenset({Output.SHEAR}),
         # The tangential traction is what is asked for, over the whole contact.
         effects=((Effect.FRICTION, True), (Effect.SYMMETRY, False), (Effect.FINITE_STRAIN, True)),
     )
     began = time.process_time()
-    path = path_for(scene, plan_effects(scene), refinement=refinement)
+    path = path_for(scene, plan_effects(scene))
     point = path.advance(DEPTH_M)
     spent = time.process_time() - began
     return press_mode(sensor, indenter, path, point, processor_s=spent)

@@ -47,7 +47,7 @@ def modes(
     say(f"friction {FRICTION:g}, preset {preset.value}")
     punched = list(_shown(_moved_runs(punch, preset)))
     figures = draw_modes(punched, out, page_folder=images)
-    pressed = list(_shown(_ball_runs(preset)))
+    pressed = list(_shown(_ball_runs()))
     figures += draw_sensors(pressed, out, page_folder=images)
     for path in figures:
         say(f"figure {path}")
@@ -87,12 +87,12 @@ def _moved_runs(indenter: Cylinder | Sphere, preset: Preset) -> Iterator[ModeRun
     yield twist_mode(pressed)
 
 
-def _ball_runs(preset: Preset) -> Iterator[ModeRun]:
+def _ball_runs() -> Iterator[ModeRun]:
     from sim.sensor.sensor import load_sensor
-    from sim.studies.modes.runs import BALL, BALL_REFINEMENT, press_in
+    from sim.studies.modes.runs import BALL, BALL_PRESET, press_in
 
     for name in _SENSORS:
-        yield press_in(load_sensor(name), BALL, preset=preset, refinement=BALL_REFINEMENT)
+        yield press_in(load_sensor(name), BALL, preset=BALL_PRESET)
 
 
 def _shown(runs: Iterator[ModeRun]) -> Iterator[ModeRun]:
@@ -127,7 +127,7 @@ def modes_page(
         command: What makes the page.
     """
     from sim.scene.indenter import describe
-    from sim.studies.modes.runs import BALL_REFINEMENT, FRICTION
+    from sim.studies.modes.runs import BALL_PRESET, FRICTION
     from tacauchy_rig.page import page as written
 
     return written(
@@ -141,7 +141,7 @@ def modes_page(
             "punch": describe(moved[0].indenter),
             "sensor": moved[0].sensor.title,
             "ball": f"{describe(pressed[0].indenter)}, {pressed[0].travel}",
-            "refinement": f"{BALL_REFINEMENT:g}",
+            "ball_preset": BALL_PRESET.value,
             "moved": list(moved),
             "pressed": list(pressed),
         },
