@@ -5,6 +5,7 @@ IEEE column widths, Times-like type, and colours that survive colour-blind eyes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,20 +65,24 @@ FRAMED_STYLE: Any = STYLE | {"axes.spines.top": True, "axes.spines.right": True}
 """For maps and images, which have a frame all around."""
 
 
+SIMULATED_MARK = "SIMULATED: emulated devices"
+IMPORTED_MARK = "IMPORTED: recorded elsewhere"
+
+
 def new_figure(
-    width_in: float, height_in: float, *, simulated: bool, pad_in: float = 0.04
+    width_in: float, height_in: float, *, marks: Sequence[str], pad_in: float = 0.04
 ) -> Figure:
-    """Create a figure [inch] and, for a dry run, mark it in a strip of its own at the top."""
-    height = height_in + (MARK_STRIP_IN if simulated else 0.0)
+    """Create a figure [inch]; marks, such as a dry run's, get a strip of their own at the top."""
+    height = height_in + (MARK_STRIP_IN if marks else 0.0)
     layout = ConstrainedLayoutEngine(
         rect=(0, 0, 1, height_in / height), w_pad=pad_in, h_pad=pad_in, wspace=0.02, hspace=0.02
     )
     figure = Figure(figsize=(width_in, height), layout=layout)
-    if simulated:
+    if marks:
         figure.text(
             1.0 - 0.03 / width_in,
             1.0 - 0.03 / height,
-            "SIMULATED: emulated devices",
+            "; ".join(marks),
             ha="right",
             va="top",
             fontsize=6.5,

@@ -93,13 +93,13 @@ class ArmSample:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageFrame:
-    """One compressed camera image, exactly as the camera sent it.
+    """One compressed camera image, exactly as the camera sent it or an imported file holds it.
 
     Attributes:
         stamp_ns: ``time.monotonic_ns`` of this host at arrival.
         counter: Frames read since the camera was started.
         device_stamp_s: The driver's own stamp [s], or None where it has none worth keeping.
-        jpeg: The untouched JPEG bytes.
+        jpeg: The untouched JPEG bytes; PNG of a source that has those.
     """
 
     stamp_ns: int
@@ -129,12 +129,13 @@ class Phase(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How an attempt ended."""
+    """How an attempt ended; ``imported`` is none of ours: no protocol watched it."""
 
     PASSED = "passed"
     FAILED = "failed"
     FAULT = "fault"
     ABORTED = "aborted"
+    IMPORTED = "imported"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,6 +219,7 @@ class TrialRecord:
     """What one attempt at a trial gave; ``result.json`` beside its recording.
 
     Attributes:
+        force_target_n: What the press was to reach [N]; NaN where nobody of ours asked for a force.
         force_measured_n: Mean pressing force over the dwell [N], tared, positive in compression.
         force_deviation_n: Standard deviation of that force over the dwell [N].
         force_drift_n: Unloaded force after minus before [N].

@@ -58,7 +58,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
         _compare_trial(trial, evidence, crossed, matrices, margins.get(trial.index), scatter)
         for trial in evidence.trials
     )
-    statistics = _statistics(trials)
+    statistics = _statistics(trials, evidence)
     criteria = (*evidence.checks, *judge_modulus(evidence.model, evidence.thresholds))
     passed = all(c.passed for c in criteria) and all(trial.passed for trial in trials)
     passed = passed and bool(trials)
@@ -136,7 +136,7 @@ def _compare_images(
         contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
         corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
     if images is not None:
-        wrong = {t.index for t in others if t.force_target_n != trial.force_target_n}
+        wrong = {t.index for t in others if t.press_key != trial.press_key}
         own = crossed[trial.index]
         floors = trial_floors(images, [own[index] for index in own if index in wrong])
         unexplained = contact_residuals(images, [images.reference])[0]
@@ -225,11 +225,12 @@ def summarize_stream(stream: StreamTiming) -> StreamSummary:
     )
 
 
-def _statistics(trials: Sequence[TrialResult]) -> RunStatistics:
+def _statistics(trials: Sequence[TrialResult], evidence: RunEvidence) -> RunStatistics:
     scores = [t.metrics for t in trials if t.metrics is not None]
     floors = [t.floors.no_contact for t in trials if t.floors is not None]
     contacts = [t.contact for t in trials if t.contact is not None]
-    targets = [t.force_target_n for t in trials if t.outcome != "missing"]
+    pressed = {t.index for t in trials if t.outcome != "missing"}
+    keys = [t.press_key for t in evidence.trials if t.index in pressed]
     return RunStatistics(
         metrics={m.value: t_interval([s.value(m) for s in scores]) for m in Metric},
         no_contact={m.value: t_interval([s.value(m) for s in floors]) for m in Metric},
@@ -241,7 +242,7 @@ def _statistics(trials: Sequence[TrialResult]) -> RunStatistics:
         ),
         contact_zncc=t_interval([c.zncc for c in contacts]),
         contact_relative_residual=t_interval([c.relative_residual for c in contacts]),
-        repeats_per_force=min((targets.count(t) for t in targets), default=0),
+        repeats_per_force=min((keys.count(key) for key in keys), default=0),
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence import TrialEvidence
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.run import Criterion, Outcome
 
 MAX_SETTLED_CHANGE = 0.05
 """Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves
@@ -34,6 +35,15 @@ def _settled_images(trial: TrialEvidence) -> Iterator[Criterion]:
 
 def _protocol(trial: TrialEvidence) -> Criterion:
     record = trial.record
+    if record is not None and record.outcome is Outcome.IMPORTED:
+        return Criterion(
+            name="press",
+            passed=False,
+            measured=math.nan,
+            limit="a protocol watched the press",
+            unit="",
+            remedy="nothing here can tell: the press was imported",
+        )
     if record is None:
         remedy = "`tacauchy-rig resume RUN` goes on with the first trial that is missing"
     else:

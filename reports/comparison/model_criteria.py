@@ -45,7 +45,7 @@ def judge_model(
     return (
         _margin(thresholds, margin),
         _residual(thresholds, contact),
-        _offset(thresholds, corrections, found_offset_m),
+        _offset(thresholds, corrections if trial.place_known else None, found_offset_m),
         _prediction(thresholds, force),
         _mismatch(trial, thresholds),
     )

@@ -6,6 +6,7 @@ Every sentence is made from the numbers of this run; none is praise. Their words
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from reports.comparison.headline import headline_of, worst_of
@@ -34,6 +35,8 @@ def verdict_of(
         trials=trials,
         passed=passed,
         subject="presses on emulated devices" if evidence.simulated else "presses",
+        imported=evidence.imported,
+        judged=_judged(trials),
         headline={row.name: row for row in headline_of(trials, criteria)},
         off=max((abs(value) for value in off if value is not None), default=None),
         limits=evidence.thresholds,
@@ -47,6 +50,8 @@ def verdict_of(
 
 
 def _force_check(evidence: RunEvidence) -> tuple[str, ...]:
+    if evidence.imported is not None:
+        return ()
     return _written("force_check", check=evidence.force_check, allowed=evidence.unchecked_allowed)
 
 
@@ -55,12 +60,26 @@ def _missed_by_name(trials: Sequence[TrialResult]) -> list[tuple[list[str], Crit
     missed: dict[str, list[tuple[TrialResult, Criterion]]] = {}
     for trial in trials:
         for criterion in trial.criteria:
-            if not criterion.passed and trial.outcome == Outcome.PASSED:
+            if not criterion.passed and trial.outcome in (Outcome.PASSED, Outcome.IMPORTED):
                 missed.setdefault(criterion.name, []).append((trial, criterion))
     return [
         ([str(trial.index) for trial, _ in found], worst_of([case for _, case in found]))
         for found in missed.values()
     ]
+
+
+def _judged(trials: Sequence[TrialResult]) -> dict[str, tuple[int, int, int]]:
+    """Return of each criterion in how many trials it is met, missed, and not known."""
+    found: dict[str, tuple[int, int, int]] = {}
+    for criterion in (c for trial in trials for c in trial.criteria):
+        met, missed, unknown = found.get(criterion.name, (0, 0, 0))
+        known = not math.isnan(criterion.measured)
+        found[criterion.name] = (
+            met + criterion.passed,
+            missed + (known and not criterion.passed),
+            unknown + (not known),
+        )
+    return found
 
 
 def read_scores(

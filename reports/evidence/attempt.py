@@ -104,7 +104,7 @@ class AttemptReading:
     def dwell_wrench(self) -> tuple[FloatArray, FloatArray] | None:
         """Mean tared wrench of the dwell in the cell's frame and its standard error, shape [6].
 
-        None without a tare or a dwell.
+        None without a tare or a dwell, or where a component is not known.
         """
         tare, start_ns, end_ns = (
             self.record.tare_before,
@@ -115,7 +115,7 @@ class AttemptReading:
             return None
         held = (self.force.stamp_ns >= start_ns) & (self.force.stamp_ns <= end_ns)
         samples = self.force.wrench[held]
-        if len(samples) < MIN_SAMPLES:
+        if len(samples) < MIN_SAMPLES or not np.isfinite(samples).all():
             return None
         variance = samples.var(axis=0, ddof=1) / len(samples)
         variance += np.square(tare.deviation) / max(1, tare.sample_count)
@@ -140,8 +140,13 @@ class AttemptReading:
 
     @property
     def streams(self) -> tuple[StreamTiming, ...]:
-        """When the samples of each stream arrived, and how many are missing."""
+        """When the samples of each stream arrived, and how many are missing.
+
+        Nothing of an imported run: its stamps are its source's, and its counters count its samples.
+        """
         config = self.store.config
+        if config.is_imported:
+            return ()
         stamps, counters = self.recording.frame_stamps()
         return (
             stream_timing(
@@ -180,8 +185,7 @@ class RunReading:
     def __init__(self, store: RunStore, geometry: ImageGeometry) -> None:
         self.store = store
         self.geometry = geometry
-        count = len(store.config.protocol.force_targets)
-        self.records = {index: store.counting(index) for index in range(1, count + 1)}
+        self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
 
     def attempt(self, trial: int) -> AttemptReading | None:

@@ -6,13 +6,16 @@ missing is None: a run that broke off still gets a report that says so.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
 from tacauchy_rig.config.uncertainty import Stated
+from tacauchy_rig.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.force_check import ForceCheck
+from tacauchy_rig.imported import Imported
 from tacauchy_rig.replayed import ReplayModel, ReplayTrial
 from tacauchy_rig.run import Criterion, TrialRecord
 
@@ -125,6 +128,8 @@ class TrialEvidence:
     """All that is known of one press.
 
     Attributes:
+        force_target_n: What was asked for; of an imported press what was measured, which names it.
+            NaN where that has no force.
         simulated_image: The replay's rendered image in the scored geometry, rendered over this
             trial's own no-contact frame ``images.reference``.
         force_curve: Tared pressing force [N], positive in compression.
@@ -133,6 +138,7 @@ class TrialEvidence:
         checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
+        place_known: It is known where on the pad was pressed; not so of many that are imported.
     """
 
     index: int
@@ -147,6 +153,13 @@ class TrialEvidence:
     checks: tuple[Criterion, ...] = ()
     force_depth_simulated: FloatArray | None = None
     streams: tuple[StreamTiming, ...] = ()
+    place_known: bool = True
+
+    @property
+    def press_key(self) -> tuple[float, int]:
+        """Equal for presses to one force; one whose force is not known is like no other."""
+        unknown = math.isnan(self.force_target_n)
+        return (0.0, self.index) if unknown else (self.force_target_n, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,12 +195,15 @@ class JournalSummary:
 
 
 def camera_of(provenance: Mapping[str, Any], *, simulated: bool) -> str:
-    """Say whose images a run has: of a ``real`` camera or of an ``emulated`` one.
+    """Say whose images a run has: of a ``real`` camera, an ``emulated`` one, or ``imported``.
 
     Args:
-        provenance: Of the run; its ``devices`` say what the camera was.
+        provenance: Of the run; its ``devices`` say what the camera was, ``imported`` that nobody
+            here knows.
         simulated: What counts where they do not say.
     """
+    if provenance.get("imported"):
+        return "imported"
     camera = provenance.get("devices", {}).get("camera", {})
     return "emulated" if camera.get("simulated", simulated) else "real"
 
@@ -211,6 +227,7 @@ class RunEvidence:
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
         checks: What journal, description and replay say of each other.
+        imported: Where the run is from, if others recorded it.
         notes: What is no fault and has to be known of how the run was recorded, in sentences.
     """
 
@@ -229,9 +246,19 @@ class RunEvidence:
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()
     checks: tuple[Criterion, ...] = ()
+    imported: Imported | None = None
     notes: tuple[str, ...] = ()
 
     @property
+    def marks(self) -> tuple[str, ...]:
+        """What every page and figure has to say of where its numbers are from."""
+        told = {
+            IMPORTED_MARK: self.imported is not None,
+            SIMULATED_MARK: self.simulated,
+        }
+        return tuple(mark for mark, holds in told.items() if holds)
+
+    @property
     def camera(self) -> str:
-        """``real`` or ``emulated``: whose images the trials have."""
+        """``real``, ``emulated`` or ``imported``: whose images the trials have."""
         return camera_of(self.provenance, simulated=self.simulated)

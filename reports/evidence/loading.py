@@ -25,6 +25,7 @@ from tacauchy_rig.config.model import ReportSection, RigConfig
 from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.force_check import ForceCheck
+from tacauchy_rig.imported import Imported
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.store.check.attempt import RESULT_HASH, RESULT_WHOLE
@@ -67,15 +68,16 @@ def load_evidence(
     trials = tuple(
         TrialEvidence(
             index=index,
-            force_target_n=target,
+            force_target_n=_target_n(store, index, run.records[index]),
             record=run.records[index],
             replay=replayed.get(index),
             force_depth_simulated=curve,
             checks=(*_checks(check, index, run.records[index]), *damaged.get(index, ())),
             simulated_image=images.get(index),
+            place_known=_is_place_known(store, index),
             **_recorded(run.attempt(index)),
         )
-        for index, target in enumerate(config.protocol.force_targets, start=1)
+        for index in run.records
     )
     return RunEvidence(
         trials=trials,
@@ -92,22 +94,41 @@ def load_evidence(
         unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
+        imported=store.imported.load(),
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
 
 
 def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stated]:
-    """Return what a run states of cell, heights and delays; a hung weight tells of the cell."""
-    stated = {name: stated_uncertainty(config, name) for name in ("depth", "delay", "force_scale")}
+    """Return what a run states of cell, heights and delays; a hung weight tells of the cell.
+
+    The defaults are of devices as ours: of an imported run only counts what its source states.
+    """
+    told: tuple[str, ...] = ("depth", "delay", "force_scale")
+    if config.is_imported:
+        told = tuple(name for name in told if getattr(config.uncertainty, name) is not None)
+    stated = {name: stated_uncertainty(config, name) for name in told}
     if check is not None and check.passed and config.uncertainty.force_scale is None:
         weight = check.weight
         off = math.hypot(check.ratio - 1.0, weight.uncertainty_kg / weight.mass_kg)
         stated["force_scale"] = Stated(value=off, source=f"what the cell made of {weight}")
-    plain = {
-        "search_speed": config.robot.search_speed / REFINE_RATIO,
-        "contact_force": config.protocol.contact_force,
-    }
+    plain = {"contact_force": config.protocol.contact_force}
+    if not config.is_imported:
+        plain["search_speed"] = config.robot.search_speed / REFINE_RATIO
     return stated | {name: Stated(value=v, source="rig.toml") for name, v in plain.items()}
+
+
+def _target_n(store: RunStore, index: int, record: TrialRecord | None) -> float:
+    """Return what was asked of a press [N]; of an imported one what was measured, or NaN."""
+    if not store.config.is_imported:
+        return store.config.protocol.force_targets[index - 1]
+    measured = None if record is None else record.force_measured_n
+    return math.nan if measured is None else measured
+
+
+def _is_place_known(store: RunStore, index: int) -> bool:
+    trial = store.imported_trials.get(index)
+    return trial is None or trial.place_m is not None
 
 
 def _thresholds(report: ReportSection) -> Thresholds:
@@ -249,6 +270,19 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
         "replay": None if replay is None else replay.name,
         "replay_versions": {} if replay is None else replay.versions,
         "devices": described.get("devices", {}),
+        "imported": _source(store.imported.load()),
+    }
+
+
+def _source(imported: Imported | None) -> dict[str, Any]:
+    """Return where an imported run is from; nothing of one of ours."""
+    if imported is None:
+        return {}
+    return {
+        "kind": imported.kind,
+        "source": imported.source,
+        "has_clock": imported.has_clock,
+        "file_count": len(imported.files),
     }
 
 

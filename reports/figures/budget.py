@@ -24,7 +24,7 @@ def draw_budget(report: ValidationReport) -> Figure:
     ends = [trials[0], trials[-1]] if len(trials) > 1 else trials
     rows = _rows(ends)
     height_in = _ROW_IN * len(rows) + _REST_IN
-    figure = new_figure(COLUMN_IN, height_in, simulated=report.evidence.simulated)
+    figure = new_figure(COLUMN_IN, height_in, marks=report.evidence.marks)
     axes = figure.subplots()
     thick = 0.8 / len(ends)
     for which, (trial, color) in enumerate(zip(ends, (SKY, BLUE), strict=False)):

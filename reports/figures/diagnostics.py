@@ -29,7 +29,7 @@ STREAMS = {"force": ("Force", BLUE), "image": ("Images", ORANGE), "arm": ("Arm",
 
 def draw_contact(report: ValidationReport) -> Figure:
     """Draw the contact's correlation and residual, raw and with pose and light taken out."""
-    figure = new_figure(PAGE_IN, 1.9, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 1.9, marks=report.evidence.marks)
     left, right = figure.subplots(1, 2)
     _draw_contact_score(left, report.trials, "zncc")
     _draw_contact_score(right, report.trials, "relative_residual")
@@ -67,7 +67,7 @@ def _draw_contact_score(axes: Axes, trials: Sequence[TrialResult], name: str) ->
 
 def draw_arrival(report: ValidationReport) -> Figure:
     """Draw, per stream, which part of the samples arrived later than a given interval."""
-    figure = new_figure(PAGE_IN, 1.9, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 1.9, marks=report.evidence.marks)
     panels = figure.subplots(1, len(STREAMS), sharey=True)
     for axes, (name, (title, color)) in zip(panels, STREAMS.items(), strict=True):
         streams = [s for t in report.evidence.trials for s in t.streams if s.name == name]
@@ -114,7 +114,7 @@ def draw_truth(report: ValidationReport) -> Figure:
     figure = new_figure(
         COLUMN_IN,
         0.55 * len(panels) + 0.19 * sum(counts),
-        simulated=report.evidence.simulated,
+        marks=report.evidence.marks,
     )
     grid = figure.subplots(len(panels), 1, squeeze=False, height_ratios=counts)
     for axes, (rows, label) in zip(grid[:, 0], panels, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import Curve, TrialEvidence
-from reports.figures.trials import force_label, shown
+from reports.figures.trials import force_title, shown
 from tacauchy_rig.figure_style import (
     BLUE,
     COLUMN_IN,
@@ -31,14 +32,15 @@ MARGIN_S = 1.5
 def draw_time_curves(report: ValidationReport) -> Figure:
     """Draw force above depth over time, one column a trial; the dwell that counts is shaded."""
     trials = shown(report.evidence.trials)
-    figure = new_figure(PAGE_IN, 2.5, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 2.5, marks=report.evidence.marks)
     grid = figure.subplots(2, len(trials), sharex="col", sharey="row", squeeze=False)
     for column, trial in enumerate(trials):
         force, depth = grid[0, column], grid[1, column]
         _draw_curve(force, trial.force_curve, BLUE, 1.0)
         _draw_curve(depth, trial.depth_curve, GREEN, 1e3)
-        force.axhline(trial.force_target_n, color=ORANGE, linestyle="--", linewidth=0.7)
-        force.set_title(f"{force_label(trial)} N")
+        if not math.isnan(trial.force_target_n):
+            force.axhline(trial.force_target_n, color=ORANGE, linestyle="--", linewidth=0.7)
+        force.set_title(force_title(trial))
         if trial.force_curve is None:
             depth.text(0.5, 0.5, "not recorded", transform=depth.transAxes, ha="center", color=GREY)
         depth.axhline(0.0, color=GREY, linewidth=0.4)
@@ -82,7 +84,7 @@ def _depth_limits(trials: Sequence[TrialEvidence]) -> tuple[float, float]:
 
 def draw_force_depth(report: ValidationReport) -> Figure:
     """Draw measured force over measured depth and the simulator's curve."""
-    figure = new_figure(COLUMN_IN, 2.6, simulated=report.evidence.simulated)
+    figure = new_figure(COLUMN_IN, 2.6, marks=report.evidence.marks)
     axes = figure.subplots()
     label: str | None = "Measured, loading"
     for trial in report.evidence.trials:

@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 from reports.arrays import FloatArray
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
-from reports.figures.trials import shown
+from reports.figures.trials import force_title, shown
 from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
 from tacauchy_rig.rgb import to_grey
 
@@ -27,13 +27,14 @@ def draw_images(report: ValidationReport) -> Figure:
     geometry = evidence.geometry
     panel = (PAGE_IN - MARGINS_IN) / max(len(trials), 3)
     height = 3 * (panel * geometry.height_px / geometry.width_px + 0.03) + 0.2
-    figure = new_figure(PAGE_IN, height, simulated=evidence.simulated, pad_in=0.012)
+    figure = new_figure(PAGE_IN, height, marks=evidence.marks, pad_in=0.012)
     grid = figure.subplots(3, len(trials), squeeze=False)
     limit = difference_limit(evidence)
     mapped: AxesImage | None = None
     for column, trial in enumerate(trials):
         mapped = _draw_column(grid[:, column], trial, limit) or mapped
-        grid[0, column].set_title(f"$F_z$ = {trial.force_target_n:.2f} N", fontsize=7.5, pad=3)
+        title = force_title(trial, "$F_z$ = {} N")
+        grid[0, column].set_title(title, fontsize=7.5, pad=3)
     rows = (evidence.camera.capitalize(), "Simulated", "Difference")
     for row, name in enumerate(rows):
         grid[row, 0].set_ylabel(name)

@@ -20,7 +20,7 @@ MAX_NUMBERED = 8
 
 def draw_matrices(report: ValidationReport) -> Figure:
     """Draw every score of a press's own image (row) against simulated ones (column)."""
-    figure = new_figure(PAGE_IN, 4.6, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 4.6, marks=report.evidence.marks)
     panels = figure.subplots(2, 3).ravel()
     for axes, matrix in zip(panels, report.matrices, strict=False):
         _draw_matrix(axes, matrix)

@@ -23,7 +23,7 @@ FLOOR_STYLE: dict[str, Any] = {"color": INK, "marker": "_", "markersize": 6, "li
 
 def draw_similarities(report: ValidationReport) -> Figure:
     """Draw a radar chart and bars of SSIM, NCC and histogram correlation."""
-    figure = new_figure(PAGE_IN, 2.35, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 2.35, marks=report.evidence.marks)
     grid = figure.add_gridspec(1, 2, width_ratios=(0.36, 0.64))
     radar = figure.add_subplot(grid[0], projection="polar")
     if isinstance(radar, PolarAxes):
@@ -83,7 +83,7 @@ def _draw_bars(axes: Axes, trials: Sequence[TrialResult]) -> None:
 
 def draw_errors(report: ValidationReport) -> Figure:
     """Draw bars of MSE and PSNR with their averages."""
-    figure = new_figure(PAGE_IN, 2.0, simulated=report.evidence.simulated)
+    figure = new_figure(PAGE_IN, 2.0, marks=report.evidence.marks)
     left, right = figure.subplots(1, 2)
     statistics = report.statistics
     _draw_error_bars(left, report.trials, Metric.MSE, BLUE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -16,8 +17,13 @@ Trial = TypeVar("Trial", TrialResult, TrialEvidence)
 
 
 def shown(trials: Sequence[Trial]) -> list[Trial]:
-    """Pick at most six trials, evenly spread over the target forces, first and last included."""
-    ordered = sorted(trials, key=lambda t: (t.force_target_n, t.index))
+    """Pick at most six trials, evenly spread over the target forces, first and last included.
+
+    Imported ones without a force come last.
+    """
+    ordered = sorted(
+        trials, key=lambda t: (math.isnan(t.force_target_n), t.force_target_n, t.index)
+    )
     if len(ordered) <= MAX_COLUMNS:
         return ordered
     step = (len(ordered) - 1) / (MAX_COLUMNS - 1)
@@ -25,8 +31,14 @@ def shown(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def force_label(trial: TrialResult | TrialEvidence) -> str:
-    """Return the target force with two decimals, as the paper shows it."""
-    return f"{trial.force_target_n:.2f}"
+    """Return the target force with two decimals, as the paper shows it; the number without one."""
+    return f"#{trial.index}" if math.isnan(trial.force_target_n) else f"{trial.force_target_n:.2f}"
+
+
+def force_title(trial: TrialResult | TrialEvidence, text: str = "{} N") -> str:
+    """Return a press's force in a text with its unit; the number alone where it has none."""
+    label = force_label(trial)
+    return label if math.isnan(trial.force_target_n) else text.format(label)
 
 
 def legend_above(axes: Axes, *labelled: Any, columns: int, x: float = 0.5) -> None:

@@ -41,7 +41,13 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "signed": signed, "plain": plain, "words": words}
+    environment.filters |= {
+        "number": number,
+        "signed": signed,
+        "plain": plain,
+        "words": words,
+        "named": named,
+    }
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
         "image_data": lambda name: png_data(images / name),
@@ -85,6 +91,12 @@ def plain(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(plain, value)) or "none"
     return str(value)
+
+
+def named(trial: Mapping[str, Any]) -> str:
+    """Return a press's force; the number of one whose force nobody stated or measured."""
+    force = trial["force_target_n"]
+    return f"trial {trial['index']}" if force is None else f"{number(force, 2)} N"
 
 
 def words(name: str) -> str:

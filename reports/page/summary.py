@@ -25,6 +25,8 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "simulated": evidence.simulated,
+        "imported": evidence.imported is not None,
+        "marks": list(evidence.marks),
         "passed": report.passed,
         "verdict": report.verdict,
         "headline": to_plain(headline_of(report.trials, report.criteria)),
@@ -97,10 +99,11 @@ def metrics_csv(summary: Mapping[str, Any]) -> str:
     rows = [_scalars(trial) for trial in summary["trials"]]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["simulated", *columns], lineterminator="\n", restval="")
+    marks = {key: summary[key] for key in ("simulated", "imported")}
+    writer = csv.DictWriter(text, [*marks, *columns], lineterminator="\n", restval="")
     writer.writeheader()
     for row in rows:
-        writer.writerow({"simulated": summary["simulated"], **row})
+        writer.writerow({**marks, **row})
     return text.getvalue()
 
 
@@ -119,27 +122,35 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
     """Return a JUnit report of a case per criterion of the run and of each trial."""
     cases = [("run", criterion) for criterion in summary["criteria"]]
     for trial in summary["trials"]:
-        name = f"trial-{trial['index']:02d}-{trial['force_target_n']:.4f}N"
+        target = trial["force_target_n"]
+        force = "" if target is None else f"-{target:.4f}N"
+        name = f"trial-{trial['index']:02d}{force}"
         cases += [(name, criterion) for criterion in trial["criteria"]]
-    failures = sum(not criterion["passed"] for _, criterion in cases)
+    untold = [_is_untold(criterion, summary) for _, criterion in cases]
+    failures = sum(not criterion["passed"] for _, criterion in cases) - sum(untold)
     name = f"tacauchy-rig {summary['provenance'].get('name', 'run')}"
-    if summary["simulated"]:
-        name += " (SIMULATED)"
-    root = ET.Element(
-        "testsuites", name=name, tests=str(len(cases)), failures=str(failures), errors="0"
-    )
+    name += "".join(f" ({mark.partition(':')[0]})" for mark in summary["marks"])
+    counted = {"tests": len(cases), "failures": failures, "skipped": sum(untold), "errors": 0}
+    root = ET.Element("testsuites", {"name": name, **{k: str(n) for k, n in counted.items()}})
     suite = ET.SubElement(root, "testsuite", root.attrib)
     properties = ET.SubElement(suite, "properties")
-    for key in ("simulated", "passed"):
+    for key in ("simulated", "imported", "passed"):
         ET.SubElement(properties, "property", name=key, value=str(summary[key]).lower())
-    for where, criterion in cases:
+    for (where, criterion), is_untold in zip(cases, untold, strict=True):
         case = ET.SubElement(suite, "testcase", classname=where, name=criterion["name"])
-        if not criterion["passed"]:
+        if is_untold:
+            ET.SubElement(case, "skipped", message=f"not known; {criterion['limit']}")
+        elif not criterion["passed"]:
             message = f"{_measured(criterion)}; limit: {criterion['limit']}"
             failure = ET.SubElement(case, "failure", message=message, type="criterion")
             failure.text = criterion["remedy"]
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _is_untold(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
+    """Return whether a criterion rests on what an imported run does not tell."""
+    return summary["imported"] and not criterion["passed"] and criterion["measured"] is None
 
 
 def _measured(criterion: Mapping[str, Any]) -> str:

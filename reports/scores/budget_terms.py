@@ -206,18 +206,19 @@ def _height(
     arm, delay, speed = (stated.get(name) for name in ("depth", "delay", "search_speed"))
     if curve is None or record is None or touched_m is None or record.depth_measured_m is None:
         return None, "unknown: no simulated curve to the measured depth"
-    parts_m = [0.5 * touched_m]
-    if arm is not None and delay is not None and speed is not None:
-        parts_m += [arm.value, delay.value * speed.value]
+    if arm is None:
+        return None, "unknown: nobody states how well heights of this arm are known"
+    parts_m = [0.5 * touched_m, arm.value]
+    if delay is not None and speed is not None:
+        parts_m.append(delay.value * speed.value)
     contact, tare = stated.get("contact_force"), record.tare_before
     if contact is not None and tare is not None and contact.value > 0.0:
         share = tare.deviation[FZ] / math.sqrt(_IN_CONTACT) / contact.value
         parts_m.append(share * touched_m)
     doubt_m = math.hypot(*parts_m)
-    source = "arm not stated" if arm is None else arm.source
     return _stiffness(curve, record.depth_measured_m) * doubt_m, (
         f"{doubt_m * 1e6:.0f} um of the arm, of noise and delay of the force that calls contact, "
-        f"and half of the simulator's own depth there; arm: {source}"
+        f"and half of the simulator's own depth there; arm: {arm.source}"
     )
 
 

@@ -132,7 +132,7 @@ def trial_ceiling(trial: TrialEvidence, others: Sequence[TrialEvidence]) -> Ceil
     if trial.images is None:
         return None
     for other in others:
-        if other.force_target_n == trial.force_target_n and other.images is not None:
+        if other.press_key == trial.press_key and other.images is not None:
             scores = score(trial.images.real, other.images.real)
             return Ceiling(kind=CeilingKind.REPEAT, scores=scores)
     first, second = trial.images.first_half, trial.images.second_half
@@ -230,7 +230,7 @@ def wrong_force_matrices(
         scores: Their ``cross_scores``.
     """
     complete = [t for t in trials if t.images is not None and t.simulated_image is not None]
-    if len({t.force_target_n for t in complete}) < 2:
+    if len({t.press_key for t in complete}) < 2:
         return ()
     matrices = [
         _matrix(
@@ -264,18 +264,20 @@ def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> 
 def _matrix(
     name: str, larger: bool, trials: Sequence[TrialEvidence], rows: Sequence[Sequence[float]]
 ) -> WrongForceMatrix:
-    forces = tuple(t.force_target_n for t in trials)
+    keys = [t.press_key for t in trials]
     return WrongForceMatrix(
         metric=name,
         larger_is_better=larger,
         trials=tuple(t.index for t in trials),
-        forces_n=forces,
+        forces_n=tuple(t.force_target_n for t in trials),
         values=tuple(tuple(row) for row in rows),
-        diagonal_wins=tuple(_wins(row, k, forces, larger) for k, row in enumerate(rows)),
+        diagonal_wins=tuple(_wins(row, k, keys, larger) for k, row in enumerate(rows)),
     )
 
 
-def _wins(row: Sequence[float], position: int, forces: Sequence[float], larger: bool) -> bool:
+def _wins(
+    row: Sequence[float], position: int, keys: Sequence[tuple[float, int]], larger: bool
+) -> bool:
     sign = 1.0 if larger else -1.0
-    wrong = [v for v, f in zip(row, forces, strict=True) if f != forces[position]]
+    wrong = [v for v, key in zip(row, keys, strict=True) if key != keys[position]]
     return all(sign * row[position] > sign * v for v in wrong if not math.isnan(v))

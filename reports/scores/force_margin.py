@@ -56,7 +56,7 @@ class _Reading:
             everywhere and has no memory [1/grey level].
     """
 
-    force_target_n: float
+    press_key: tuple[float, int]
     value: float
     rival: str
     change: float = math.nan
@@ -104,7 +104,7 @@ def _read(
     change = image_change(images.real, images.reference)
     footprint = contact_footprint(change)
     if footprint is None:
-        return _Reading(force_target_n=trial.force_target_n, value=math.nan, rival="")
+        return _Reading(press_key=trial.press_key, value=math.nan, rival="")
     region = contact_region(footprint)
 
     def inside(image: ColorImage) -> FloatArray:
@@ -119,7 +119,7 @@ def _read(
         for half in (images.first_half, images.second_half)
     )
     return _Reading(
-        force_target_n=trial.force_target_n,
+        press_key=trial.press_key,
         value=_margin(real, ours, theirs),
         rival=rival,
         change=first - second,
@@ -131,10 +131,15 @@ def _rivals(
     trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence]
 ) -> dict[str, ColorImage]:
     """Return what must not explain a press as well as its own image, by its name."""
-    wrong = [t for t in trials if t.force_target_n != trial.force_target_n]
-    shown = {f"{t.force_target_n:g} N": press_over(images, t) for t in wrong}
+    wrong = [t for t in trials if t.press_key != trial.press_key]
+    shown = {_named(t): press_over(images, t) for t in wrong}
     found = {name: image for name, image in shown.items() if image is not None}
     return {**found, "no contact": images.reference}
+
+
+def _named(trial: TrialEvidence) -> str:
+    known = not math.isnan(trial.force_target_n)
+    return f"{trial.force_target_n:g} N" if known else f"trial {trial.index}"
 
 
 def _residual(real: FloatArray, simulated: FloatArray) -> float:
@@ -159,9 +164,9 @@ def _sensitivity(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> floa
 
 def _repeat_deviations(readings: Sequence[_Reading]) -> list[float]:
     """Return the standard deviation of the margins of each force that was pressed repeatedly."""
-    by_force: dict[float, list[float]] = {}
+    by_force: dict[tuple[float, int], list[float]] = {}
     for reading in readings:
-        by_force.setdefault(reading.force_target_n, []).append(reading.value)
+        by_force.setdefault(reading.press_key, []).append(reading.value)
     return [
         float(np.std(values, ddof=1)) for values in by_force.values() if len(values) >= MIN_REPEATS
     ]

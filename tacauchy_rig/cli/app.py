@@ -23,6 +23,7 @@ COMMANDS = {
     "run": "tacauchy_rig.cli.session:run",
     "resume": "tacauchy_rig.cli.session:resume",
     "recover": "tacauchy_rig.cli.folders:recover",
+    "import": "tacauchy_rig.cli.importing:import_",
     "replay": "tacauchy_rig.cli.folders:replay",
     "report": "tacauchy_rig.cli.folders:report",
     "export": "tacauchy_rig.cli.folders:export",

@@ -23,6 +23,8 @@ from tacauchy_rig.registry import Kind, unknown
 
 EMULATED = "emulated"
 MOCK = "mock"
+IMPORTED = "imported"
+"""What was recorded elsewhere, by whatever it was: nothing is known of its devices."""
 
 
 def _driver(kind: Kind) -> BeforeValidator:
@@ -63,9 +65,19 @@ class DeviceSection(Section):
         return self.driver == EMULATED
 
     @property
+    def is_imported(self) -> bool:
+        """True where others recorded, with a device that nobody here knows."""
+        return self.driver == IMPORTED
+
+    @property
+    def is_stand_in(self) -> bool:
+        """True for a device that is emulated or a mock."""
+        return self.driver in (EMULATED, MOCK)
+
+    @property
     def is_real(self) -> bool:
-        """True unless the device is emulated or a mock; drivers of other packages are real."""
-        return self.driver not in (EMULATED, MOCK)
+        """True for a device that this program can reach; drivers of other packages are such."""
+        return not self.is_stand_in and not self.is_imported
 
 
 class RobotModel(StrEnum):

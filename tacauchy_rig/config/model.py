@@ -30,12 +30,17 @@ from tacauchy_rig.config.uncertainty import UncertaintySection
 
 
 class SyncMode(StrEnum):
-    """What ties the streams together in time; ``hardware`` is said of the last alone."""
+    """What ties the streams together in time; hardware does by ``external_trigger`` alone.
+
+    The last two are of imported runs.
+    """
 
     HOST_CLOCK = "host_clock"
     DO_MARKER = "do_marker"
     TAP_CALIBRATED = "tap_calibrated"
     EXTERNAL_TRIGGER = "external_trigger"
+    CONTACT_ONSET = "contact_onset"
+    UNKNOWN = "unknown"
 
 
 class RunSection(Section):
@@ -262,7 +267,12 @@ class RigConfig(Section):
     @property
     def is_simulated(self) -> bool:
         """True when any of the three devices is emulated or mocked."""
-        return not all(device.is_real for device in self._devices)
+        return any(device.is_stand_in for device in self._devices)
+
+    @property
+    def is_imported(self) -> bool:
+        """True of a run that others recorded."""
+        return self.camera.is_imported
 
     @property
     def _devices(self) -> tuple[DeviceSection, ...]:

@@ -15,6 +15,7 @@ from tacauchy_rig.figure_style import (
     GREY,
     ORANGE,
     PAGE_IN,
+    SIMULATED_MARK,
     STYLE,
     letter,
     new_figure,
@@ -40,7 +41,7 @@ def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float
         RecordError: It cannot be written.
     """
     with mpl.rc_context(STYLE):
-        figure = new_figure(PAGE_IN, _HEIGHT_IN, simulated=simulated)
+        figure = new_figure(PAGE_IN, _HEIGHT_IN, marks=(SIMULATED_MARK,) if simulated else ())
         valley, nu, mu = figure.subplots(1, 3)
         _draw_map(valley, fit, stated)
         _draw_profile(nu, NU, fit.misfit.min(axis=1), fit.poisson)

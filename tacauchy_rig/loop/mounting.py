@@ -116,7 +116,7 @@ def lean_of(
         return None, "a ball looks alike from all sides"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
-    if config.force_sensor.is_real and config.force_sensor.to_tip is None:
+    if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
         return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
     try:
         restoring, pressed = restoring_moments(scene, forces_n.tolist(), _TRIED_RAD)
@@ -250,9 +250,11 @@ def find_offset(
         return tuple(_unknown(name, "m", why) for name in names)
     mean = np.mean(shifts, axis=0)
     scatter = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
-    doubt = np.hypot(scatter, PLACE_ERROR_M[config.robot.model])
+    arm_m = 0.0 if config.is_imported else PLACE_ERROR_M[config.robot.model]
+    doubt = np.hypot(scatter, arm_m)
     taken = bool(np.any(np.abs(mean) > TAKEN_FROM * doubt))
-    basis = f"the images of {len(shifts)} trials and the arm's repeatability"
+    arm = "; the arm is not known" if config.is_imported else " and the arm's repeatability"
+    basis = f"the images of {len(shifts)} trials{arm}"
     return tuple(
         FoundValue(
             name=name,

@@ -20,6 +20,7 @@ class RunPaths:
         journal: One line for each change of state.
         force_check: How the cell read a known weight, where that was tried.
         expected: What its presses should give, made before the first.
+        imported: What others recorded of it, and how; imported runs only.
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
         lock: File whose lock says that a program is working on this run.
@@ -35,6 +36,7 @@ class RunPaths:
         self.journal = root / "journal.jsonl"
         self.force_check = root / "force_check.json"
         self.expected = root / "expected.json"
+        self.imported = root / "imported.json"
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
         self.lock = root / ".lock"

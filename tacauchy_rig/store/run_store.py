@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,6 +17,7 @@ from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.force_check import ForceCheck
+from tacauchy_rig.imported import Imported, ImportedTrial
 from tacauchy_rig.replayed import Replay
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.codec import dumps, loads, to_json
@@ -45,6 +46,7 @@ class RunStore:
         simulated: Any device of the run was not real.
         expected: What the presses of the run should give; made before the first.
         force_check: The newest check of the cell; the journal holds those before it.
+        imported: What others recorded of it, and how; only of an imported run.
         truth: What the emulated world really is, as its emulators wrote it; never of a real rig.
     """
 
@@ -61,6 +63,9 @@ class RunStore:
         )
         self.force_check: SealedFile[ForceCheck] = sealed(
             self.paths.force_check, ForceCheck, what="the check of the cell"
+        )
+        self.imported: SealedFile[Imported] = sealed(
+            self.paths.imported, Imported, what="the word on what was imported"
         )
         self.truth: SealedFile[dict[str, Any]] = sealed(
             self.paths.truth, dict[str, Any], what="the emulated world's truth"
@@ -140,6 +145,32 @@ class RunStore:
             "simulated": self.simulated,
         }
         self._run_json.save(self.description)
+
+    @cached_property
+    def imported_trials(self) -> dict[int, ImportedTrial]:
+        """Return what was imported of each trial, by its index; nothing of a run of ours.
+
+        Raises:
+            RecordError: It is an imported run, and the file that says so is missing or damaged.
+        """
+        if not self.config.is_imported:
+            return {}
+        found = self.imported.load()
+        if found is None:
+            raise RecordError(
+                f"{self.paths.imported}: missing, and this run was imported",
+                remedy="import it again from its source: `tacauchy-rig import FOLDER`",
+            )
+        return {trial.index: trial for trial in found.trials}
+
+    def trial_indices(self) -> list[int]:
+        """Return the trials that a run has or is to have, ascending.
+
+        Raises:
+            RecordError: As for ``imported_trials``.
+        """
+        count = len(self.config.protocol.force_targets)
+        return sorted(self.imported_trials) or list(range(1, count + 1))
 
     def next_attempt(self, trial: int) -> int:
         """Return the number that the next attempt at a trial has to take."""

@@ -42,7 +42,12 @@ def _contradictions(store: RunStore, journal: JournalReading) -> Iterator[str]:
     pretending = [name for name, device in answered if device.get("simulated")]
     if pretending and not store.simulated:
         yield f"run.json: simulated is false, but so is no {', '.join(pretending)}"
-    for load in (store.truth.load, store.force_check.load, store.expected.load):
+    for load in (
+        store.truth.load,
+        store.force_check.load,
+        store.expected.load,
+        lambda: store.imported_trials,
+    ):
         try:
             load()
         except RecordError as error:

@@ -92,11 +92,11 @@ def _force(
 
 
 def _tare(attempt: Attempt, name: str, tare: Tare, found_n: FloatArray) -> Criterion:
-    """Judge the axis that is furthest off for its noise."""
+    """Judge the axis that is furthest off for its noise; one that nobody measured is not."""
     errors = [_standard_error(d, tare.sample_count) for d in tare.deviation[:3]]
     limits_n = [ROUNDING_N + STANDARD_ERRORS * (0.0 if attempt.is_whole else e) for e in errors]
     off = [
-        abs(again - said) / limit_n
+        0.0 if math.isnan(again) and math.isnan(said) else abs(again - said) / limit_n
         for again, said, limit_n in zip(found_n, tare.mean, limits_n, strict=False)
     ]
     worst = max(range(3), key=lambda axis: math.inf if math.isnan(off[axis]) else off[axis])

@@ -17,14 +17,17 @@ def judge_streams(
     attempt: Attempt, recording: Recording, record: TrialRecord
 ) -> Iterator[Criterion]:
     """Yield whether force, arm and images are there as they were counted."""
+    looks = {
+        "force": lambda: _force(attempt, record),
+        "arm": lambda: _arm(attempt),
+        "image": lambda: _frames(attempt, recording, record),
+    }
+    imported = attempt.store.imported_trials.get(attempt.trial)
+    there = list(looks) if imported is None else imported.streams
     yield agreement(
         "recorded_streams",
-        "force, arm and images are there, in order, each sample once",
-        [
-            *_force(attempt, record),
-            *_arm(attempt),
-            *_frames(attempt, recording, record),
-        ],
+        f"{', '.join(there)}: each is there, in order, each sample once",
+        [line for name in there for line in looks[name]()],
     )
     if _says_new(record):
         yield _images(recording, record)

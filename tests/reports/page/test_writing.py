@@ -120,7 +120,7 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     page = written.html.read_text("utf-8")
     body = page[page.index("<body>") :]
     assert body.index("SIMULATED") < body.index("Passed: in all 6") < body.index("<img")
-    assert page.count("SIMULATED: this run used emulated devices") == 2
+    assert page.count("SIMULATED: emulated devices") == 2
     assert page.count('<img src="data:image/png') == 18 + 9
 
 
@@ -194,8 +194,9 @@ def test_csv_has_one_line_per_trial(written: ReportPaths) -> None:
 
 def test_csv_keeps_columns_that_only_some_trials_have() -> None:
     """A missing value is an empty field, never a shifted one."""
-    text = metrics_csv({"simulated": False, "trials": [{"a": None}, {"a": 1.0, "b": {"c": 2}}]})
-    assert text == "simulated,a,b.c\nFalse,,\nFalse,1.0,2\n"
+    trials = [{"a": None}, {"a": 1.0, "b": {"c": 2}}]
+    text = metrics_csv({"simulated": False, "imported": True, "trials": trials})
+    assert text == "simulated,imported,a,b.c\nFalse,True,,\nFalse,True,1.0,2\n"
 
 
 def test_unwritable_folder_is_named(report: ValidationReport, tmp_path: Path) -> None:

@@ -73,11 +73,12 @@ def test_height_of_contact_is_arm_delay_and_half_of_the_touch(evidence: RunEvide
 
 
 def test_what_is_not_stated_stays_unknown(evidence: RunEvidence) -> None:
-    """Neither a calibration nor a repeatability is made up."""
+    """Neither heights of the arm, nor a calibration, nor a repeatability is made up."""
     few = scatter_of([(1.0, 1.0, 1.0)] * 2)
     found = _terms(evidence, stated={}, scatter=few)
     unknown = {name for name, term in found.items() if term.value_n is None}
     assert unknown == {
+        "height of first contact",
         "calibration of the force cell",
         "synchrony of force and height",
         "repeatability of the press",

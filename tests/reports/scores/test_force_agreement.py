@@ -11,6 +11,7 @@ import pytest
 from reports.evidence.evidence import RunEvidence
 from reports.scores.budget import TermGroup
 from reports.scores.force_agreement import compare_force
+from tacauchy_rig.config.uncertainty import Stated
 from tests.made_model import made_model
 
 
@@ -19,7 +20,10 @@ def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
     trial = evidence.trials[2]
     assert trial.record is not None
     assert trial.record.depth_measured_m is not None
-    force = compare_force(trial, tolerance_n=0.08, model=None, contact_force_n=0.0707)
+    stated = {"depth": Stated(value=0.0, source="made")}
+    force = compare_force(
+        trial, tolerance_n=0.08, model=None, contact_force_n=0.0707, stated=stated
+    )
     assert force.touch_depth_m == pytest.approx(1e-5)
     assert force.force_predicted_n == pytest.approx(7070.0 * (trial.record.depth_measured_m + 1e-5))
     height = next(t for t in force.budget if t.name == "height of first contact")

@@ -1,0 +1,47 @@
+"""What is known of a run that others recorded: ``imported.json``. All values are SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportedTrial:
+    """One press of theirs.
+
+    Attributes:
+        name: What the source calls it.
+        place_m: Where the indenter's tip came down beside the pad's centre [m]; None: not known.
+        indenter: As ``press --indenter`` has it; empty is the run's.
+        streams: Those of ``force``, ``image`` and ``arm`` that its recording has.
+        contact_radius_m: Of the contact that is seen [m]; None where nobody drew it.
+    """
+
+    index: int
+    name: str
+    place_m: tuple[float, float] | None = None
+    indenter: str = ""
+    streams: tuple[str, ...] = ()
+    contact_radius_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """Where an imported run is from.
+
+    Attributes:
+        kind: Its format, such as ``csv``.
+        source: Name of the folder or file.
+        has_clock: Samples have times of theirs; without, stamps tell nothing but their order.
+        unknown: What the source does not tell, a sentence each.
+        notes: What was made of it, a sentence each: losses, and how presses were found.
+        files: SHA-256 of what was read, by the name within the source.
+    """
+
+    kind: str
+    source: str
+    has_clock: bool
+    unknown: tuple[str, ...]
+    notes: tuple[str, ...]
+    trials: tuple[ImportedTrial, ...]
+    files: dict[str, str] = field(default_factory=dict)

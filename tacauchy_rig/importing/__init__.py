@@ -1,0 +1,1 @@
+"""Others' recordings as run folders: what is known of them, and no more."""

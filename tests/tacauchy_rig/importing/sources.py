@@ -1,0 +1,80 @@
+"""Sources in others' formats, made of a run of ours."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.store.run_store import RunStore
+
+CSV_SPEC = """
+kind = "csv"
+name = "from-csv"
+[data]
+contact_force = "0.05 N"
+[data.columns]
+image = "image"
+press = "press"
+state = "state"
+time = { column = "time", unit = "s" }
+force_x = { column = "fx", unit = "N" }
+force_y = { column = "fy", unit = "N" }
+force = { column = "fz", unit = "N" }
+moment_x = { column = "mx", unit = "N m" }
+moment_y = { column = "my", unit = "N m" }
+moment_z = { column = "mz", unit = "N m" }
+depth = { column = "depth", unit = "mm" }
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+_HEAD = ("press", "state", "time", "image", "fx", "fy", "fz", "mx", "my", "mz", "depth")
+
+
+def counting(store: RunStore) -> list[TrialRecord]:
+    """Return the results of a run's trials."""
+    found = [store.counting(index) for index in store.trial_indices()]
+    return [record for record in found if record is not None]
+
+
+def write_csv(store: RunStore, folder: Path, *, spec: str = CSV_SPEC) -> Path:
+    """Write images and a CSV of the windows that count, and how to import them."""
+    folder.mkdir(parents=True)
+    rows: list[dict[str, object]] = []
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        tare = record.tare_before
+        assert tare is not None
+        force = recording.force()
+        for state, start, end in (
+            ("unloaded", tare.start_ns, tare.end_ns),
+            ("pressed", record.dwell_start_ns or 0, record.dwell_end_ns or 0),
+        ):
+            held = (force.stamp_ns >= start) & (force.stamp_ns <= end)
+            for stamp, wrench in zip(force.stamp_ns[held], force.wrench[held], strict=True):
+                row = dict(zip(_HEAD[4:10], (repr(float(v)) for v in wrench), strict=True))
+                rows.append(
+                    {"press": record.index, "state": state, "time": f"{stamp / 1e9:.9f}", **row}
+                )
+        depth = record.depth_measured_m
+        for state, start, end in (
+            ("unloaded", record.reference_start_ns, record.reference_end_ns),
+            ("pressed", record.dwell_start_ns, record.dwell_end_ns),
+        ):
+            for frame in recording.frames(start, end):
+                name = f"{record.index:02d}-{frame.counter}.jpg"
+                (folder / name).write_bytes(frame.jpeg)
+                row = {"press": record.index, "state": state, "image": name}
+                row["time"] = f"{frame.stamp_ns / 1e9:.9f}"
+                if state == "pressed" and depth is not None:
+                    row["depth"] = repr(depth * 1e3)
+                rows.append(row)
+    with (folder / "presses.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, _HEAD, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder
