@@ -73,7 +73,7 @@ def predict_stated(config: RigConfig, *, preset: Preset = Preset.FAST) -> Stated
     Raises:
         ConvergenceError: A force cannot be reached.
     """
-    inputs = replace(inputs_of(config), preset=preset)
+    inputs = replace(inputs_of(config), preset=preset, tolerance=None)
     forces_n = config.protocol.force_targets
     replay, _ = replay_forces(inputs.scene(forces_n), forces_n)
     curve = merge_histories([trial.force_history for trial in replay.trials])

@@ -30,7 +30,9 @@ REFINE_RATIO = 5.0
 LEAN_RAD = math.radians(2.0)
 """How far an indenter's face may lean against the gel: what is seen by eye while mounting it."""
 _UNIFORM = 1.0 / math.sqrt(3.0)
-_DIAMETER_M, _FILLET_SHARE, _SHARP_M = 0.05e-3, 0.5, 0.05e-3
+_FINE_M = ((6e-3, 0.05e-3), (30e-3, 0.1e-3), (120e-3, 0.15e-3))
+"""ISO 2768-1, class f: up to this diameter [m], so much either way [m]."""
+_FILLET_SHARE, _SHARP_M = 0.5, 0.05e-3
 _FRICTION, _PLACE_M, _SCALE = 0.2, 0.3e-3, 0.01
 
 
@@ -67,9 +69,10 @@ def stated_uncertainty(config: RigConfig, field: str) -> Stated:
     given: float | None = getattr(config.uncertainty, field)
     if given is not None:
         return Stated(value=given, source=f"uncertainty.{field} of rig.toml")
-    fillet_m = config.indenter.fillet
+    fillet_m, diameter_m = config.indenter.fillet, config.indenter.diameter
+    fine_m = next(half_m for most_m, half_m in _FINE_M if diameter_m <= most_m)
     defaults = {
-        "diameter": (_UNIFORM * _DIAMETER_M, "default: ISO 2768-1 f, +-0.05 mm"),
+        "diameter": (_UNIFORM * fine_m, f"default: ISO 2768-1 f, +-{fine_m * 1e3:g} mm"),
         "fillet": (_UNIFORM * _FILLET_SHARE * fillet_m, "default: half of it either way")
         if fillet_m
         else (_UNIFORM * _SHARP_M, "default: an edge that is broken by up to 0.05 mm"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from reports.arrays import FloatArray
 from reports.evidence.attempt import readable
-from sim.scene.indenter import describe
+from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
@@ -76,7 +76,7 @@ def read_presses(
 
     Raises:
         RecordError: A folder is no run's, a table cannot be read, or too little is in them.
-        ConfigError: They are of several sensors, or a gel has layers.
+        ConfigError: They are of several sensors, of triangles, or a gel has layers.
     """
     found: dict[str, IndenterPresses] = {}
     for path in paths:
@@ -106,6 +106,12 @@ def _refuse(groups: Sequence[IndenterPresses]) -> None:
             f"the gel of {sensors[0]} has layers, and forces do not say which is meant",
             remedy="give a sensor of one material",
         )
+    for each in groups:
+        if not isinstance(each.inputs.indenter, Cylinder | Sphere):
+            raise ConfigError(
+                f"{each.name}: a response takes 25 presses, of triangles minutes each",
+                remedy="press with a ball or a cylinder",
+            )
     count = sum(len(each.force_n) for each in groups)
     if count < POINTS_MIN:
         raise RecordError(
@@ -142,7 +148,7 @@ def _of_run(folder: Path) -> IndenterPresses:
     depth, force, noise = np.array(rows).T
     return IndenterPresses(
         config=config,
-        inputs=inputs_of(config),
+        inputs=replace(inputs_of(config), tolerance=None),
         contact_force_n=config.protocol.contact_force,
         press=np.arange(len(rows)),
         depth_m=depth,

@@ -15,8 +15,8 @@ import numpy as np
 
 from reports.arrays import FloatArray
 from sim.leaning import can_lean
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere, grown
-from sim.scene.pad import BoxPad
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
+from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
 from sim.sensitivity import COARSE, FINER, coarse_forces
 from tacauchy_rig.config.model import RigConfig
@@ -32,6 +32,8 @@ _ASIDE = 1e-9
 _ROUNDED_M = 0.1e-3
 """A sharp rim takes eight times as long, and fails on long edges; what nu, height, diameter and
 tilt change of it is within a tenth the same."""
+_FOOTPRINT_POINTS = 64
+"""Along either side of the box around a footprint."""
 _DIMENSIONS = {
     "gel height": "height",
     "dome along x": "dome_radius_x",
@@ -80,6 +82,8 @@ def force_inputs(
     tried_m = np.unique(np.linspace(least_m, most_m, _DEPTHS))
     stiffest_n = [max(config.protocol.force_targets)]
     contact_n = config.protocol.contact_force
+    inputs = replace(inputs, tolerance=None)  # that would choose a preset, of which none is asked
+    inputs, how = _quick(inputs, most_m)
 
     pressed_before: dict[tuple[Scene, float], FloatArray] = {}
 
@@ -93,7 +97,29 @@ def force_inputs(
             )
         return pressed_before[known]
 
-    return tuple(_tried(each, pressed, tried_m) for each in variations(inputs, config, found=found))
+    tried = [_tried(each, pressed, tried_m) for each in variations(inputs, config, found=found)]
+    return tuple(replace(each, basis=f"{each.basis}{how}") for each in tried)
+
+
+def _quick(inputs: ReplayInputs, depth_m: float) -> tuple[ReplayInputs, str]:
+    """Return what is pressed in a second in place of triangles, and how it is told.
+
+    A press of triangles takes minutes even on long edges. A round punch of the same footprint in a
+    flat pad feels a gel's height and Poisson's ratio alike.
+    """
+    indenter, pad, how = inputs.indenter, inputs.sensor.pad, ""
+    if isinstance(indenter, MeshIndenter):
+        half_m = 0.5 * indenter.size_m[:2].max()
+        side = np.linspace(-half_m, half_m, _FOOTPRINT_POINTS)
+        touched = indenter.lower_surface(*np.meshgrid(side, side)) <= depth_m
+        area_m2 = (2.0 * half_m) ** 2 * float(touched.mean())
+        diameter_m = 2.0 * math.sqrt(max(area_m2, (2.0 * _ROUNDED_M) ** 2) / math.pi)
+        indenter, how = Cylinder(diameter_m=diameter_m, fillet_m=0.0), "; tried on a round punch"
+    if isinstance(pad, SurfacePad):
+        half_x, half_y = pad.half_extents()
+        pad = BoxPad(size_x_m=2.0 * half_x, size_y_m=2.0 * half_y, height_m=pad.height_m)
+        how += "; tried on a flat pad"
+    return replace(inputs, indenter=indenter, sensor=replace(inputs.sensor, pad=pad)), how
 
 
 def _tried(
@@ -205,14 +231,6 @@ def _of_indenter(inputs: ReplayInputs, config: RigConfig) -> Iterator[Variation]
             changed=lambda by: replace(
                 inputs, indenter=replace(indenter, diameter_m=diameter_m + by)
             ),
-        )
-    elif isinstance(indenter, MeshIndenter):
-        yield Variation(
-            name="indenter's size",
-            value=float(max(indenter.size_m[:2])),
-            unit="m",
-            stated=wide,
-            changed=lambda by: replace(inputs, indenter=grown(indenter, 0.5 * by)),
         )
     if isinstance(indenter, Cylinder):
         rounded = replace(indenter, fillet_m=_rounded_m(indenter))

@@ -66,5 +66,7 @@ def test_a_gel_of_layers_and_a_folder_that_is_no_run_are_refused(tmp_path: Path)
     """Forces do not say which layer is soft."""
     with pytest.raises(ConfigError, match="layers"):
         _read(tmp_path / "presses.csv", TABLE, 'sensor.name="9dtact"')
+    with pytest.raises(ConfigError, match="plane"):
+        _read(tmp_path / "presses.csv", TABLE.replace("sphere:diameter=6mm", "plane"))
     with pytest.raises(RecordError):
         read_presses([tmp_path], overrides=(), noise_n=0.02, contact_force_n=0.0)

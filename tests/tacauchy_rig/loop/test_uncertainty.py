@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+from sim.arrays import FloatArray, IntArray
+from sim.scene.indenter import Cylinder, mesh_indenter
 from sim.sensitivity import coarse_forces
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.loop.inputs import inputs_of
-from tacauchy_rig.loop.uncertainty import force_inputs, variations
+from tacauchy_rig.loop.uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.replayed import FoundValue
 
 BALL = ('indenter.kind="sphere"', 'indenter.diameter="8 mm"', 'indenter.fillet="0 mm"')
@@ -55,6 +58,29 @@ def test_what_was_found_takes_the_place_of_a_default() -> None:
         ]
         assert tilt.stated.value == pytest.approx(wanted)
         assert tilt.changed(0.1).mounting.lean_rad == (0.1, 0.0)
+
+
+def test_triangles_are_tried_as_a_punch_of_their_footprint() -> None:
+    """A bar of 6 x 2 mm is a punch of 12 mm^2, and its terms say so."""
+    x, y, z = np.meshgrid([-3.0, 3.0], [-1.0, 1.0], [0.0, 4.0], indexing="ij")
+    corners = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    faces = ConvexHull(corners).simplices
+    tool = replace(
+        inputs_of(load_config().config),
+        indenter=mesh_indenter(corners * 1e-3, turned_out(corners, faces), name="bar"),
+    )
+    quick, how = _quick(tool, 3e-4)
+    assert isinstance(quick.indenter, Cylinder)
+    area_mm2 = np.pi * (1e3 * quick.indenter.radius_m) ** 2
+    assert area_mm2 == pytest.approx(12.0, rel=0.05)
+    assert "round punch" in how
+
+
+def turned_out(corners: FloatArray, faces: IntArray) -> IntArray:
+    """Return the faces with their normals out."""
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0.0
+    return np.where(inwards[:, None], faces[:, ::-1], faces)
 
 
 def test_depths_count_from_the_contact_force() -> None:
