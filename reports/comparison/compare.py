@@ -84,7 +84,7 @@ def _compare_trial(
     margin: ForceMargin | None,
     scatter: Scatter,
 ) -> TrialResult:
-    seen = _compare_images(trial, evidence, crossed)
+    seen = compare_images(trial, evidence, crossed)
     discriminates = {
         m.metric: m.diagonal_wins[m.trials.index(trial.index)]
         for m in matrices
@@ -122,7 +122,7 @@ def _compare_trial(
     )
 
 
-def _compare_images(
+def compare_images(
     trial: TrialEvidence, evidence: RunEvidence, crossed: CrossScores
 ) -> dict[str, Any]:
     """Return what images say, by the fields of a result; None where one is missing."""

@@ -34,6 +34,20 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
         figures: Folder of the figures' PNG files, which are put into the page.
         images: Folder of the trials' images, which are put into the page.
     """
+    environment = page_environment(summary)
+    environment.globals |= {
+        "figure_data": lambda name: png_data(figures / f"{name}.png"),
+        "image_data": lambda name: png_data(images / name),
+    }
+    return environment.get_template("report.html.jinja").render(summary=summary)
+
+
+def page_environment(summary: Mapping[str, Any]) -> Environment:
+    """Return what pages are rendered by: number formats, scores, and whose the images are.
+
+    Args:
+        summary: Its ``provenance`` and ``simulated`` say whose.
+    """
     environment = Environment(
         loader=PackageLoader("reports"),
         autoescape=True,
@@ -49,12 +63,10 @@ def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> s
         "named": named,
     }
     environment.globals |= {
-        "figure_data": lambda name: png_data(figures / f"{name}.png"),
-        "image_data": lambda name: png_data(images / name),
         "metrics": {metric.value: metric for metric in Metric},
         "camera": camera_of(summary["provenance"], simulated=summary["simulated"]),
     }
-    return environment.get_template("report.html.jinja").render(summary=summary)
+    return environment
 
 
 def png_data(path: Path) -> str:

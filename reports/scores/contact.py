@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from reports.arrays import ColorImage, FloatArray, Mask, check_image_pair
-from reports.scores.metrics import zero_mean_correlation
+from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
 
 SMOOTHING_PX = 2.0
 PEAK_FRACTION = 0.5
@@ -23,6 +23,8 @@ MIN_CHANGE_LEVELS = 4.0
 COMPONENT_FRACTION = 0.10
 MIN_AREA_FRACTION = 0.002
 REGION_MARGIN = 0.25
+CROP_RADII = 1.5  # half of the crop's side: the mark, and half of its radius around it
+MIN_CROP_PX = 16  # SSIM's window of 11 px moves in it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +35,8 @@ class ContactScores:
         zncc: Correlation of the two changes inside the region: place and shape.
         relative_residual: Norm of the difference of the changes over the norm of the real one:
             amplitude, so force. 0 is perfect, 1 is what predicting no contact gives.
+        error_levels: Mean absolute error inside the region [grey level].
+        ssim_crop: SSIM of a square around the real footprint.
         mask_iou: Overlap of the two footprints over their union.
         centroid_error_px: Distance of the footprints' centroids [px].
         radius_error_px: Simulated minus real radius of a disc of the footprint's area [px].
@@ -41,6 +45,8 @@ class ContactScores:
 
     zncc: float
     relative_residual: float
+    error_levels: float
+    ssim_crop: float
     mask_iou: float
     centroid_error_px: float
     radius_error_px: float
@@ -106,6 +112,20 @@ def contact_region(footprint: Mask) -> Mask:
     return np.asarray(ndimage.distance_transform_edt(~footprint) <= margin, dtype=np.bool_)
 
 
+def contact_crop(footprint: Mask) -> tuple[slice, slice]:
+    """Return the square around a footprint, moved to lie in the image and no larger than it."""
+    half = max(MIN_CROP_PX / 2, CROP_RADII * footprint_radius(footprint))
+    middle = np.argwhere(footprint).mean(axis=0)
+
+    def along(centre: float, size: int) -> slice:
+        side = min(size, round(2 * half))
+        start = int(np.clip(round(centre - half), 0, size - side))
+        return slice(start, start + side)
+
+    height, width = footprint.shape
+    return along(float(middle[0]), height), along(float(middle[1]), width)
+
+
 def footprint_radius(footprint: Mask) -> float:
     """Return the radius [px] of a disc of the same area."""
     return math.sqrt(float(footprint.sum()) / math.pi)
@@ -140,7 +160,7 @@ def score_contact(
     footprint = contact_footprint(real_change)
     if footprint is None:
         return None
-    region = contact_region(footprint)
+    region, crop = contact_region(footprint), contact_crop(footprint)
     other = contact_footprint(simulated_change)
     offset_px, radius_error_px, iou = (math.nan, math.nan), math.nan, 0.0
     if other is not None:
@@ -152,6 +172,8 @@ def score_contact(
     return ContactScores(
         zncc=zero_mean_correlation(real_change[region], simulated_change[region]),
         relative_residual=relative_residual(real_change, simulated_change, region),
+        error_levels=float(np.mean(np.abs((simulated_change - real_change)[region]))),
+        ssim_crop=structural_similarity_index(real[crop], simulated[crop]),
         mask_iou=iou,
         centroid_error_px=math.hypot(*offset_px),
         radius_error_px=radius_error_px,

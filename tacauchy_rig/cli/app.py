@@ -27,6 +27,8 @@ COMMANDS = {
     "replay": "tacauchy_rig.cli.folders:replay",
     "report": "tacauchy_rig.cli.folders:report",
     "export": "tacauchy_rig.cli.folders:export",
+    "judge": "tacauchy_rig.cli.judge:judge",
+    "rigid": "tacauchy_rig.cli.studies.rigid:rigid",
     "press": "tacauchy_rig.cli.press:press",
     "plan": "tacauchy_rig.cli.press:plan",
     "accuracy": "tacauchy_rig.cli.studies.accuracy:accuracy",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
@@ -22,7 +23,8 @@ from tacauchy_rig.loop.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.replayed import MarkerMotion
 from tacauchy_rig.store.replay_files import ReplayFields
 
-_SAMPLES = 2  # of a pixel, along rows and along columns
+SAMPLES = 2
+"""Of a pixel, along rows and along columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,18 +81,32 @@ def image_of(
     Args:
         unloaded: No-contact frame without markers.
     """
-    geometry = optics.geometry
-    fine = height_maps(surface, geometry.refined(_SAMPLES), pad=sensor.pad)
+    fine = height_maps(surface, optics.geometry.refined(SAMPLES), pad=sensor.pad)
+    image = drawn_image(fine.rest, fine.loaded, optics, unloaded=unloaded)
+    return height_maps(surface, optics.geometry, pad=sensor.pad), image
+
+
+def drawn_image(
+    rest_m: FloatArray, loaded_m: FloatArray, optics: OpticalCalibration, *, unloaded: ImageArray
+) -> ImageArray:
+    """Return the image of heights [m], ``SAMPLES`` along each side of a pixel.
+
+    Args:
+        rest_m: Of the unloaded surface.
+        loaded_m: Of the pressed one.
+        optics: How it is seen.
+        unloaded: No-contact frame without markers.
+    """
     renderer = TactileRenderer(
         unloaded,
-        fine.rest,
+        rest_m,
         optics.model,
-        geometry,
+        optics.geometry,
         shadows=optics.shadows,
-        samples=_SAMPLES,
+        samples=SAMPLES,
         blur_px=optics.blur_px,
     )
-    return height_maps(surface, geometry, pad=sensor.pad), renderer.render(fine.loaded)
+    return renderer.render(loaded_m)
 
 
 def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import median
@@ -37,6 +38,8 @@ from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.replay_files import ReplayFields
 
 REPLAY_NAME = "force-matched"
+IMAGE_S = "image_s"
+"""Of a trial's ``wall_s``: rendering, the no-contact frame's reading included [s]."""
 
 
 def replay_run(
@@ -179,13 +182,21 @@ def render_again(
         RecordError: A recording has no readable no-contact frame.
         ConfigError: The frame's markers are not where the sensor's file says.
     """
-    rendered = {
-        attempt.record.index: render_trial(attempt, sensor, fields[attempt.record.index], optics)
-        for attempt in measured_attempts(run)
-    }
+    rendered, image_s = {}, {}
+    for attempt in measured_attempts(run):
+        index, started = attempt.record.index, time.perf_counter()
+        rendered[index] = render_trial(attempt, sensor, fields[index], optics)
+        image_s[index] = time.perf_counter() - started
+    trials = tuple(
+        replace(trial, wall_s={**trial.wall_s, IMAGE_S: image_s[trial.index]})
+        if trial.index in image_s
+        else trial
+        for trial in replay.trials
+    )
     markers = tuple(trial.markers for trial in rendered.values() if trial.markers is not None)
     model = replace(_seen_by_the_camera(replay.model, sensor, optics), markers=markers)
-    return replace(replay, model=model), {i: trial.kept for i, trial in rendered.items()}
+    kept = {i: trial.kept for i, trial in rendered.items()}
+    return replace(replay, trials=trials, model=model), kept
 
 
 def _replayed(

@@ -8,7 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from reports.scores.contact import contact_footprint, footprint_radius, image_change, score_contact
+from reports.scores.contact import (
+    contact_crop,
+    contact_footprint,
+    footprint_radius,
+    image_change,
+    score_contact,
+)
 
 
 def test_identical_contact(made: SimpleNamespace) -> None:
@@ -20,6 +26,8 @@ def test_identical_contact(made: SimpleNamespace) -> None:
     assert scores.zncc == pytest.approx(1.0)
     assert scores.relative_residual == 0.0
     assert scores.mask_iou == 1.0
+    assert scores.error_levels == 0.0
+    assert scores.ssim_crop == pytest.approx(1.0)
     assert scores.centroid_error_px == 0.0
     assert scores.centroid_error_mm is None
 
@@ -58,6 +66,35 @@ def test_no_contact_leaves_everything_unexplained(made: SimpleNamespace) -> None
     assert scores.relative_residual == 1.0
     assert scores.mask_iou == 0.0
     assert math.isnan(scores.centroid_error_px)
+
+
+def test_error_is_of_the_region_alone(made: SimpleNamespace) -> None:
+    """What differs outside the contact is no error of it, what differs inside is, by its size."""
+    reference = made.to_image(made.background())
+    real = made.to_image(made.background() + made.contact_change(4.0))
+    footprint = contact_footprint(image_change(real, reference))
+    assert footprint is not None
+    rows, columns = contact_crop(footprint)
+    beside, inside = real.copy(), real.copy()
+    beside[:10, :10] += np.uint8(9)
+    inside[footprint] += np.uint8(3)
+    assert score_contact(real, beside, reference).error_levels == 0.0
+    error = score_contact(real, inside, reference).error_levels
+    assert 1.5 < error < 3.0  # of the footprint 3, of the margin around it nothing
+    assert rows.stop - rows.start == columns.stop - columns.start
+    assert footprint[rows, columns].sum() == footprint.sum()
+
+
+def test_crop_lies_within_a_small_image() -> None:
+    """A mark in a corner of an image gets a square that lies in it, however large it is."""
+    footprint = np.zeros((20, 30), dtype=np.bool_)
+    footprint[:3, 26:] = True
+    rows, columns = contact_crop(footprint)
+    assert (rows.start, columns.stop) == (0, 30)
+    assert rows.stop - rows.start == columns.stop - columns.start == 16
+    footprint[:] = True
+    rows, columns = contact_crop(footprint)
+    assert (rows.start, rows.stop, columns.start, columns.stop) == (0, 20, 0, 30)
 
 
 def test_noise_is_no_contact(made: SimpleNamespace) -> None:

@@ -1,0 +1,316 @@
+"""Simulators side by side: each one's outputs for a run's presses, scored as the run's own replay.
+
+Floors and ceiling are those of the run's report, and so are the scores.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from reports.arrays import ColorImage, FloatArray
+from reports.comparison.compare import compare_images
+from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT
+from reports.evidence.evidence import RunEvidence, TrialEvidence
+from reports.scores.contact import ContactScores, score_contact
+from reports.scores.correction import Corrections
+from reports.scores.floors import (
+    CeilingKind,
+    Floors,
+    Skill,
+    cross_scores,
+    trial_ceiling,
+    trial_floors,
+)
+from reports.scores.force_agreement import predict
+from reports.scores.force_margin import ForceMargin, force_margins
+from reports.scores.metrics import ImageScores, MeanInterval, Metric, t_interval
+from tacauchy_rig.outputs import Driven, Outputs, PressOutput, Simulator
+
+_SEEN = ("metrics", "skill", "contact", "corrections", "floors")
+"""Of what a comparison of images finds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedPress:
+    """One press of a simulator, scored.
+
+    Attributes:
+        force_error_n: Its force at the measured depth minus the measured one [N].
+        depth_error_m: Its depth at the measured force minus the measured one [m].
+        height_apart_rms_m: Of its surface from our replay's, which is no truth [m].
+        height_apart_largest_m: Likewise the largest [m].
+        pressure_force_n: Its pressure, summed over the image [N]: its own force, or they disagree.
+    """
+
+    index: int
+    metrics: ImageScores | None
+    skill: dict[str, Skill]
+    contact: ContactScores | None
+    corrections: Corrections | None
+    margin: ForceMargin | None
+    floors: Floors | None
+    force_n: float | None
+    force_error_n: float | None
+    force_error_relative: float | None
+    depth_error_m: float | None
+    height_apart_rms_m: float | None
+    height_apart_largest_m: float | None
+    pressure_force_n: float | None
+
+    @property
+    def wins(self) -> bool | None:
+        """Its image explains the contact better than its images of other presses and none at all.
+
+        None where it has no image, or no contact shows.
+        """
+        if self.margin is None or math.isnan(self.margin.value):
+            return None
+        return self.margin.value > 0.0
+
+    def value(self, key: str) -> float | None:
+        """Return a score by its key; errors of force and depth without their sign."""
+        if key == CORRECTED:
+            corrected = self.corrections and self.corrections.contact_pose_light_corrected
+            return corrected.relative_residual if corrected else None
+        if key.startswith(OF_CONTACT):
+            name = key.removeprefix(OF_CONTACT)
+            return None if self.contact is None else float(getattr(self.contact, name))
+        if key in set(Metric):
+            return None if self.metrics is None else float(getattr(self.metrics, key))
+        found = getattr(self, key)
+        return None if found is None else abs(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedSimulator:
+    """A simulator, scored.
+
+    Attributes:
+        outputs: What it gave.
+        is_ours: It is the run's own replay.
+        presses: One for each press of the run that it simulated.
+        means: By score, over its presses; errors of force and depth without their sign.
+        wins: In how many presses its own image beats its images of the others, and of how many.
+    """
+
+    outputs: Outputs
+    is_ours: bool
+    presses: tuple[JudgedPress, ...]
+    means: dict[str, MeanInterval]
+    wins: tuple[int, int]
+
+    @property
+    def simulator(self) -> Simulator:
+        """Who it is."""
+        return self.outputs.simulator
+
+    def image(self, trial: int) -> ColorImage | None:
+        """Return what it shows of a trial."""
+        return self.outputs.presses.get(trial, PressOutput()).image
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """What every simulator stands beside: a floor or the ceiling.
+
+    Attributes:
+        means: As of a simulator.
+    """
+
+    name: str
+    means: dict[str, MeanInterval]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """Simulators, judged by the presses of one run.
+
+    Attributes:
+        floors: What says nothing of a press.
+        ceiling: What the sensor reaches against itself; None where the run does not tell.
+        evidence: The run; its simulated images are our replay's.
+    """
+
+    simulators: tuple[JudgedSimulator, ...]
+    floors: tuple[Reference, ...]
+    ceiling: Reference | None
+    evidence: RunEvidence
+
+
+def judge(
+    evidence: RunEvidence, others: Sequence[Outputs], *, ours: Outputs | None = None
+) -> Judgement:
+    """Score simulators' outputs for the presses of a run.
+
+    Args:
+        evidence: The run.
+        others: Their images have the scored size; their trials are the run's.
+        ours: What its own replay gives, of ``outputs_of_replay``; stands first.
+
+    Raises:
+        RecordError: Images of one trial differ in shape.
+    """
+    heights = {} if ours is None else {i: press.height_m for i, press in ours.presses.items()}
+    known = {k: h for k, h in heights.items() if h is not None}
+    entries = ([] if ours is None else [ours]) + list(others)
+    judged = tuple(_judged(evidence, entry, known, is_ours=entry is ours) for entry in entries)
+    return Judgement(
+        simulators=judged,
+        floors=_floors(evidence),
+        ceiling=_ceiling(evidence),
+        evidence=evidence,
+    )
+
+
+def outputs_of_replay(
+    evidence: RunEvidence, simulator: Simulator, heights_m: Mapping[int, FloatArray]
+) -> Outputs:
+    """Return what the run's own replay gives, as any other simulator's outputs.
+
+    Forces are those that the stated gel predicts at the measured depths, not the matched ones,
+    which agree by construction.
+
+    Args:
+        simulator: Who we are.
+        heights_m: Height of the surface over itself at rest, by trial.
+    """
+    presses = {}
+    for trial in evidence.trials:
+        if trial.simulated_image is not None or trial.replay is not None:
+            presses[trial.index] = PressOutput(
+                image=trial.simulated_image,
+                force_n=predict(trial, evidence.contact_force_n)[0],
+                height_m=heights_m.get(trial.index),
+            )
+    missing = tuple(t.index for t in evidence.trials if t.index not in presses)
+    return Outputs(
+        simulator=replace(simulator, driven_by=Driven.DEPTH), presses=presses, left_out=missing
+    )
+
+
+def _judged(
+    evidence: RunEvidence, entry: Outputs, heights: Mapping[int, FloatArray], *, is_ours: bool
+) -> JudgedSimulator:
+    trials = tuple(
+        replace(trial, simulated_image=_of(entry, trial).image) for trial in evidence.trials
+    )
+    shown = replace(evidence, trials=trials)
+    crossed, margins = cross_scores(trials), force_margins(trials)
+    presses = []
+    for trial in trials:
+        if trial.index not in entry.presses:
+            continue
+        seen = compare_images(trial, shown, crossed)
+        output = _of(entry, trial)
+        presses.append(
+            JudgedPress(
+                index=trial.index,
+                margin=margins.get(trial.index),
+                force_n=output.force_n,
+                **{name: seen[name] for name in _SEEN},
+                **_force(trial, output, entry.simulator.driven_by),
+                **_fields(output, None if is_ours else heights.get(trial.index), evidence),
+            )
+        )
+    won = [press.wins for press in presses if press.wins is not None]
+    return JudgedSimulator(
+        outputs=entry,
+        is_ours=is_ours,
+        presses=tuple(presses),
+        means=_means(presses),
+        wins=(sum(won), len(won)),
+    )
+
+
+def _of(entry: Outputs, trial: TrialEvidence) -> PressOutput:
+    return entry.presses.get(trial.index, PressOutput())
+
+
+def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> dict[str, Any]:
+    """Return by how much the one of force and depth is off that the simulator was not told."""
+    record = trial.record
+    measured = None if record is None else record.force_measured_n
+    depth = None if record is None else record.depth_measured_m
+    error = relative = off = None
+    if driven is Driven.DEPTH and output.force_n is not None and measured is not None:
+        error = output.force_n - measured
+        relative = error / measured if measured else None
+    if driven is Driven.FORCE and output.depth_m is not None and depth is not None:
+        off = output.depth_m - depth
+    return {"force_error_n": error, "force_error_relative": relative, "depth_error_m": off}
+
+
+def _fields(
+    output: PressOutput, ours_m: FloatArray | None, evidence: RunEvidence
+) -> dict[str, Any]:
+    rms = largest = total = None
+    if output.height_m is not None and ours_m is not None:
+        apart = output.height_m - ours_m
+        rms, largest = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
+    x_m, y_m = evidence.geometry.scale_x_m_px, evidence.geometry.scale_y_m_px
+    if output.pressure_pa is not None and x_m is not None and y_m is not None:
+        total = float(output.pressure_pa.sum()) * x_m * y_m
+    return {
+        "height_apart_rms_m": rms,
+        "height_apart_largest_m": largest,
+        "pressure_force_n": total,
+    }
+
+
+def _means(presses: Sequence[JudgedPress]) -> dict[str, MeanInterval]:
+    found = {score.key: [press.value(score.key) for press in presses] for score in ALL}
+    return {key: t_interval([v for v in values if v is not None]) for key, values in found.items()}
+
+
+def _image_means(scores: Sequence[ImageScores]) -> dict[str, MeanInterval]:
+    return {m.value: t_interval([s.value(m) for s in scores]) for m in Metric}
+
+
+def _contact_means(contacts: Sequence[ContactScores]) -> dict[str, MeanInterval]:
+    names = ("zncc", "relative_residual", "error_levels", "ssim_crop")
+    return {f"{OF_CONTACT}{n}": t_interval([getattr(c, n) for c in contacts]) for n in names}
+
+
+def _floors(evidence: RunEvidence) -> tuple[Reference, ...]:
+    """Return what a frame without contact and a flat colour score; neither knows the press."""
+    seen = [trial.images for trial in evidence.trials if trial.images is not None]
+    floors = [trial_floors(images, ()) for images in seen]
+    untouched = [score_contact(i.real, i.reference, i.reference) for i in seen]
+    return (
+        Reference(
+            name="no-contact frame",
+            means=_image_means([floor.no_contact for floor in floors])
+            | _contact_means([each for each in untouched if each is not None]),
+        ),
+        Reference(
+            name="flat mean colour", means=_image_means([floor.flat_mean for floor in floors])
+        ),
+    )
+
+
+def _ceiling(evidence: RunEvidence) -> Reference | None:
+    """Return what a repeat of each press scores, or else the two halves of its dwell."""
+    found = {
+        trial.index: trial_ceiling(trial, [t for t in evidence.trials if t.index != trial.index])
+        for trial in evidence.trials
+    }
+    ceilings = [ceiling for ceiling in found.values() if ceiling is not None]
+    if not ceilings:
+        return None
+    halves = [
+        score_contact(trial.images.first_half, trial.images.second_half, trial.images.reference)
+        for trial in evidence.trials
+        if trial.images is not None
+        if trial.images.first_half is not None and trial.images.second_half is not None
+    ]
+    is_noise = all(ceiling.kind is CeilingKind.NOISE for ceiling in ceilings)
+    return Reference(
+        name="; ".join(sorted({ceiling.kind.value for ceiling in ceilings})),
+        means=_image_means([ceiling.scores for ceiling in ceilings])
+        | (_contact_means([each for each in halves if each is not None]) if is_noise else {}),
+    )

@@ -1,0 +1,96 @@
+"""``tacauchy-rig rigid``: a run's presses as simulators without mechanics draw them."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig import __version__
+from tacauchy_rig.cli.options import RunFolder
+from tacauchy_rig.cli.output import say
+from tacauchy_rig.errors import RecordError
+
+if TYPE_CHECKING:
+    from reports.evidence.attempt import RunReading
+
+NAME = "rigid penetration"
+_NOTE = (
+    "No mechanics: the indenter's shape cut into the gel at the measured depth, through our optics."
+)
+
+
+def rigid(
+    folder: RunFolder,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A new folder for judge.")],
+) -> None:
+    """Write what a simulator without mechanics shows of a run's presses, for ``judge``.
+
+    Example: tacauchy-rig rigid runs/20261123-dry-run --out rigid
+    """
+    from sim.studies.rigid import rigid_heights
+    from tacauchy_rig.cli.emulation import emulated_calibration
+    from tacauchy_rig.loop.inputs import inputs_of
+    from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.loop.optics import optics_of
+    from tacauchy_rig.loop.rendering import SAMPLES, drawn_image
+    from tacauchy_rig.outputs import Outputs, PressOutput, Simulator
+    from tacauchy_rig.plain_layout.writing import write_outputs
+    from tacauchy_rig.versions import machine
+
+    run = open_run(folder)
+    config = run.store.config
+    inputs = inputs_of(config)
+    calibrate = emulated_calibration(run.store)
+    optics = optics_of(
+        config.sensor.optics_calibration, inputs.sensor, calibrate=calibrate, on_progress=say
+    )
+    place = _place(run, inputs.mounting.offset_m)
+    presses, spent_s = {}, 0.0
+    for trial, record in run.records.items():
+        attempt = run.attempt(trial)
+        unloaded = None if attempt is None else attempt.reference
+        if record is None or record.depth_measured_m is None or unloaded is None:
+            say(f"press {trial}: no depth or no no-contact frame: left out")
+            continue
+        started = time.perf_counter()
+        cut = partial(
+            rigid_heights,
+            inputs.sensor.pad,
+            inputs.indenter,
+            depth_m=record.depth_measured_m,
+            place_m=place,
+        )
+        rest, loaded = cut(optics.geometry.refined(SAMPLES))
+        image = drawn_image(rest, loaded, optics, unloaded=unloaded)
+        spent_s += time.perf_counter() - started
+        rest, loaded = cut(optics.geometry)
+        presses[trial] = PressOutput(image=image, height_m=loaded - rest)
+    if not presses:
+        raise RecordError(
+            f"{folder}: no press of it has a measured depth",
+            remedy="a rigid indenter goes as deep as it is told: record or import depths",
+        )
+    simulator = Simulator(
+        name=NAME,
+        version=__version__,
+        milliseconds_an_image=1e3 * spent_s / len(presses),
+        machine=f"cpu, {machine()}",
+        note=_NOTE,
+    )
+    missing = tuple(trial for trial in run.records if trial not in presses)
+    write_outputs(out, Outputs(simulator=simulator, presses=presses, left_out=missing))
+    say(f"wrote {len(presses)} presses to {out}")
+
+
+def _place(run: RunReading, stated_m: tuple[float, float]) -> tuple[float, float]:
+    """Return where the tip came down, as our replay has it, or else as the run states [m]."""
+    from tacauchy_rig.loop.replay import REPLAY_NAME
+
+    if REPLAY_NAME not in run.store.replays():
+        return stated_m
+    model = run.store.load_replay(REPLAY_NAME).model
+    return model.centre_x_m, model.centre_y_m

@@ -1,0 +1,1 @@
+"""Simulators' outputs in plain files: one folder a press; docs/judging.md."""
