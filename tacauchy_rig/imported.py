@@ -14,7 +14,8 @@ class ImportedTrial:
         place_m: Where the indenter's tip came down beside the pad's centre [m]; None: not known.
         indenter: As ``press --indenter`` has it; empty is the run's.
         streams: Those of ``force``, ``image`` and ``arm`` that its recording has.
-        contact_radius_m: Of the contact that is seen [m]; None where nobody drew it.
+        contact_px: Column, row and radius of the contact's edge as somebody drew it into the
+            image, in its own pixels [px]; None where nobody did.
     """
 
     index: int
@@ -22,7 +23,7 @@ class ImportedTrial:
     place_m: tuple[float, float] | None = None
     indenter: str = ""
     streams: tuple[str, ...] = ()
-    contact_radius_m: float | None = None
+    contact_px: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

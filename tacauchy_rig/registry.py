@@ -70,6 +70,8 @@ _OWN: dict[Kind, dict[str, str]] = {
         "9dtact": "sim.sensor.files:NINE_D_TACT",
         "digit": "sim.sensor.files:DIGIT",
         "gelsight-mini": "sim.sensor.files:GELSIGHT_MINI",
+        "taxim-gelsight": "sim.sensor.files:TAXIM_GELSIGHT",
+        "taxim-gelsight-mini": "sim.sensor.files:TAXIM_GELSIGHT_MINI",
     },
     Kind.RENDERER: {
         "photometric": "sim.optics.colour.nominal:PHOTOMETRIC",

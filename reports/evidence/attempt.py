@@ -42,6 +42,7 @@ class AttemptReading:
         store: The run that it belongs to.
         record: What the protocol wrote of it.
         recording: Its streams.
+        geometry: How its frames become scored images.
 
     Raises:
         RecordError: The recording is missing or damaged.
@@ -51,7 +52,7 @@ class AttemptReading:
         self.store = store
         self.record = record
         self.recording = Recording.open(store.paths.recording(record.index, record.attempt))
-        self._geometry = geometry
+        self.geometry = geometry
 
     @cached_property
     def force(self) -> ForceArrays:
@@ -163,7 +164,7 @@ class AttemptReading:
         if start_ns is None or end_ns is None:
             return []
         decoded = map(decode_frame, self.recording.frames(start_ns, end_ns))
-        return [crop_and_resize(image, self._geometry) for image in decoded if image is not None]
+        return [crop_and_resize(image, self.geometry) for image in decoded if image is not None]
 
     def _curve(self, stamp_ns: IntArray, value: FloatArray) -> Curve:
         dwell_start_ns = self.record.dwell_start_ns

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
+from tacauchy_rig.calibrated import CalibratedOptics
 from tacauchy_rig.config.uncertainty import Stated
 from tacauchy_rig.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.force_check import ForceCheck
@@ -228,6 +229,8 @@ class RunEvidence:
         truth: Further comparisons, made by the caller.
         checks: What journal, description and replay say of each other.
         imported: Where the run is from, if others recorded it.
+        optics: What its presses gave when optics were calibrated from them.
+        optics_picture: Each of those presses, real, rendered and apart, as PNG.
         notes: What is no fault and has to be known of how the run was recorded, in sentences.
     """
 
@@ -247,6 +250,8 @@ class RunEvidence:
     truth: tuple[TruthComparison, ...] = ()
     checks: tuple[Criterion, ...] = ()
     imported: Imported | None = None
+    optics: CalibratedOptics | None = None
+    optics_picture: bytes = b""
     notes: tuple[str, ...] = ()
 
     @property

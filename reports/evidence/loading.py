@@ -95,6 +95,8 @@ def load_evidence(
         world=_world(store, run.records),
         checks=check.run,
         imported=store.imported.load(),
+        optics=readable(store.optics.load),
+        optics_picture=_bytes_of(store.paths.calibration_picture),
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
 
@@ -116,6 +118,10 @@ def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stat
     if not config.is_imported:
         plain["search_speed"] = config.robot.search_speed / REFINE_RATIO
     return stated | {name: Stated(value=v, source="rig.toml") for name, v in plain.items()}
+
+
+def _bytes_of(path: Path) -> bytes:
+    return path.read_bytes() if path.is_file() else b""
 
 
 def _target_n(store: RunStore, index: int, record: TrialRecord | None) -> float:

@@ -55,6 +55,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
             )
             for name in (*Metric, "metrics", "skill", "contact", "interval")
         },
+        "optics": None if evidence.optics is None else to_plain(evidence.optics),
         "trials": [_trial(trial) for trial in report.trials],
         "statistics": to_plain(report.statistics),
         "wrong_force_matrices": to_plain(report.matrices),

@@ -18,6 +18,8 @@ from reports.page.summary import build_summary, junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.rgb import encode_png
 
+OPTICS_PICTURE = "optics-held-out.png"
+
 
 class ReportPaths:
     """Where the parts of a report lie."""
@@ -51,11 +53,14 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
 def _write(report: ValidationReport, paths: ReportPaths) -> None:
     figures = draw_figures(report, paths.figures)
     pictures = _write_pictures(report.evidence, paths.images)
+    if picture := report.evidence.optics_picture:
+        (paths.images / OPTICS_PICTURE).write_bytes(picture)
     summary = build_summary(report)
     summary["figures"] = figures
     for trial in summary["trials"]:
         trial["images"] = pictures.get(trial["index"], {})
     # allow_nan=False: a NaN that slipped through is a bug of ours and must not reach a reader.
+    summary["optics_picture"] = OPTICS_PICTURE if picture else None
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
     paths.summary.write_text(text + "\n", encoding="utf-8")
     paths.metrics.write_text(metrics_csv(summary), encoding="utf-8")

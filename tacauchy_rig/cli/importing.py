@@ -13,7 +13,10 @@ from tacauchy_rig.cli.output import complain, say, write_json
 
 def import_(
     source: Annotated[
-        Path, typer.Argument(metavar="SOURCE", help="A folder with import.toml, or that file.")
+        Path,
+        typer.Argument(
+            metavar="SOURCE", help="A folder with import.toml, that file, or the taxim wheel."
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where runs go.")] = Path(
         "runs"

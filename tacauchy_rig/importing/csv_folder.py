@@ -11,15 +11,21 @@ import numpy as np
 
 from tacauchy_rig.config.fields import Force, Section
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.importing.press import FloatArray, Frame, Press, Recorded, Samples, Window
+from tacauchy_rig.importing.press import (
+    ORDER_NS,
+    FloatArray,
+    Frame,
+    Press,
+    Recorded,
+    Samples,
+    Window,
+)
 from tacauchy_rig.importing.source import IMAGE_BYTES, Source
 from tacauchy_rig.importing.spec import Column
 from tacauchy_rig.importing.table import Table, read_table
 from tacauchy_rig.quantities import Dimension
 
 UNLOADED, PRESSED = "unloaded", "pressed"
-ORDER_NS = 1_000_000
-"""Between the stamps of rows without a time: they tell nothing but the order."""
 _WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
 _POSE = ("x", "y", "z")
 
@@ -114,6 +120,7 @@ def read_csv_folder(source: Source, data: CsvData) -> Recorded:
     return Recorded(
         presses=presses,
         has_clock=columns.time is not None,
+        contact_force_n=data.contact_force,
         unknown=tuple(_unknown(columns, data)),
         notes=() if columns.time else ("Stamps of this run count rows; no time was stated.",),
     )

@@ -6,9 +6,10 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tacauchy_rig.config.devices import IMPORTED
+from tacauchy_rig.config.fields import Section
 from tacauchy_rig.config.load import (
     LoadedConfig,
     leaves,
@@ -22,9 +23,13 @@ from tacauchy_rig.importing.csv_folder import CsvData, read_csv_folder
 from tacauchy_rig.importing.press import Recorded
 from tacauchy_rig.importing.source import MIB, Source
 from tacauchy_rig.importing.spec import PATH_FIELDS, SourceKind, Spec, read_section
+from tacauchy_rig.importing.taxim import TaximData, read_taxim
 from tacauchy_rig.importing.writing import write_run
 from tacauchy_rig.registry import Kind, unknown
 from tacauchy_rig.store.run_store import RunStore
+
+T = TypeVar("T", bound=Section)
+Reader = Callable[[Source, Mapping[str, Any]], Recorded]
 
 SPEC_NAME = "import.toml"
 SPEC_BYTES = MIB
@@ -36,7 +41,19 @@ MESH = "mesh:"
 FILE_BYTES = 256 * MIB
 """Of a calibration, a sensor's file or a tool's triangles."""
 
-_TABLES = {SourceKind.CSV: CsvData}
+BARE = {".whl": SourceKind.TAXIM, ".npz": SourceKind.TAXIM}
+"""Files that tell enough of themselves to be imported without an ``import.toml``."""
+FILE = "data.file"
+
+
+def _reader(kind: type[T], read: Callable[[Source, T], Recorded]) -> Reader:
+    return lambda source, data: read(source, read_section(kind, data, where="data."))
+
+
+READERS: Mapping[SourceKind, Reader] = {
+    SourceKind.CSV: _reader(CsvData, read_csv_folder),
+    SourceKind.TAXIM: _reader(TaximData, read_taxim),
+}
 
 
 def import_run(
@@ -49,7 +66,7 @@ def import_run(
     """Import what a file or a folder with ``import.toml`` describes, as a new run in ``parent``.
 
     Args:
-        path: ``import.toml``, or the folder that holds it.
+        path: ``import.toml``, the folder that holds it, or one of ``BARE``.
         parent: Where the run's folder goes.
         overrides: ``table.field=value`` over the file, from the command line.
         check: Refuses a configuration that nothing can be replayed with.
@@ -59,39 +76,40 @@ def import_run(
         RecordError: A file of the source is missing, odd or too large.
     """
     source = Source(path if path.is_dir() else path.parent)
-    name = SPEC_NAME if path.is_dir() else path.name
-    text = source.read(name, field="import", most_bytes=SPEC_BYTES)
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
-    spec = _spec(text, name, overridden)
+    spec = _spec(source, path, overridden)
     stated = _stated(source, spec, trusted=overridden)
-    recorded, contact_force = _read(source, spec)
-    rig = _rig(spec, stated, recorded, contact_force)
+    recorded = READERS[spec.kind](source, spec.data)
+    rig = _rig(spec, stated, recorded)
     check(rig.config)
     return write_run(
         parent,
         rig,
         recorded,
         kind=spec.kind.value,
-        source=source.root.name,
+        source=source.root.name if path.is_dir() else path.name,
         files=source.hashes,
         config_text=_as_toml(rig.written),
         simulated=spec.simulated,
     )
 
 
-def _spec(data: bytes, name: str, overridden: Mapping[str, Any]) -> Spec:
+def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
+    """Return the description, and over it what the command line says."""
+    if not path.is_dir() and (kind := BARE.get(path.suffix)):
+        told = {"kind": kind.value, FILE: path.name}
+        return read_section(Spec, {"rig": {}, **nest({**told, **overridden})})
+    name = SPEC_NAME if path.is_dir() else path.name
+    text = source.read(name, field="import", most_bytes=SPEC_BYTES)
     try:
-        tables = tomllib.loads(data.decode("utf-8"))
+        tables = tomllib.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{name}: not valid TOML: {error}") from error
+        raise ConfigError(
+            f"{name}: not valid TOML: {error}",
+            remedy="docs/importing.md shows what stands in import.toml",
+        ) from error
     values = {**dict(leaves(tables)), **overridden}
     return read_section(Spec, {"data": {}, "rig": {}, **nest(values)})
-
-
-def _read(source: Source, spec: Spec) -> tuple[Recorded, float | None]:
-    """Return what a source holds, and the force at which its depths begin [N]."""
-    data = read_section(_TABLES[spec.kind], spec.data, where="data.")
-    return read_csv_folder(source, data), data.contact_force
 
 
 def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[str, Any]:
@@ -122,23 +140,23 @@ def mesh_within(source: Source, term: str, *, field: str) -> str:
     return f"{MESH}{path}{comma}{rest}"
 
 
-def _rig(
-    spec: Spec, stated: Mapping[str, Any], recorded: Recorded, contact_force_n: float | None
-) -> LoadedConfig:
+def _rig(spec: Spec, stated: Mapping[str, Any], recorded: Recorded) -> LoadedConfig:
     """Return the run's configuration: what the source says, over the built-in replay and report."""
-    force = FIRST_TOUCH if contact_force_n is None else f"{contact_force_n:.9g} N"
+    contact = recorded.contact_force_n
+    force = FIRST_TOUCH if contact is None else f"{contact:.9g} N"
     ours = {
-        "run.name": spec.name,
+        "run.name": spec.name or recorded.name,
         "run.sync_mode": recorded.sync_mode,
         **{f"{device}.driver": IMPORTED for device in ("robot", "force_sensor", "camera")},
         "protocol.force_targets": [NO_TARGET],
         "protocol.contact_force": force,
     }
-    written = {**stated, **ours}
+    said = {**recorded.rig, **stated}
+    written = {**said, **ours}
     return LoadedConfig(
         config=restore_config(written),
         written=written,
-        sources={**dict.fromkeys(stated, SPEC_NAME), **dict.fromkeys(ours, "import")},
+        sources={**dict.fromkeys(said, SPEC_NAME), **dict.fromkeys(ours, "import")},
     )
 
 

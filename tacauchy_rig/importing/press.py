@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Window = tuple[int, int]
 """First and last stamp [ns], both included."""
+ORDER_NS = 1_000_000
+"""Between the stamps of what has no time: they tell nothing but the order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +66,7 @@ class Press:
         depth_m: Stated depth [m], where no pose tells it.
         place_m: Beside the pad's centre [m]; None is not known.
         indenter: As ``press --indenter`` has it; empty is the run's.
-        contact_radius_m: Of the contact that was drawn into the image [m].
+        contact_px: Column, row and radius of the contact's edge as drawn into the image [px].
     """
 
     name: str
@@ -77,7 +80,7 @@ class Press:
     depth_m: float | None = None
     place_m: tuple[float, float] | None = None
     indenter: str = ""
-    contact_radius_m: float | None = None
+    contact_px: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +92,9 @@ class Recorded:
         sync_mode: What ties forces and images together in time (``run.sync_mode``).
         unknown: What it does not tell, a sentence each.
         notes: What was made of it, a sentence each.
+        contact_force_n: At which depths begin [N]; None is first touch.
+        name: Of a run of it.
+        rig: Fields of ``rig.toml`` that its format comes with; ``import.toml`` counts more.
     """
 
     presses: tuple[Press, ...]
@@ -96,3 +102,6 @@ class Recorded:
     sync_mode: str = "unknown"
     unknown: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    rig: Mapping[str, Any] = field(default_factory=dict)
+    contact_force_n: float | None = None
+    name: str = "imported"

@@ -28,20 +28,21 @@ class SourceKind(StrEnum):
     """Formats that can be imported."""
 
     CSV = "csv"
+    TAXIM = "taxim"
 
 
 class Spec(Section):
     """All of ``import.toml``.
 
     Attributes:
-        name: Of the run.
+        name: Of the run; what the format suggests, if left out.
         simulated: The presses are of a simulator or an emulator.
         data: Of the source; its kind says what may stand there.
         rig: What the run's ``rig.toml`` is to say of sensor, replay and report.
     """
 
     kind: SourceKind
-    name: str = Field(default="imported", pattern=r"^[A-Za-z0-9_.-]{1,60}$")
+    name: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_.-]{1,60}$")
     simulated: bool = False
     data: dict[str, Any]
     rig: dict[str, Any]

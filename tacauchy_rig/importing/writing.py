@@ -127,7 +127,7 @@ def _told(index: int, press: Press) -> ImportedTrial:
         place_m=press.place_m,
         indenter=press.indenter,
         streams=tuple(name for name, stream in there.items() if stream),
-        contact_radius_m=press.contact_radius_m,
+        contact_px=press.contact_px,
     )
 
 

@@ -21,6 +21,8 @@ class RunPaths:
         force_check: How the cell read a known weight, where that was tried.
         expected: What its presses should give, made before the first.
         imported: What others recorded of it, and how; imported runs only.
+        optics_json: What its presses gave when optics were calibrated from them.
+        optics: Folder of that calibration.
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
         lock: File whose lock says that a program is working on this run.
@@ -37,6 +39,8 @@ class RunPaths:
         self.force_check = root / "force_check.json"
         self.expected = root / "expected.json"
         self.imported = root / "imported.json"
+        self.optics_json = root / "optics.json"
+        self.optics = root / "optics"
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
         self.lock = root / ".lock"
@@ -51,6 +55,16 @@ class RunPaths:
     def attempt(self, trial: int, attempt: int) -> Path:
         """Return the folder of one attempt at a trial."""
         return self.trial(trial) / f"attempt-{attempt}"
+
+    @property
+    def calibration(self) -> Path:
+        """Calibration of the optics from the run's own presses."""
+        return self.optics / "calibration.npz"
+
+    @property
+    def calibration_picture(self) -> Path:
+        """Each press beside how a model renders it that had not seen it."""
+        return self.calibration.with_name("calibration_held_out.png")
 
     def recording(self, trial: int, attempt: int) -> Path:
         """Return the recording of an attempt."""

@@ -12,6 +12,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Self
 
+from tacauchy_rig.calibrated import CalibratedOptics
 from tacauchy_rig.config.load import LoadedConfig, restore_config
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
@@ -47,6 +48,7 @@ class RunStore:
         expected: What the presses of the run should give; made before the first.
         force_check: The newest check of the cell; the journal holds those before it.
         imported: What others recorded of it, and how; only of an imported run.
+        optics: What its presses gave when optics were calibrated from them.
         truth: What the emulated world really is, as its emulators wrote it; never of a real rig.
     """
 
@@ -66,6 +68,9 @@ class RunStore:
         )
         self.imported: SealedFile[Imported] = sealed(
             self.paths.imported, Imported, what="the word on what was imported"
+        )
+        self.optics: SealedFile[CalibratedOptics] = sealed(
+            self.paths.optics_json, CalibratedOptics, what="the calibration of its optics"
         )
         self.truth: SealedFile[dict[str, Any]] = sealed(
             self.paths.truth, dict[str, Any], what="the emulated world's truth"

@@ -23,7 +23,8 @@ from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from tacauchy_rig.side_by_side import side_by_side
 
 _NUDGES = 2
-CROP_PX = 120
+CROP_SHARE = 0.375
+"""Of the image's width, the side of the square that SSIM is of: 120 px of 320."""
 _SSIM = partial(structural_similarity, channel_axis=2, data_range=255.0)
 
 
@@ -200,12 +201,17 @@ def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[in
     return circle.distance(columns, rows) < circle.radius_px
 
 
+def crop_side(width: int) -> int:
+    """Return the side of the square that SSIM is of, for images so wide [px]."""
+    return round(CROP_SHARE * width)
+
+
 def crop_window(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
-    """Return the square of ``CROP_PX`` around the circle's centre, moved to lie in the image."""
-    half = CROP_PX // 2
-    top = int(np.clip(round(circle.y_px) - half, 0, max(0, height - CROP_PX)))
-    left = int(np.clip(round(circle.x_px) - half, 0, max(0, width - CROP_PX)))
-    return slice(top, top + CROP_PX), slice(left, left + CROP_PX)
+    """Return the square around the circle's centre that SSIM is of, moved to lie in the image."""
+    side = crop_side(width)
+    top = int(np.clip(round(circle.y_px) - side // 2, 0, max(0, height - side)))
+    left = int(np.clip(round(circle.x_px) - side // 2, 0, max(0, width - side)))
+    return slice(top, top + side), slice(left, left + side)
 
 
 def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> list[float]:

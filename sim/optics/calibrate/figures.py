@@ -14,6 +14,7 @@ from sim.optics.calibrate.checks import SlopeCoverage
 from sim.optics.calibrate.cross_validation import RenderedPress, as_seen, crop_window
 from sim.optics.calibrate.presses.ball_press import Circle
 from sim.optics.calibrate.presses.scene import PressScene
+from tacauchy_rig.rgb import encode_png
 
 _DPI = 150
 _SETS_A_ROW = 4
@@ -70,3 +71,12 @@ def draw_presses(held_out: Sequence[RenderedPress], scene: PressScene, path: Pat
         axis.set_title(item.press.name, fontsize=7)
     figure.suptitle(f"real | rendered | grey + {_DIFFERENCE_GAIN:g} x (rendered - real)", size=8)
     figure.savefig(path, dpi=_DPI)
+
+
+def write_renderings(held_out: Sequence[RenderedPress], scene: PressScene, folder: Path) -> None:
+    """Write each press as rendered in its frame's light by a model that had not seen it, as PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for item in held_out:
+        image = as_seen(item.rendered, item.light, scene).astype(np.uint8)
+        name = Path(item.press.name).with_suffix(".png").name
+        (folder / name).write_bytes(encode_png(image))

@@ -60,6 +60,11 @@ class OpticsRequest:
         """Where the presses held out are drawn."""
         return self.out.with_name(f"{self.out.stem}_held_out.png")
 
+    @property
+    def renderings(self) -> Path:
+        """Folder of the presses held out as they were rendered, each by its own name."""
+        return self.out.with_name(f"{self.out.stem}_held_out")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticsInput:

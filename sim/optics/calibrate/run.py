@@ -19,7 +19,7 @@ from sim.optics.calibrate.cross_validation import (
     held_out_errors,
     render_presses,
 )
-from sim.optics.calibrate.figures import draw_coverage, draw_presses
+from sim.optics.calibrate.figures import draw_coverage, draw_presses, write_renderings
 from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
@@ -150,11 +150,12 @@ def _write(
         replace(model, provenance={**model.provenance, **provenance}).save(out)
         draw_coverage(coverage, calibration.circles, calibration.scene, request.slopes)
         draw_presses(ordered, scene, request.held_out)
+        write_renderings(ordered, scene, request.renderings)
     except OSError as error:
         raise RecordError(
             f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
         ) from error
-    return [out, request.slopes, request.held_out]
+    return [out, request.slopes, request.held_out, request.renderings]
 
 
 def _rows(

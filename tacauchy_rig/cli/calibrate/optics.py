@@ -20,15 +20,27 @@ if TYPE_CHECKING:
 
 
 def optics(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run."),
+    ],
     background: Annotated[
-        Path, typer.Option("--background", help="Frame without contact, in FOLDER or a path.")
-    ],
-    ball_diameter: Annotated[str, typer.Option("--ball-diameter", help="Such as 4.70mm.")],
+        Path | None,
+        typer.Option("--background", help="Frame without contact; in FOLDER or a path."),
+    ] = None,
+    ball_diameter: Annotated[
+        str | None, typer.Option("--ball-diameter", help="Such as 4.70mm; a run knows it.")
+    ] = None,
     scale: Annotated[
-        str, typer.Option("--scale", help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm.")
-    ],
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write (.npz).")],
+        str | None,
+        typer.Option(
+            "--scale",
+            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Calibration file to write (.npz).")
+    ] = None,
     circles: Annotated[
         Path | None,
         typer.Option(
@@ -41,39 +53,47 @@ def optics(
         Path | None, typer.Option("--check", help="Folder of other labelled presses to score.")
     ] = None,
     sensor: Annotated[
-        str, typer.Option("--sensor", help="Whose pad the ball is pressed into, in the simulator.")
-    ] = "gelsight-mini",
+        str | None,
+        typer.Option(
+            "--sensor",
+            help="Whose pad is pressed: a run's own, or else gelsight-mini.",
+        ),
+    ] = None,
     preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
     folds: Annotated[int, typer.Option("--folds", min=2, help="Of the cross-validation.")] = 7,
     jobs: Jobs = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file."""
-    from sim.optics.calibrate.input import OpticsRequest
     from sim.optics.calibrate.run import calibrate_and_check
-    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.loop.calibration import keep_optics, request_of
+    from tacauchy_rig.loop.opening import open_run
 
-    writable_folder(out.parent)
-    request = OpticsRequest(
-        folder=folder,
+    run = open_run(folder) if (folder / "run.json").is_file() else None
+    request = request_of(
+        folder,
+        run,
         background=background,
-        circles=circles,
-        ball_diameter_m=parse_quantity(
-            ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
-        ),
-        scale_px_m=_scale(scale),
+        ball_diameter_m=None
+        if ball_diameter is None
+        else parse_quantity(ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"),
+        scale_px_m=None if scale is None else _scale(scale),
         out=out,
+        sensor=sensor,
+        circles=circles,
         check=check,
-        sensor=load_sensor(sensor),
         preset=preset,
         folds=folds,
         jobs=jobs,
     )
+    writable_folder(request.out.parent)
     with Steps() as steps:
         result = calibrate_and_check(request, on_step=steps)
     for warning in result.warnings:
         complain(f"warning: {warning}")
     _show(result)
+    if run is not None:
+        keep_optics(run, request, result)
     write_json(json_file, result)
 
 

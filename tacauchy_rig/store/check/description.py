@@ -46,6 +46,7 @@ def _contradictions(store: RunStore, journal: JournalReading) -> Iterator[str]:
         store.truth.load,
         store.force_check.load,
         store.expected.load,
+        store.optics.load,
         lambda: store.imported_trials,
     ):
         try:

@@ -15,8 +15,9 @@ TEXT = resources.files("sim.sensor.files").joinpath("gelsight-mini.toml").read_t
 
 
 def test_built_in_sensors_load() -> None:
-    """All three, each number with a source and an uncertainty."""
-    assert names(Kind.SENSOR) == ["9dtact", "digit", "gelsight-mini"]
+    """All of them, each number with a source and an uncertainty."""
+    ours = ["9dtact", "digit", "gelsight-mini"]
+    assert names(Kind.SENSOR) == [*ours, "taxim-gelsight", "taxim-gelsight-mini"]
     for name in names(Kind.SENSOR):
         sensor = load_sensor(name)
         assert sensor.name == name
