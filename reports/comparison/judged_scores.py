@@ -8,6 +8,7 @@ from reports.scores.metrics import Metric
 
 OF_CONTACT = "contact_"
 CORRECTED = f"{OF_CONTACT}residual_corrected"
+WRONG = f"{OF_CONTACT}residual_of_rival"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +46,12 @@ CONTACT = (
         label="Contact residual",
         digits=3,
         larger_is_better=False,
+    ),
+    Score(
+        key=WRONG,
+        label="its best wrong press leaves",
+        digits=3,
+        larger_is_better=None,
     ),
     Score(
         key=CORRECTED,

@@ -14,7 +14,7 @@ import numpy as np
 
 from reports.arrays import ColorImage, FloatArray
 from reports.comparison.compare import compare_images
-from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT
+from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT, WRONG
 from reports.evidence.evidence import RunEvidence, TrialEvidence
 from reports.scores.contact import ContactScores, score_contact
 from reports.scores.correction import Corrections
@@ -22,13 +22,12 @@ from reports.scores.floors import (
     CeilingKind,
     Floors,
     Skill,
-    cross_scores,
     trial_ceiling,
     trial_floors,
 )
 from reports.scores.force_agreement import predict
 from reports.scores.force_margin import ForceMargin, force_margins
-from reports.scores.metrics import ImageScores, MeanInterval, Metric, t_interval
+from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
 from tacauchy_rig.outputs import Driven, Outputs, PressOutput, Simulator
 
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
@@ -74,6 +73,10 @@ class JudgedPress:
 
     def value(self, key: str) -> float | None:
         """Return a score by its key; errors of force and depth without their sign."""
+        if key == WRONG:
+            if self.contact is None or self.margin is None:
+                return None
+            return self.contact.relative_residual + self.margin.value
         if key == CORRECTED:
             corrected = self.corrections and self.corrections.contact_pose_light_corrected
             return corrected.relative_residual if corrected else None
@@ -200,12 +203,12 @@ def _judged(
         replace(trial, simulated_image=_of(entry, trial).image) for trial in evidence.trials
     )
     shown = replace(evidence, trials=trials)
-    crossed, margins = cross_scores(trials), force_margins(trials)
+    margins = force_margins(trials)
     presses = []
     for trial in trials:
         if trial.index not in entry.presses:
             continue
-        seen = compare_images(trial, shown, crossed)
+        seen = compare_images(trial, shown, {trial.index: _own(trial)})
         output = _of(entry, trial)
         presses.append(
             JudgedPress(
@@ -225,6 +228,13 @@ def _judged(
         means=_means(presses),
         wins=(sum(won), len(won)),
     )
+
+
+def _own(trial: TrialEvidence) -> dict[int, ImageScores]:
+    """Return the scores of a trial's own image alone; margins tell those of other presses."""
+    if trial.images is None or trial.simulated_image is None:
+        return {}
+    return {trial.index: score(trial.images.real, trial.simulated_image)}
 
 
 def _of(entry: Outputs, trial: TrialEvidence) -> PressOutput:

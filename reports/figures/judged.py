@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +21,7 @@ from tacauchy_rig.rgb import to_grey
 MARGINS_IN = 1.0
 HEAD_IN = 0.25
 LABEL_IN = 0.13  # of a residual below each panel of a difference
+NAME_WIDTH = 16  # characters of a line beside a panel
 LEAST_LIMIT = 5.0  # [grey level]: noise is not to look like an error
 
 
@@ -42,10 +44,11 @@ def draw_judged(judgement: Judgement) -> Figure:
         if trial.images is not None:
             column[0].set_title(_title(trial), fontsize=7.5, pad=3)
             _draw_column(column, trial, trial.images, drawn, limit)
-    grid[0, 0].set_ylabel(evidence.camera.capitalize())
+    grid[0, 0].set_ylabel(f"Camera\n({evidence.camera})", fontsize=6.5)
     for k, simulator in enumerate(drawn):
-        grid[1 + 2 * k, 0].set_ylabel(simulator.simulator.name, fontsize=6.5)
-        grid[2 + 2 * k, 0].set_ylabel(f"less {evidence.camera}", fontsize=6.5)
+        name = textwrap.fill(simulator.simulator.name, NAME_WIDTH)
+        grid[1 + 2 * k, 0].set_ylabel(name, fontsize=6.5)
+        grid[2 + 2 * k, 0].set_ylabel("less camera's", fontsize=6.5)
     scale = f"Differences of luminance: purple −{limit:.0f}, orange +{limit:.0f} grey levels"
     figure.supxlabel(scale, fontsize=6.5)
     return figure

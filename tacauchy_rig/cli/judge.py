@@ -28,6 +28,14 @@ def judge(
         list[Path] | None,
         typer.Argument(metavar="[FOLDER...]", help="A simulator's outputs each: docs/judging.md."),
     ] = None,
+    ours_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--ours",
+            metavar="FOLDER",
+            help="What stands for ours in place of the run's replay: `calibrate optics --outputs`.",
+        ),
+    ] = None,
     is_task: Annotated[
         bool,
         typer.Option("--task", help="Write what a simulator has to know of the presses instead."),
@@ -52,10 +60,13 @@ def judge(
         say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
         return
     others = _read(folders or [], evidence)
-    ours = our_outputs(reading, evidence)
+    if ours_folder is None:
+        ours = our_outputs(reading, evidence)
+    else:
+        (ours,) = _read([ours_folder], evidence)
     writable_folder(out)
     if ours is None:
-        complain(f"{run} has no replay, so ours is not among them: `tacauchy-rig replay {run}`")
+        complain(f"{run} has no replay: `tacauchy-rig replay {run}`, or give --ours")
     judgement = judged(evidence, others, ours=ours)
     for each in judgement.simulators:
         residual, (won, of) = each.means["contact_relative_residual"].mean, each.wins

@@ -26,17 +26,26 @@ from tacauchy_rig.store.durable import write_atomically
 UNITS = {"force": "N", "depth": "m", "height": "m", "pressure": "Pa"}
 
 
-def write_outputs(folder: Path, outputs: Outputs) -> None:
-    """Write a folder that ``judge`` takes; it must not be there, or be empty.
+def check_empty(folder: Path) -> None:
+    """Refuse a folder that holds something, before much is computed for it.
 
     Raises:
-        RecordError: It is not empty, or cannot be written.
+        RecordError: It does, or is none.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RecordError(
             f"{folder}: is not empty, and old presses must not mix with new ones",
             remedy="give --out another folder, or empty it",
         )
+
+
+def write_outputs(folder: Path, outputs: Outputs) -> None:
+    """Write a folder that ``judge`` takes.
+
+    Raises:
+        RecordError: It is not empty, or cannot be written.
+    """
+    check_empty(folder)
     write_atomically(folder / DESCRIPTION, _description(outputs).encode())
     if lines := _forces(outputs):
         write_atomically(folder / FORCES, "\n".join([*lines, ""]).encode())

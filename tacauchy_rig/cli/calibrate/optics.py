@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import PressScores
-    from sim.optics.calibrate.run import OpticsResult
+    from sim.optics.calibrate.run import HeldOutImage, OpticsResult
 
 
 def optics(
@@ -61,6 +62,14 @@ def optics(
     ] = None,
     preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
     folds: Annotated[int, typer.Option("--folds", min=2, help="Of the cross-validation.")] = 7,
+    outputs: Annotated[
+        Path | None,
+        typer.Option(
+            "--outputs",
+            metavar="DIR",
+            help="Write each press as rendered by a model that had not seen it, for `judge`.",
+        ),
+    ] = None,
     jobs: Jobs = 2,
     json_file: JsonFile = None,
 ) -> None:
@@ -68,6 +77,7 @@ def optics(
     from sim.optics.calibrate.run import calibrate_and_check
     from tacauchy_rig.loop.calibration import keep_optics, request_of
     from tacauchy_rig.loop.opening import open_run
+    from tacauchy_rig.plain_layout.writing import check_empty
 
     run = open_run(folder) if (folder / "run.json").is_file() else None
     request = request_of(
@@ -87,14 +97,51 @@ def optics(
         jobs=jobs,
     )
     writable_folder(request.out.parent)
+    if outputs is not None:
+        check_empty(outputs)
     with Steps() as steps:
-        result = calibrate_and_check(request, on_step=steps)
+        result = calibrate_and_check(
+            request,
+            on_step=steps,
+            on_held_out=lambda images: _write_outputs(
+                outputs, images, folds=folds, is_run=run is not None
+            ),
+        )
     for warning in result.warnings:
         complain(f"warning: {warning}")
     _show(result)
     if run is not None:
         keep_optics(run, request, result)
     write_json(json_file, result)
+
+
+def _write_outputs(
+    folder: Path | None, images: Sequence[HeldOutImage], *, folds: int, is_run: bool
+) -> None:
+    """Write presses held out as a simulator's outputs.
+
+    Their numbers are a run's trials, or else the order of their table.
+    """
+    from tacauchy_rig import __version__
+    from tacauchy_rig.outputs import Outputs, PressOutput, Simulator
+    from tacauchy_rig.plain_layout.writing import write_outputs
+    from tacauchy_rig.versions import machine
+
+    if folder is None:
+        return
+    simulator = Simulator(
+        name="tacauchy_rig's optics",
+        version=__version__,
+        milliseconds_an_image=1e3 * sum(each.seconds for each in images) / len(images),
+        machine=f"cpu, {machine()}, the formula in NumPy",
+        note=f"Cross-validated, {folds} folds: of each press its circle is used, not its image.",
+    )
+    presses = {
+        int(Path(each.name).stem) if is_run else k: PressOutput(image=each.image)
+        for k, each in enumerate(images, start=1)
+    }
+    write_outputs(folder, Outputs(simulator=simulator, presses=presses))
+    say(f"wrote {folder}")
 
 
 def _show(result: OpticsResult) -> None:

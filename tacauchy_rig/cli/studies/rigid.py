@@ -38,9 +38,10 @@ def rigid(
     from tacauchy_rig.loop.optics import optics_of
     from tacauchy_rig.loop.rendering import SAMPLES, drawn_image
     from tacauchy_rig.outputs import Outputs, PressOutput, Simulator
-    from tacauchy_rig.plain_layout.writing import write_outputs
+    from tacauchy_rig.plain_layout.writing import check_empty, write_outputs
     from tacauchy_rig.versions import machine
 
+    check_empty(out)
     run = open_run(folder)
     config = run.store.config
     inputs = inputs_of(config)

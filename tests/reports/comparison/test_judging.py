@@ -73,6 +73,10 @@ def test_a_weak_contact_loses_and_says_by_how_much(judged: Judgement) -> None:
     by_score = {c.score.key: c for c in contests(judged)}
     assert not by_score["contact_relative_residual"].is_lost
     assert by_score["force_error_relative"].difference.mean > 90.0  # per cent
+    for simulator in judged.simulators:
+        for press in simulator.presses:
+            rival = press.value("contact_residual_of_rival")
+            assert (rival > press.contact.relative_residual) == press.wins
     assert "height_apart_rms_m" not in by_score  # apart from ours: no error
 
 

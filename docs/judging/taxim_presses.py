@@ -1,0 +1,102 @@
+"""Write what Taxim's renderer shows of the presses that it was calibrated from, for ``judge``.
+
+Taxim (Si and Yuan, RA-L 2022) as the wheel ``taxim`` has it: JAX on the processor, with the
+calibration and the presses that it ships. It runs in an environment without this project:
+
+    python3.11 -m venv taxim-venv
+    taxim-venv/bin/pip install taxim jax pillow
+    taxim-venv/bin/python docs/judging/taxim_presses.py gelsight_mini --out taxim-mini
+
+Each press is a ball of a stated diameter, cut into the gel to where the circle of the press lies;
+how the gel bends around it is Taxim's own. Two folders are written: ``as_it_is``, and
+``over_the_frame``, its change against its own image of level gel, laid over the camera's no-contact
+frame. Taxim draws level gel, too, and not as the camera shows it: the second forgives it that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from jax import devices
+from PIL import Image
+from taxim import CALIB_GELSIGHT, CALIB_GELSIGHT_MINI, Taxim
+
+SETS = {"gelsight": CALIB_GELSIGHT, "gelsight_mini": CALIB_GELSIGHT_MINI}
+BESIDE_MM = 10.0
+"""Height of what is beside the ball: far off the gel."""
+
+
+def ball_over_gel(
+    circle: tuple[float, float, float], *, radius_mm: float, mm_px: float, shape: tuple[int, int]
+) -> np.ndarray:
+    """Return the ball's height over the gel's top [mm], negative where it cuts into it.
+
+    Args:
+        circle: Column, row and radius of the contact's edge [px].
+    """
+    column, row, edge_px = circle
+    rows, columns = np.indices(shape)
+    away = mm_px * np.hypot(columns - column, rows - row)
+    below = np.sqrt(np.maximum(radius_mm**2 - away**2, 0.0))
+    edge = np.sqrt(radius_mm**2 - (mm_px * edge_px) ** 2)
+    return np.where(away < radius_mm, edge - below, BESIDE_MM)
+
+
+def main() -> None:
+    """Render each press of a set and write the folder."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("set", choices=SETS)
+    parser.add_argument("--ball-diameter-mm", type=float, default=4.0)
+    parser.add_argument("--out", type=Path, required=True)
+    asked = parser.parse_args()
+    taxim = Taxim(calib_folder=SETS[asked.set], backend="jax", device="cpu")
+    with np.load(SETS[asked.set] / "dataPack.npz", allow_pickle=False) as data:
+        frame = data["f0"][..., ::-1].astype(float)  # OpenCV read it: blue is first
+        circles = np.column_stack([data["touch_center"], data["touch_radius"]]).astype(float)
+    heights = [
+        ball_over_gel(
+            (column, row, radius),
+            radius_mm=0.5 * asked.ball_diameter_mm,
+            mm_px=taxim.sensor_params.pixmm,
+            shape=(taxim.height, taxim.width),
+        )
+        for column, row, radius in circles.tolist()
+    ]
+    level = 255.0 * np.asarray(taxim.render(np.full_like(heights[0], BESIDE_MM)))  # compiles, too
+    started = time.perf_counter()
+    images = [255.0 * np.asarray(taxim.render(height)) for height in heights]
+    about = {
+        "milliseconds": 1e3 * (time.perf_counter() - started) / len(images),
+        "diameter_mm": asked.ball_diameter_mm,
+    }
+    write(asked.out / "as_it_is", images, name="Taxim", **about)
+    laid = [frame + image - level for image in images]
+    write(asked.out / "over_the_frame", laid, name="Taxim over the camera's frame", **about)
+
+
+def write(
+    folder: Path, images: list[np.ndarray], *, name: str, milliseconds: float, diameter_mm: float
+) -> None:
+    """Write images of grey levels, red first, in the layout that ``judge`` reads."""
+    for number, image in enumerate(images, start=1):
+        place = folder / f"{number:02d}"
+        place.mkdir(parents=True)
+        levels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        Image.fromarray(levels).save(place / "image.png")
+    (folder / "simulator.toml").write_text(
+        f'name = "{name}"\nversion = "{version("taxim")}"\ncolour_order = "RGB"\n'
+        f"milliseconds_an_image = {milliseconds:.1f}\n"
+        f'machine = "{devices()[0].device_kind}, {platform.system()}, {platform.machine()}, '
+        f'JAX {version("jax")}"\n'
+        "fitted_to_these = true\n"
+        f'note = "The calibration that it ships, ball {diameter_mm:g} mm."\n'
+    )
+
+
+if __name__ == "__main__":
+    main()
