@@ -19,6 +19,7 @@ from tacauchy_rig.config.load import (
 )
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.importing.bag import BagData, read_bag
 from tacauchy_rig.importing.csv_folder import CsvData, read_csv_folder
 from tacauchy_rig.importing.press import Recorded
 from tacauchy_rig.importing.source import MIB, Source
@@ -41,7 +42,12 @@ MESH = "mesh:"
 FILE_BYTES = 256 * MIB
 """Of a calibration, a sensor's file or a tool's triangles."""
 
-BARE = {".whl": SourceKind.TAXIM, ".npz": SourceKind.TAXIM}
+BARE = {
+    ".whl": SourceKind.TAXIM,
+    ".npz": SourceKind.TAXIM,
+    ".mcap": SourceKind.BAG,
+    ".db3": SourceKind.BAG,
+}
 """Files that tell enough of themselves to be imported without an ``import.toml``."""
 FILE = "data.file"
 
@@ -52,6 +58,7 @@ def _reader(kind: type[T], read: Callable[[Source, T], Recorded]) -> Reader:
 
 READERS: Mapping[SourceKind, Reader] = {
     SourceKind.CSV: _reader(CsvData, read_csv_folder),
+    SourceKind.BAG: _reader(BagData, read_bag),
     SourceKind.TAXIM: _reader(TaximData, read_taxim),
 }
 

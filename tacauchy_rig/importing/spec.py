@@ -28,6 +28,7 @@ class SourceKind(StrEnum):
     """Formats that can be imported."""
 
     CSV = "csv"
+    BAG = "bag"
     TAXIM = "taxim"
 
 

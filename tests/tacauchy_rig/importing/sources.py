@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial.transform import Rotation
+
+from tacauchy_rig.importing.bag import POSE, TYPES, WRENCH
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.recording.reading import Recording
 from tacauchy_rig.store.run_store import RunStore
@@ -78,3 +85,67 @@ def write_csv(store: RunStore, folder: Path, *, spec: str = CSV_SPEC) -> Path:
         writer.writerows(rows)
     (folder / "import.toml").write_text(spec, encoding="utf-8")
     return folder
+
+
+BAG_SPEC = """
+kind = "bag"
+name = "from-bag"
+[data]
+file = "recorded"
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+IMAGE = "sensor_msgs/msg/CompressedImage"
+
+
+def write_bag(
+    store: RunStore,
+    folder: Path,
+    *,
+    spec: str = BAG_SPEC,
+    storage: StoragePlugin = StoragePlugin.MCAP,
+) -> Path:
+    """Write all of a run as a ROS 2 bag, and how to import it."""
+    folder.mkdir(parents=True)
+    kinds = {"/gel/image": IMAGE, "/cell/wrench": WRENCH, "/tip/pose": POSE}
+    with Writer(folder / "recorded", version=9, storage_plugin=storage) as writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=TYPES) for name, kind in kinds.items()
+        }
+        for name, stamp_ns, message in sorted(_messages(store), key=lambda each: each[1]):
+            raw = TYPES.serialize_cdr(message, kinds[name])
+            writer.write(topics[name], stamp_ns, raw)
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder
+
+
+def _messages(store: RunStore) -> Iterator[tuple[str, int, Any]]:
+    kinds = TYPES.types
+    vector, point = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Point"]
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        force, arm = recording.force(), recording.arm()
+        for stamp, wrench in zip(force.stamp_ns.tolist(), force.wrench.tolist(), strict=True):
+            felt = kinds["geometry_msgs/msg/Wrench"](
+                force=vector(*wrench[:3]), torque=vector(*wrench[3:])
+            )
+            yield "/cell/wrench", stamp, kinds[WRENCH](header=_header(stamp), wrench=felt)
+        for stamp, pose in zip(arm.stamp_ns.tolist(), arm.pose.tolist(), strict=True):
+            turned = Rotation.from_rotvec(pose[3:]).as_quat().tolist()
+            place = kinds["geometry_msgs/msg/Pose"](
+                position=point(*pose[:3]),
+                orientation=kinds["geometry_msgs/msg/Quaternion"](*turned),
+            )
+            yield "/tip/pose", stamp, kinds[POSE](header=_header(stamp), pose=place)
+        for frame in recording.frames():
+            data = np.frombuffer(frame.jpeg, np.uint8)
+            image = kinds[IMAGE](header=_header(frame.stamp_ns), format="jpeg", data=data)
+            yield "/gel/image", frame.stamp_ns, image
+
+
+def _header(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
