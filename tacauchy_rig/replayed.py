@@ -141,6 +141,49 @@ class ForceInput:
 
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class FoundCause:
+    """What something is off by, as images tell; the replay was made without it.
+
+    Attributes:
+        cause: Which of ``ResidualSplit``'s causes it belongs to.
+        value: In ``unit``; 1 is a ratio.
+    """
+
+    name: str
+    cause: str
+    value: float
+    unit: str
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class TrialSplit:
+    """What the residual inside a trial's contact is made of.
+
+    Attributes:
+        residual: Its norm over that of the recorded change.
+        shares: Of its square, by cause; they add up to 1, and one may be below zero.
+    """
+
+    trial: int
+    residual: float
+    shares: dict[str, float]
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
+class ResidualSplit:
+    """What the residuals of a run's images are made of.
+
+    Attributes:
+        shares: By cause, of all trials' squares together; the largest first.
+        found: What was found of each unknown.
+    """
+
+    trials: tuple[TrialSplit, ...]
+    shares: dict[str, float]
+    found: tuple[FoundCause, ...]
+
+
+@pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayModel:
     """What a run was replayed with, what that is worth, and what it cost.
 
@@ -168,6 +211,7 @@ class ReplayModel:
         found: What the run tells of tilt and place of the indenter, where that was asked for.
         found_offset_m: What was added to the stated place on account of the images [m].
         force_inputs: What the force at a depth depends on besides the modulus.
+        residual: What the images' residual is made of; None where that was not tried.
     """
 
     sensor: str
@@ -212,6 +256,7 @@ class ReplayModel:
     found: tuple[FoundValue, ...] = ()
     found_offset_m: tuple[float, float] = (0.0, 0.0)
     force_inputs: tuple[ForceInput, ...] = ()
+    residual: Annotated[ResidualSplit | None, _LeftOut] = None
 
     @property
     def lean_deg(self) -> float:

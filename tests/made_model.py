@@ -4,7 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-from tacauchy_rig.replayed import Alternative, ReplayModel
+from tacauchy_rig.replayed import Alternative, FoundCause, ReplayModel, ResidualSplit, TrialSplit
+
+
+def made_split() -> ResidualSplit:
+    """Return the split of six presses, one cause of which takes back what another does."""
+    shares = {
+        "rest": 0.5,
+        "pose": 0.3,
+        "tilt": 0.15,
+        "noise": 0.05,
+        "light": 0.03,
+        "force error": 0.02,
+        "material": 0.01,
+        "optics": -0.06,
+    }
+    return ResidualSplit(
+        trials=tuple(TrialSplit(trial=k, residual=0.2, shares=shares) for k in range(1, 7)),
+        shares=shares,
+        found=(FoundCause(name="lean towards x", cause="tilt", value=0.01, unit="rad"),),
+    )
 
 
 def made_model(**changes: Any) -> ReplayModel:
@@ -43,5 +62,6 @@ def made_model(**changes: Any) -> ReplayModel:
             ),
         ),
         "effects": (),
+        "residual": made_split(),
     }
     return ReplayModel(**{**facts, **changes})

@@ -66,7 +66,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
         passed=passed,
         criteria=criteria,
         verdict=verdict_of(trials, criteria, evidence, passed=passed),
-        reading=read_scores(trials, statistics, matrices, camera=evidence.camera),
+        reading=read_scores(trials, statistics, matrices, evidence),
         limits=limits_of(trials, statistics, evidence),
         trials=trials,
         statistics=statistics,

@@ -14,6 +14,7 @@ from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
+from reports.scores.residual_split import UNMENDABLE
 from tacauchy_rig.page import sentences
 from tacauchy_rig.run import Criterion, Outcome
 
@@ -86,16 +87,17 @@ def read_scores(
     trials: Sequence[TrialResult],
     statistics: RunStatistics,
     matrices: Sequence[WrongForceMatrix],
-    *,
-    camera: str,
+    evidence: RunEvidence,
 ) -> tuple[str, ...]:
-    """Say what the scores of this run can and cannot tell; ``camera`` as in the evidence."""
+    """Say what the scores of this run can and cannot tell."""
     won = {m.metric: (sum(m.diagonal_wins), len(m.trials)) for m in matrices}
     judged = {m: won[m.value] for m in Metric if m in won}
     return _written(
         "reading",
         trials=trials,
-        camera=camera,
+        camera=evidence.camera,
+        split=None if evidence.model is None else evidence.model.residual,
+        unmendable=UNMENDABLE,
         statistics=statistics,
         losing=[m.label for m in Metric if _loses(statistics, m)],
         always_right=[m.label for m, (right, count) in judged.items() if right == count],

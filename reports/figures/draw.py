@@ -14,6 +14,7 @@ from reports.figures.diagnostics import draw_arrival, draw_contact, draw_truth
 from reports.figures.forces import draw_force_depth, draw_time_curves
 from reports.figures.images import draw_images
 from reports.figures.matrices import draw_matrices
+from reports.figures.residual import draw_residual, residual_of
 from reports.figures.scores import draw_errors, draw_similarities
 from tacauchy_rig.figure_style import STYLE, save_figure
 from tacauchy_rig.page import prose
@@ -48,6 +49,8 @@ def _figures(report: ValidationReport) -> Iterator[tuple[str, Callable[..., Figu
         yield "wrong-force", draw_matrices
     if any(t.contact is not None for t in report.trials):
         yield "contact", draw_contact
+    if residual_of(report) is not None:
+        yield "residual", draw_residual
     if any(t.force_curve is not None for t in recorded):
         yield "time", draw_time_curves
         yield "force-depth", draw_force_depth

@@ -44,6 +44,7 @@ COMMANDS = {
     "mounting-check": "tacauchy_rig.cli.studies.mounting_check:mounting_check",
     "budget-check": "tacauchy_rig.cli.studies.budget_check:budget_check",
     "verdict-check": "tacauchy_rig.cli.studies.verdict_check:verdict_check",
+    "residual-check": "tacauchy_rig.cli.studies.residual_check:residual_check",
 }
 """Where each command is; a new one is a line here."""
 

@@ -14,7 +14,7 @@ from sim.effects.scene_path import path_for
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.fields.vtu import gel_vtu, indenter_vtu
 from sim.mesh.elements import linear_facets
-from sim.optics.height.height_map import HeightMaps
+from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.render.renderer import GREY_LEVEL
@@ -73,7 +73,8 @@ def _seen(fields: TrialFields, sensor: Sensor) -> tuple[HeightMaps, ImageArray]:
     optics = nominal_optics(sensor)
     shape = (optics.geometry.height, optics.geometry.width, 3)
     even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-    maps, image = image_of(fields.surface, sensor, optics, unloaded=even)
+    maps = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
+    image = image_of(fields.surface, sensor, optics, unloaded=even)
     found = _markers(fields, sensor)
     if sensor.markers is not None:
         places = found["marker_rest_m"] + found["marker_displacement_m"]

@@ -11,7 +11,7 @@ from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
-from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.optics.height.height_map import height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.markers.tracking import track_markers
@@ -56,7 +56,8 @@ def render_trial(
         )
     printed = printed_markers(unloaded, sensor.markers, geometry)
     bare = unloaded if printed is None else printed.bare
-    maps, image = image_of(fields.surface, sensor, optics, unloaded=bare)
+    maps = height_maps(fields.surface, geometry, pad=sensor.pad)
+    image = image_of(fields.surface, sensor, optics, unloaded=bare)
     moved = None
     if printed is not None and sensor.markers is not None:
         found = surface_displacement(fields.surface, printed.places_m)[:, :2]
@@ -75,15 +76,14 @@ def render_trial(
 
 def image_of(
     surface: SurfaceState, sensor: Sensor, optics: OpticalCalibration, *, unloaded: ImageArray
-) -> tuple[HeightMaps, ImageArray]:
-    """Return the height maps of a pressed surface, a value a pixel, and its image.
+) -> ImageArray:
+    """Return the image of a pressed surface.
 
     Args:
         unloaded: No-contact frame without markers.
     """
     fine = height_maps(surface, optics.geometry.refined(SAMPLES), pad=sensor.pad)
-    image = drawn_image(fine.rest, fine.loaded, optics, unloaded=unloaded)
-    return height_maps(surface, optics.geometry, pad=sensor.pad), image
+    return drawn_image(fine.rest, fine.loaded, optics, unloaded=unloaded)
 
 
 def drawn_image(
@@ -114,7 +114,7 @@ def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
     optics = nominal_optics(sensor)
     shape = (optics.geometry.height, optics.geometry.width, 3)
     even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-    return lambda surface: image_of(surface, sensor, optics, unloaded=even)[1]
+    return lambda surface: image_of(surface, sensor, optics, unloaded=even)
 
 
 def _marker_motion(

@@ -17,6 +17,7 @@ from sim.replay import replay_forces
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.image_causes import split_images
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
     FoundMounting,
@@ -33,7 +34,7 @@ from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_
 from tacauchy_rig.loop.rendering import render_trial
 from tacauchy_rig.loop.settings import check_optics
 from tacauchy_rig.loop.uncertainty import force_inputs
-from tacauchy_rig.replayed import ForceInput, FoundValue, Replay, ReplayModel
+from tacauchy_rig.replayed import ForceInput, FoundValue, Replay, ReplayModel, ResidualSplit
 from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.replay_files import ReplayFields
 
@@ -93,10 +94,34 @@ def replay_run(
         found=found.values,
         effects=(*replay.model.effects, *found.effects),
         force_inputs=inputs_tried(run, inputs, found.values),
+        residual=residual_split(run, inputs, replay, kept, optics, on_progress=on_progress),
     )
     replay = replace(replay, model=model)
     store.save_replay(replay, kept)
     return replay
+
+
+def residual_split(
+    run: RunReading,
+    inputs: ReplayInputs,
+    replay: Replay,
+    kept: Mapping[int, ReplayFields],
+    optics: OpticalCalibration,
+    *,
+    on_progress: Say = say_nothing,
+) -> ResidualSplit | None:
+    """Say what the residual of a replay's images is made of, trying each cause coarsely."""
+    on_progress("trying what the images' residual is made of")
+    sensor = inputs.sensor.stiffer(replay.model.modulus_factor or 1.0)
+    images = {index: each.image for index, each in kept.items() if each.image is not None}
+    return split_images(
+        measured_attempts(run),
+        images,
+        replace(inputs, sensor=sensor),
+        optics,
+        run.store.config,
+        on_progress=on_progress,
+    )
 
 
 def inputs_tried(

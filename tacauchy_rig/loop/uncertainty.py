@@ -27,7 +27,7 @@ from tacauchy_rig.replayed import ForceInput, FoundValue
 
 _DEPTHS = 4
 """At which an input is tried; between them its change is interpolated."""
-_ASIDE = 1e-9
+NEARLY_UPRIGHT = 1e-9
 """A lean [rad] or way [m] that is none, and has the mesh of a press that is not mirrored."""
 _ROUNDED_M = 0.1e-3
 """A sharp rim takes eight times as long, and fails on long edges; what nu, height, diameter and
@@ -89,7 +89,7 @@ def force_inputs(
 
     def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
         scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)
-        scene = replace(scene, indenter=_rounded(scene.indenter))
+        scene = replace(scene, indenter=rounded_rim(scene.indenter))
         known = scene, refinement
         if known not in pressed_before:
             pressed_before[known] = coarse_forces(
@@ -137,7 +137,7 @@ def _tried(
     fine = each.stiff_if_coarse or isinstance(each.changed(0.0).indenter, Sphere)
     for refinement in (FINER, COARSE) if fine else (COARSE, FINER):
         try:
-            base = pressed(each.changed(_ASIDE if each.aside else 0.0), refinement)
+            base = pressed(each.changed(NEARLY_UPRIGHT if each.aside else 0.0), refinement)
             steps = [by] if each.aside else [by, -by]
             sides = [pressed(inputs, refinement) for inputs in _possible(each, steps)]
         except RigError as error:
@@ -153,7 +153,7 @@ def _tried(
     return ForceInput(name=each.name, basis=f"unknown: no coarse press: {failure}")
 
 
-def _rounded(indenter: Indenter) -> Indenter:
+def rounded_rim(indenter: Indenter) -> Indenter:
     """Return a punch with its sharp rim rounded, for what else changes its force."""
     if isinstance(indenter, Cylinder):
         return replace(indenter, fillet_m=_rounded_m(indenter))

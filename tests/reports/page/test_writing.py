@@ -65,6 +65,17 @@ def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
     assert "alternatives" not in page.replace(table, "")
 
 
+def test_the_page_says_what_the_residual_is_made_of(written: ReportPaths) -> None:
+    """In a table, a figure, in words and in the summary: what pays most, and what is left."""
+    summary, page = read_strictly(written.summary), written.html.read_text("utf-8")
+    assert summary["model"]["residual"]["shares"]["pose"] == 0.3
+    table = page[page.index("What the residual is made of") :]
+    assert re.search(r"Optics</th>.*<td>−6\.0</td>", table)
+    assert "lean towards x +0.57 deg" in table
+    assert any("pose pays most: 30 %" in s and "16.7 %" in s for s in summary["reading"])
+    assert (written.figures / "residual.png").exists()
+
+
 def test_the_page_shows_no_code(written: ReportPaths) -> None:
     """Neither JSON nor powers of ten of what is nothing in newtons."""
     text = re.sub(r"<style>.*?</style>|<[^>]+>", " ", written.html.read_text("utf-8"), flags=re.S)
@@ -121,7 +132,7 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     body = page[page.index("<body>") :]
     assert body.index("SIMULATED") < body.index("Passed: in all 6") < body.index("<img")
     assert page.count("SIMULATED: emulated devices") == 2
-    assert page.count('<img src="data:image/png') == 18 + 9
+    assert page.count('<img src="data:image/png') == 18 + 10
 
 
 def test_what_was_emulated_is_not_called_real(
@@ -150,7 +161,7 @@ def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths
     """Each figure is there twice; its PDF embeds TrueType fonts and no Type 3."""
     names = [f["name"] for f in read_strictly(written.summary)["figures"]]
     assert names[:3] == ["images", "similarities", "errors"]
-    assert len(names) == 10
+    assert len(names) == 11
     for name in names:
         pdf = (written.figures / f"{name}.pdf").read_bytes()
         assert pdf.startswith(b"%PDF")
