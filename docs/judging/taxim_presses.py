@@ -16,6 +16,7 @@ frame. Taxim draws level gel, too, and not as the camera shows it: the second fo
 from __future__ import annotations
 
 import argparse
+import json
 import platform
 import time
 from importlib.metadata import version
@@ -52,12 +53,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("set", choices=SETS)
     parser.add_argument("--ball-diameter-mm", type=float, default=4.0)
+    parser.add_argument(
+        "--circles",
+        type=Path,
+        help="what `tacauchy-rig calibrate optics --json` wrote: contacts as it has them; without "
+        "it, those that were drawn for Taxim's own calibration",
+    )
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
     taxim = Taxim(calib_folder=SETS[asked.set], backend="jax", device="cpu")
     with np.load(SETS[asked.set] / "dataPack.npz", allow_pickle=False) as data:
         frame = data["f0"][..., ::-1].astype(float)  # OpenCV read it: blue is first
         circles = np.column_stack([data["touch_center"], data["touch_radius"]]).astype(float)
+    if asked.circles is not None:
+        found = json.loads(asked.circles.read_text())["presses"]
+        circles = np.array([list(press["labelled"].values()) for press in found])
     heights = [
         ball_over_gel(
             (column, row, radius),
@@ -72,15 +82,17 @@ def main() -> None:
     images = [255.0 * np.asarray(taxim.render(height)) for height in heights]
     about = {
         "milliseconds": 1e3 * (time.perf_counter() - started) / len(images),
-        "diameter_mm": asked.ball_diameter_mm,
+        "note": f"The calibration that it ships, ball {asked.ball_diameter_mm:g} mm, contacts as "
+        f"{'drawn for it' if asked.circles is None else 'found by ours'}.",
     }
-    write(asked.out / "as_it_is", images, name="Taxim", **about)
+    who = "Taxim" if asked.circles is None else "Taxim, found contacts"
+    write(asked.out / "as_it_is", images, name=who, **about)
     laid = [frame + image - level for image in images]
-    write(asked.out / "over_the_frame", laid, name="Taxim over the camera's frame", **about)
+    write(asked.out / "over_the_frame", laid, name=f"{who}, over the camera's frame", **about)
 
 
 def write(
-    folder: Path, images: list[np.ndarray], *, name: str, milliseconds: float, diameter_mm: float
+    folder: Path, images: list[np.ndarray], *, name: str, milliseconds: float, note: str
 ) -> None:
     """Write images of grey levels, red first, in the layout that ``judge`` reads."""
     for number, image in enumerate(images, start=1):
@@ -94,7 +106,7 @@ def write(
         f'machine = "{devices()[0].device_kind}, {platform.system()}, {platform.machine()}, '
         f'JAX {version("jax")}"\n'
         "fitted_to_these = true\n"
-        f'note = "The calibration that it ships, ball {diameter_mm:g} mm."\n'
+        f'note = "{note}"\n'
     )
 
 

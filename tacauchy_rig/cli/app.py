@@ -28,6 +28,7 @@ COMMANDS = {
     "report": "tacauchy_rig.cli.folders:report",
     "export": "tacauchy_rig.cli.folders:export",
     "judge": "tacauchy_rig.cli.judge:judge",
+    "judge-page": "tacauchy_rig.cli.studies.judge_page:judge_page",
     "rigid": "tacauchy_rig.cli.studies.rigid:rigid",
     "press": "tacauchy_rig.cli.press:press",
     "plan": "tacauchy_rig.cli.press:plan",

@@ -134,7 +134,8 @@ def _write_outputs(
         version=__version__,
         milliseconds_an_image=1e3 * sum(each.seconds for each in images) / len(images),
         machine=f"cpu, {machine()}, the formula in NumPy",
-        note=f"Cross-validated, {folds} folds: of each press its circle is used, not its image.",
+        note=f"Cross-validated, {folds} folds: of each press nothing is used but its contact's "
+        "circle, as drawn or as found in its image.",
     )
     presses = {
         int(Path(each.name).stem) if is_run else k: PressOutput(image=each.image)
