@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
+from reports.evidence.pressure import PressureProfile
 from tacauchy_rig.calibrated import CalibratedOptics
 from tacauchy_rig.config.uncertainty import Stated
 from tacauchy_rig.figure_style import IMPORTED_MARK, SIMULATED_MARK
@@ -139,6 +140,7 @@ class TrialEvidence:
         checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
+        pressure: Simulated contact pressure.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
     """
 
@@ -155,6 +157,7 @@ class TrialEvidence:
     force_depth_simulated: FloatArray | None = None
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
+    pressure: PressureProfile | None = None
 
     @property
     def press_key(self) -> tuple[float, int]:

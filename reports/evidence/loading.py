@@ -21,6 +21,7 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
+from reports.evidence.pressure import pressure_profile
 from tacauchy_rig.config.model import ReportSection, RigConfig
 from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.errors import RecordError
@@ -62,9 +63,9 @@ def load_evidence(
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curve = stated_curve(replay)
-    images, damaged = (
-        (simulated_images, {}) if simulated_images is not None else _simulated(store, replay)
-    )
+    seen, damaged = _simulated(store, replay)
+    if simulated_images is not None:
+        seen = {index: {"simulated_image": image} for index, image in simulated_images.items()}
     trials = tuple(
         TrialEvidence(
             index=index,
@@ -73,8 +74,8 @@ def load_evidence(
             replay=replayed.get(index),
             force_depth_simulated=curve,
             checks=(*_checks(check, index, run.records[index]), *damaged.get(index, ())),
-            simulated_image=images.get(index),
             place_known=_is_place_known(store, index),
+            **seen.get(index, {}),
             **_recorded(run.attempt(index)),
         )
         for index in run.records
@@ -223,23 +224,25 @@ def stated_curve(replay: Replay | None) -> FloatArray | None:
 
 def _simulated(
     store: RunStore, replay: Replay | None
-) -> tuple[dict[int, ColorImage], dict[int, tuple[Criterion, ...]]]:
-    """Return the rendered images of a replay, and what is damaged of it, by trial."""
-    images: dict[int, ColorImage] = {}
+) -> tuple[dict[int, dict[str, Any]], dict[int, tuple[Criterion, ...]]]:
+    """Return what was simulated of a replay, and what is damaged of it, by trial."""
+    seen: dict[int, dict[str, Any]] = {}
     damaged: dict[int, tuple[Criterion, ...]] = {}
     if replay is None:
-        return images, damaged
+        return seen, damaged
     for trial in replay.trials:
         try:
-            image = store.load_replay_fields(replay.name, trial.index).image
+            kept = store.load_replay_fields(replay.name, trial.index)
         except RecordError as error:
             promise = f"what was simulated of trial {trial.index} is readable"
             lost = agreement("replay_whole", promise, [error.message], remedy=error.remedy)
             damaged[trial.index] = (lost,)
         else:
-            if image is not None:
-                images[trial.index] = image
-    return images, damaged
+            seen[trial.index] = {
+                "simulated_image": kept.image,
+                "pressure": pressure_profile(kept.fields),
+            }
+    return seen, damaged
 
 
 def summarize_journal(events: list[JournalEvent]) -> JournalSummary:

@@ -12,8 +12,9 @@ from reports.comparison.results import ValidationReport
 from reports.figures.budget import budgeted, draw_budget
 from reports.figures.diagnostics import draw_arrival, draw_contact, draw_truth
 from reports.figures.forces import draw_force_depth, draw_time_curves
-from reports.figures.images import draw_images
+from reports.figures.images import LINEAR_LEVELS, draw_images
 from reports.figures.matrices import draw_matrices
+from reports.figures.pressure import draw_pressure
 from reports.figures.residual import draw_residual, residual_of
 from reports.figures.scores import draw_errors, draw_similarities
 from tacauchy_rig.figure_style import STYLE, save_figure
@@ -33,7 +34,13 @@ def draw_figures(report: ValidationReport, folder: Path) -> list[dict[str, str]]
             save_figure(draw(report), folder, name)
             block = name.replace("-", "_")
             camera = report.evidence.camera
-            caption = prose("reports", "templates/captions.txt.jinja", block, camera=camera)
+            caption = prose(
+                "reports",
+                "templates/captions.txt.jinja",
+                block,
+                camera=camera,
+                linear=f"{LINEAR_LEVELS:g}",
+            )
             drawn.append({"name": name, "caption": caption})
     return drawn
 
@@ -54,6 +61,8 @@ def _figures(report: ValidationReport) -> Iterator[tuple[str, Callable[..., Figu
     if any(t.force_curve is not None for t in recorded):
         yield "time", draw_time_curves
         yield "force-depth", draw_force_depth
+    if any(t.pressure is not None for t in recorded):
+        yield "pressure", draw_pressure
     if budgeted(report):
         yield "budget", draw_budget
     if any(t.streams for t in recorded):

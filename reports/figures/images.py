@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import AsinhNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from reports.arrays import FloatArray
 from reports.comparison.results import ValidationReport
-from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
+from reports.evidence.evidence import ImageGeometry, TrialEvidence
 from reports.figures.trials import force_title, shown
 from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
 from tacauchy_rig.rgb import to_grey
 
 SCALE_BAR_M = 5e-3
 MARGINS_IN = 0.9
-LIMIT_PERCENTILE = 99.8
+LEAST_LIMIT = 5.0  # [grey level]: differences below it are faint even at the end of the scale
+LINEAR_LEVELS = 2.0
+"""To which the scale of differences is linear, so that what is faint shows beside the largest."""
 DIFFERENCE_COLORS = "PuOr_r"
 
 
@@ -29,10 +34,10 @@ def draw_images(report: ValidationReport) -> Figure:
     height = 3 * (panel * geometry.height_px / geometry.width_px + 0.03) + 0.2
     figure = new_figure(PAGE_IN, height, marks=evidence.marks, pad_in=0.012)
     grid = figure.subplots(3, len(trials), squeeze=False)
-    limit = difference_limit(evidence)
+    scale = difference_scale(map(luminance_difference, evidence.trials))
     mapped: AxesImage | None = None
     for column, trial in enumerate(trials):
-        mapped = _draw_column(grid[:, column], trial, limit) or mapped
+        mapped = _draw_column(grid[:, column], trial, scale) or mapped
         title = force_title(trial, "$F_z$ = {} N")
         grid[0, column].set_title(title, fontsize=7.5, pad=3)
     rows = (evidence.camera.capitalize(), "Simulated", "Difference")
@@ -42,6 +47,10 @@ def draw_images(report: ValidationReport) -> Figure:
     if mapped is not None:
         bar = figure.colorbar(mapped, cax=grid[2, -1].inset_axes((1.06, 0.0, 0.06, 1.0)))
         bar.set_label(f"Sim. − {evidence.camera}\n(grey levels)", fontsize=6.5, linespacing=1.0)
+        ends = (LINEAR_LEVELS, float(scale.vmax or LEAST_LIMIT))
+        ticks = [-ends[1], -ends[0], 0.0, *ends]
+        bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "\u2212") for tick in ticks])
+        bar.minorticks_off()
         bar.ax.tick_params(labelsize=6)
         bar.outline.set_linewidth(0.4)
     return figure
@@ -55,18 +64,17 @@ def luminance_difference(trial: TrialEvidence) -> FloatArray | None:
     return to_grey(trial.simulated_image).astype(np.float64) - real
 
 
-def difference_limit(evidence: RunEvidence) -> float:
-    """Return the symmetric colour limit that all trials share [grey level]."""
-    found = [d for d in map(luminance_difference, evidence.trials) if d is not None]
-    if not found:
-        return 1.0
-    return max(5.0, float(np.ceil(np.percentile(np.abs(np.stack(found)), LIMIT_PERCENTILE))))
+def difference_scale(differences: Iterable[FloatArray | None]) -> AsinhNorm:
+    """Return the symmetric scale of colours for all of them [grey level]; nothing clips."""
+    largest = [float(np.ceil(np.abs(d).max())) for d in differences if d is not None]
+    limit = max([LEAST_LIMIT, *largest])
+    return AsinhNorm(linear_width=LINEAR_LEVELS, vmin=-limit, vmax=limit)
 
 
-def _draw_column(column: np.ndarray, trial: TrialEvidence, limit: float) -> AxesImage | None:
+def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> AxesImage | None:
     """Draw the images of a trial; return what is drawn of the difference."""
     real = None if trial.images is None else trial.images.real
-    scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
+    scale = {"cmap": DIFFERENCE_COLORS, "norm": norm}
     mapped: AxesImage | None = None
     for axes, image in zip(
         column, (real, trial.simulated_image, luminance_difference(trial)), strict=True

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import AsinhNorm
 from matplotlib.figure import Figure
 
 from reports.arrays import ColorImage, FloatArray
 from reports.comparison.judging import JudgedSimulator, Judgement
 from reports.evidence.evidence import TrialEvidence, TrialImages
-from reports.figures.images import DIFFERENCE_COLORS, LIMIT_PERCENTILE
+from reports.figures.images import DIFFERENCE_COLORS, LINEAR_LEVELS, difference_scale
 from reports.figures.trials import shown
 from reports.scores.contact import contact_crop, contact_footprint, image_change
 from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
@@ -22,7 +23,6 @@ MARGINS_IN = 1.0
 HEAD_IN = 0.25
 LABEL_IN = 0.13  # of a residual below each panel of a difference
 NAME_WIDTH = 16  # characters of a line beside a panel
-LEAST_LIMIT = 5.0  # [grey level]: noise is not to look like an error
 
 
 def draw_judged(judgement: Judgement) -> Figure:
@@ -39,18 +39,20 @@ def draw_judged(judgement: Judgement) -> Figure:
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(True)
         axes.spines[:].set_linewidth(0.3)
-    limit = _limit(trials, drawn)
+    scale = _scale(trials, drawn)
     for column, trial in zip(grid.T, trials, strict=True):
         if trial.images is not None:
             column[0].set_title(_title(trial), fontsize=7.5, pad=3)
-            _draw_column(column, trial, trial.images, drawn, limit)
+            _draw_column(column, trial, trial.images, drawn, scale)
     grid[0, 0].set_ylabel(f"Camera\n({evidence.camera})", fontsize=6.5)
     for k, simulator in enumerate(drawn):
         name = textwrap.fill(simulator.simulator.name, NAME_WIDTH)
         grid[1 + 2 * k, 0].set_ylabel(name, fontsize=6.5)
         grid[2 + 2 * k, 0].set_ylabel("less camera's", fontsize=6.5)
-    scale = f"Differences of luminance: purple −{limit:.0f}, orange +{limit:.0f} grey levels"
-    figure.supxlabel(scale, fontsize=6.5)
+    said = (
+        f"purple −{scale.vmax:g}, orange +{scale.vmax:g} grey levels, linear to {LINEAR_LEVELS:g}"
+    )
+    figure.supxlabel(f"Differences of luminance: {said}", fontsize=6.5)
     return figure
 
 
@@ -59,7 +61,7 @@ def _draw_column(
     trial: TrialEvidence,
     images: TrialImages,
     drawn: Sequence[JudgedSimulator],
-    limit: float,
+    scale: AsinhNorm,
 ) -> None:
     crop = _crop(images)
     column[0].imshow(images.real[crop], interpolation="nearest")
@@ -75,8 +77,7 @@ def _draw_column(
             _difference(images, image)[crop],
             interpolation="nearest",
             cmap=DIFFERENCE_COLORS,
-            vmin=-limit,
-            vmax=limit,
+            norm=scale,
         )
         contact = next((p.contact for p in simulator.presses if p.index == trial.index), None)
         if contact is not None:
@@ -93,15 +94,14 @@ def _crop(images: TrialImages) -> tuple[slice, slice]:
     return (slice(None), slice(None)) if footprint is None else contact_crop(footprint)
 
 
-def _limit(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) -> float:
-    """Return the colour limit that all differences share, so that hardly any is clipped."""
-    sizes = [
-        np.percentile(np.abs(_difference(t.images, image)[_crop(t.images)]), LIMIT_PERCENTILE)
+def _scale(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) -> AsinhNorm:
+    """Return the colours that all differences share."""
+    return difference_scale(
+        _difference(t.images, image)[_crop(t.images)]
         for t in trials
         for simulator in drawn
         if t.images is not None and (image := simulator.image(t.index)) is not None
-    ]
-    return max([LEAST_LIMIT, *map(float, sizes)])
+    )
 
 
 def _difference(images: TrialImages, image: ColorImage) -> FloatArray:

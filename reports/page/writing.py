@@ -7,12 +7,13 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import AsinhNorm
 
 from reports.arrays import ColorImage, FloatArray
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
-from reports.figures.images import DIFFERENCE_COLORS, difference_limit, luminance_difference
+from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
 from reports.page.html import render_html
 from reports.page.summary import build_summary, junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
@@ -80,7 +81,7 @@ def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, 
         RecordError: A file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    limit = difference_limit(evidence)
+    scale = difference_scale(map(luminance_difference, evidence.trials))
     names: dict[int, dict[str, str]] = {}
     for trial in evidence.trials:
         difference = luminance_difference(trial)
@@ -88,7 +89,7 @@ def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, 
             "real": None if trial.images is None else trial.images.real,
             "reference": None if trial.images is None else trial.images.reference,
             "simulated": trial.simulated_image,
-            "difference": None if difference is None else color_difference(difference, limit),
+            "difference": None if difference is None else color_difference(difference, scale),
         }
         for kind, image in images.items():
             if image is not None:
@@ -98,7 +99,7 @@ def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, 
     return names
 
 
-def color_difference(difference: FloatArray, limit: float) -> ColorImage:
-    """Map -limit..limit [grey level] to a diverging colour map, white at zero."""
-    colors = mpl.colormaps[DIFFERENCE_COLORS](0.5 + 0.5 * difference / limit)
+def color_difference(difference: FloatArray, scale: AsinhNorm) -> ColorImage:
+    """Map differences [grey level] to a diverging colour map, white at zero."""
+    colors = mpl.colormaps[DIFFERENCE_COLORS](scale(difference))
     return np.rint(255.0 * np.asarray(colors)[..., :3]).astype(np.uint8)

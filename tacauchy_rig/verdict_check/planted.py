@@ -23,7 +23,8 @@ from tacauchy_rig.replayed import ResidualSplit
 from tacauchy_rig.tables import Table, table_of
 from tacauchy_rig.verdict_check.bench import Bench, Pressed, rendered
 
-_LEAN_RAD, _OFFSET_M, _DIMMED, _STIFFER, _ZERO_N = math.radians(1.0), 0.3e-3, 0.2, 0.15, 0.3
+_LEAN_RAD, _OFFSET_M, _DIMMED, _STIFFER = math.radians(1.0), 0.3e-3, 0.2, 0.15
+_ZERO_N, _SCATTER = 0.3, 0.12
 MOST = 0.5
 """Part of the replays whose planted cause has to come first at least, exclusive."""
 
@@ -95,14 +96,16 @@ def _stiffer(true: Believed, random: np.random.Generator) -> tuple[Believed, str
     return replace(true, inputs=replace(true.inputs, sensor=sensor)), f"modulus {by:+.0%}"
 
 
-def _zero(true: Believed, random: np.random.Generator) -> tuple[Believed, str]:
-    """Let the cell's zero be off."""
-    by_n = _sign(random) * _ZERO_N
-    run = RunReading(true.run.store, true.run.geometry)
+def _misread(true: Believed, random: np.random.Generator) -> tuple[Believed, str]:
+    """Let the cell's zero be off in all trials alike, or each force by itself."""
+    run, by_n = RunReading(true.run.store, true.run.geometry), _sign(random) * _ZERO_N
+    alike = bool(random.integers(2))
     for index, record in run.records.items():
         if record is not None and record.force_measured_n is not None:
-            run.records[index] = replace(record, force_measured_n=record.force_measured_n + by_n)
-    return replace(true, run=run), f"zero {by_n:+.1f} N"
+            off_n = by_n if alike else _SCATTER * random.standard_normal() * record.force_measured_n
+            run.records[index] = replace(record, force_measured_n=record.force_measured_n + off_n)
+    told = f"zero {by_n:+.1f} N" if alike else f"each force off, {_SCATTER:.0%} rms"
+    return replace(true, run=run), told
 
 
 PLANTS: dict[Cause, Plant] = {
@@ -110,7 +113,7 @@ PLANTS: dict[Cause, Plant] = {
     Cause.LIGHT: _light,
     Cause.MATERIAL: _stiffer,
     Cause.POSE: _aside,
-    Cause.FORCE: _zero,
+    Cause.FORCE: _misread,
 }
 
 

@@ -1,0 +1,41 @@
+"""Differences of images: the scale of their colours reaches to the largest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from reports.comparison.results import ValidationReport
+from reports.figures.images import LEAST_LIMIT, difference_scale, luminance_difference
+from reports.page.writing import color_difference
+
+
+def test_no_difference_is_beyond_the_scale(report: ValidationReport) -> None:
+    """Not even one pixel that is 120 levels off, and one level still shows beside it."""
+    evidence = report.evidence
+    image = evidence.trials[2].simulated_image
+    assert image is not None
+    spoiled = image.copy()
+    spoiled[10, 20] = np.where(image[10, 20] < 128, image[10, 20] + 120, image[10, 20] - 120)
+    trials = tuple(
+        replace(trial, simulated_image=spoiled) if trial.index == 3 else trial
+        for trial in evidence.trials
+    )
+    scale = difference_scale(map(luminance_difference, trials))
+    difference = luminance_difference(trials[2])
+    assert difference is not None
+    assert scale.vmax is not None
+    assert 110.0 <= np.abs(difference).max() <= scale.vmax <= 130.0
+    even, one, most = color_difference(np.array([[0.0, 1.0, scale.vmax]]), scale)[0].astype(int)
+    assert even.min() > 240
+    assert 15 < np.abs(one - even).max() < np.abs(most - even).max()
+
+
+def test_equal_images_have_a_scale_too(report: ValidationReport) -> None:
+    """Of a few levels, so that rounding does not look like an error."""
+    trials = tuple(
+        replace(trial, simulated_image=trial.images and trial.images.real)
+        for trial in report.evidence.trials
+    )
+    assert difference_scale(map(luminance_difference, trials)).vmax == LEAST_LIMIT
