@@ -43,6 +43,7 @@ COMMANDS = {
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
     "mounting-check": "tacauchy_rig.cli.studies.mounting_check:mounting_check",
+    "gel-check": "tacauchy_rig.cli.studies.gel_check:gel_check",
     "budget-check": "tacauchy_rig.cli.studies.budget_check:budget_check",
     "verdict-check": "tacauchy_rig.cli.studies.verdict_check:verdict_check",
     "residual-check": "tacauchy_rig.cli.studies.residual_check:residual_check",
