@@ -24,7 +24,7 @@ from tacauchy_rig.config.fields import Length, Section
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.importing.press import Frame, Press, Recorded, Samples
 from tacauchy_rig.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
-from tacauchy_rig.importing.streams import PressFinding, S, Streams, find_presses
+from tacauchy_rig.importing.streams import PressFinding, S, Streams, cut, find_presses
 from tacauchy_rig.rgb import encode_png
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
@@ -88,9 +88,8 @@ def read_bag(source: Source, data: BagData) -> Recorded:
             f"{data.file}: no whole ROS 2 bag: {type(error).__name__}: {str(error)[:200]}",
             remedy="`ros2 bag reindex`, or record it anew",
         ) from error
-    presses = tuple(
-        _placed(press, data.pad_centre) for press in find_presses(streams, data.presses)
-    )
+    found = find_presses(streams.force, data.presses)
+    presses = tuple(_placed(press, data.pad_centre) for press in cut(streams, found))
     return Recorded(
         presses=presses,
         has_clock=True,

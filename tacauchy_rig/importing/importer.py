@@ -25,6 +25,7 @@ from tacauchy_rig.importing.press import Recorded
 from tacauchy_rig.importing.source import MIB, Source
 from tacauchy_rig.importing.spec import PATH_FIELDS, SourceKind, Spec, read_section
 from tacauchy_rig.importing.taxim import TaximData, read_taxim
+from tacauchy_rig.importing.video import VideoData, read_video
 from tacauchy_rig.importing.writing import write_run
 from tacauchy_rig.registry import Kind, unknown
 from tacauchy_rig.store.run_store import RunStore
@@ -60,6 +61,7 @@ READERS: Mapping[SourceKind, Reader] = {
     SourceKind.CSV: _reader(CsvData, read_csv_folder),
     SourceKind.BAG: _reader(BagData, read_bag),
     SourceKind.TAXIM: _reader(TaximData, read_taxim),
+    SourceKind.VIDEO: _reader(VideoData, read_video),
 }
 
 

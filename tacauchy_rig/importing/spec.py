@@ -30,6 +30,7 @@ class SourceKind(StrEnum):
     CSV = "csv"
     BAG = "bag"
     TAXIM = "taxim"
+    VIDEO = "video"
 
 
 class Spec(Section):

@@ -65,39 +65,63 @@ class Streams:
     pose: Samples | None = None
 
 
-def find_presses(streams: Streams, finding: PressFinding) -> tuple[Press, ...]:
-    """Cut a recording into presses.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """When a press was, in the clock of the force.
 
-    Each has the rest of up to a second before it, in which zero and the no-contact frames are
-    taken, and is held as long as its force is nearly the largest that it had.
+    Attributes:
+        name: For messages, with its time.
+        rest: Quiet time before it, for zero and no-contact frames.
+        pressed: From its first force to its last.
+        held: The longest stretch with nearly its largest force.
+        touched_ns: When the gel was touched.
+    """
+
+    name: str
+    rest: Window
+    pressed: Window
+    held: Window
+    touched_ns: int
+
+
+def find_presses(force: Samples, finding: PressFinding) -> list[Found]:
+    """Find when a recording's presses were.
 
     Raises:
         RecordError: There is no force, no press, or no rest before one.
     """
-    force = streams.force
     if len(force.stamp_ns) < SMOOTHED:
         raise RecordError(
             f"the recording has {len(force.stamp_ns)} samples of force, which tell no press",
             remedy="check the name of the force's topic or column",
         )
-    felt = _felt(force)
-    found = list(spans(force.stamp_ns, felt, finding.press_force))
-    if not 0 < len(found) < MAX_PRESSES:
+    felt = felt_along(force)
+    spans = list(_spans(force.stamp_ns, felt, finding.press_force))
+    if not 0 < len(spans) < MAX_PRESSES:
         raise RecordError(
             f"the force is above data.presses.press_force ({finding.press_force:g} N) in "
-            f"{len(found)} stretches; the largest is {felt.max():.3g} N",
+            f"{len(spans)} stretches; the largest is {felt.max():.3g} N",
             remedy="set data.presses.press_force between the noise and the weakest press",
         )
-    presses, free_ns = [], int(force.stamp_ns[0])
-    for number, pressed in enumerate(found, start=1):
+    found, free_ns = [], int(force.stamp_ns[0])
+    for number, pressed in enumerate(spans, start=1):
         name = f"press {number}, {(pressed[0] - int(force.stamp_ns[0])) / S:.2f} s from the start"
         rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
-        presses.append(_press(name, streams, rest, pressed, finding))
+        found.append(_found(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
-    return tuple(presses)
+    return found
 
 
-def spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Window]:
+def cut(streams: Streams, found: Sequence[Found]) -> tuple[Press, ...]:
+    """Return the presses of a recording, each with its rest before it.
+
+    Raises:
+        RecordError: One has no image of the gel at rest.
+    """
+    return tuple(_press(streams, each) for each in found)
+
+
+def _spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Window]:
     """Yield when a signal is above a level, from there until it falls below half of it."""
     inside, start = False, 0
     for index in np.flatnonzero((felt > above) | (felt < RELEASED * above)).tolist():
@@ -111,7 +135,7 @@ def spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Wind
         yield int(stamp_ns[start]), int(stamp_ns[-1])
 
 
-def _felt(force: Samples, rest: Window | None = None) -> FloatArray:
+def felt_along(force: Samples, rest: Window | None = None) -> FloatArray:
     """Return how much is felt along the axis [N]; zero is that of a rest, or of the start."""
     axis, start_ns = force.value[:, FZ], force.stamp_ns[0]
     zero = rest or (start_ns, start_ns + REST_NS)
@@ -139,29 +163,38 @@ def _rest(force: Samples, free: Window, finding: PressFinding, name: str) -> Win
     return int(start), int(end)
 
 
-def _press(
-    name: str, streams: Streams, rest: Window, pressed: Window, finding: PressFinding
-) -> Press:
-    force, felt = streams.force, _felt(streams.force, rest)
-    frames = [f for f in streams.frames if rest[0] <= f.stamp_ns <= pressed[1]]
-    unloaded = [f.stamp_ns for f in frames if rest[0] <= f.stamp_ns <= rest[1]]
+def _found(
+    name: str, force: Samples, rest: Window, pressed: Window, finding: PressFinding
+) -> Found:
+    stamp_ns, felt = force.stamp_ns, felt_along(force, rest)
+    return Found(
+        name=name,
+        rest=rest,
+        pressed=pressed,
+        held=_held(stamp_ns, felt, pressed, finding.held_share),
+        touched_ns=_touched(stamp_ns, felt, pressed, rest[1], finding.contact_force),
+    )
+
+
+def _press(streams: Streams, found: Found) -> Press:
+    rest, whole = found.rest, (found.rest[0], found.pressed[1])
+    frames = tuple(f for f in streams.frames if whole[0] <= f.stamp_ns <= whole[1])
+    unloaded = [f.stamp_ns for f in frames if f.stamp_ns <= rest[1]]
     if not unloaded:
         raise RecordError(
-            f"{name}: no image of the gel at rest before it",
+            f"{found.name}: no image of the gel at rest before it",
             remedy="record images for at least a second without contact before each press",
         )
-    held = _held(force.stamp_ns, felt, pressed, finding.held_share)
-    touched_ns = _touched(force.stamp_ns, felt, pressed, rest[1], finding.contact_force)
-    pose = None if streams.pose is None else streams.pose.within((rest[0], pressed[1]))
+    pose = None if streams.pose is None else streams.pose.within(whole)
     return Press(
-        name=name,
-        frames=tuple(frames),
+        name=found.name,
+        frames=frames,
         reference=(unloaded[0], unloaded[-1]),
-        dwell=held,
-        force=force.within((rest[0], pressed[1])),
+        dwell=found.held,
+        force=streams.force.within(whole),
         pose=pose if pose is not None and len(pose.stamp_ns) else None,
         tare=rest,
-        contact_z_m=_height(pose, touched_ns),
+        contact_z_m=_height(pose, found.touched_ns),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
@@ -149,3 +150,63 @@ def _header(stamp_ns: int) -> Any:
     sec, nanosec = divmod(stamp_ns, 10**9)
     stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+
+
+VIDEO_SPEC = """
+kind = "video"
+name = "from-video"
+[data]
+video = "gel.avi"
+log = "force.csv"
+[data.columns]
+time = { column = "t", unit = "s" }
+force_x = { column = "fx", unit = "N" }
+force_y = { column = "fy", unit = "N" }
+force = { column = "fz", unit = "N" }
+moment_x = { column = "mx", unit = "N m" }
+moment_y = { column = "my", unit = "N m" }
+moment_z = { column = "mz", unit = "N m" }
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "m" }
+z = { column = "z", unit = "m" }
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+VIDEO_HZ = 25.0
+
+
+def write_video(store: RunStore, folder: Path, *, later_s: float, spec: str = VIDEO_SPEC) -> Path:
+    """Write a run as a video without loss and a force log, which begins so much later."""
+    folder.mkdir(parents=True)
+    stamps: list[int] = []
+    frames: list[bytes] = []
+    rows: list[tuple[float, ...]] = []
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        force, arm = recording.force(), recording.arm()
+        pose = [np.interp(force.stamp_ns, arm.stamp_ns, arm.pose[:, axis]) for axis in range(3)]
+        rows += zip(force.stamp_ns / 1e9, *force.wrench.T, *pose, strict=True)
+        for frame in recording.frames():
+            stamps.append(frame.stamp_ns)
+            frames.append(frame.jpeg)
+    begin_s = stamps[0] / 1e9
+    grid = begin_s + np.arange(0.0, (stamps[-1] - stamps[0]) / 1e9, 1.0 / VIDEO_HZ)
+    shown = np.clip(np.searchsorted(np.array(stamps) / 1e9, grid, side="right") - 1, 0, None)
+    first = cv2.imdecode(np.frombuffer(frames[0], np.uint8), cv2.IMREAD_COLOR)
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    video = cv2.VideoWriter(str(folder / "gel.avi"), code, VIDEO_HZ, first.shape[1::-1])
+    assert video.isOpened()
+    for number in shown.tolist():
+        video.write(cv2.imdecode(np.frombuffer(frames[number], np.uint8), cv2.IMREAD_COLOR))
+    video.release()
+    log_begins_s = begin_s + later_s
+    with (folder / "force.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("t", *_HEAD[4:10], "x", "y", "z"))
+        for row in sorted({row[0]: row for row in rows}.values()):  # trials share some samples
+            if row[0] >= log_begins_s:
+                writer.writerow(repr(float(v)) for v in (row[0] - log_begins_s, *row[1:]))
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder

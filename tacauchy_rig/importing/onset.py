@@ -1,0 +1,113 @@
+"""How two clocks lie to each other, from one event that both saw: when the gel was pressed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import correlate, correlation_lags
+
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.importing.press import FloatArray
+
+FINER = 4
+"""Steps of the search in an interval of the coarser signal."""
+AROUND_S = 1.0
+"""Before and after a press that its own offset is looked for in."""
+NEAR_S = 0.3
+"""Beside the offset of the whole: so far that of a press is looked for."""
+NEAR_STEP_S = 0.002
+LIKE = 0.6
+"""Correlation of two signals of the same presses; less is of different ones."""
+ALONE = 0.97
+"""Of the best correlation: another offset, a press apart, has to have less."""
+APART_S = 1.0
+UNIFORM = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a uniform distribution of width 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """What tells of contact over time; times [s] ascending, shape [n], as the values."""
+
+    time_s: FloatArray
+    value: FloatArray
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Return the values at times; at its ends it goes on as it is there."""
+        return np.interp(time_s, self.time_s, self.value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offset:
+    """What is to be added to times of the second clock for those of the first.
+
+    Attributes:
+        seconds: The offset [s].
+        uncertainty_s: Standard uncertainty: scatter between presses, and the coarser interval [s].
+        correlation: Of both signals, with it [1].
+    """
+
+    seconds: float
+    uncertainty_s: float
+    correlation: float
+
+
+def find_offset(first: Signal, second: Signal, presses_s: Sequence[tuple[float, float]]) -> Offset:
+    """Find the offset with which two signals of the same presses fit best.
+
+    Args:
+        first: Of the clock that is kept.
+        second: Of the clock that is to be moved.
+        presses_s: Start and end of each press in the first clock [s].
+
+    Raises:
+        RecordError: They do not show the same presses, or fit with several offsets.
+    """
+    interval_s = float(np.median(np.diff(second.time_s)))
+    coarse_s, likeness = _coarse(first, second, interval_s / FINER)
+    found = [_near(first, second, press, coarse_s) for press in presses_s]
+    offset_s = float(np.median(found))
+    scatter_s = float(np.std(found, ddof=1)) / math.sqrt(len(found)) if len(found) > 1 else 0.0
+    single_s = interval_s if len(found) == 1 else 0.0  # one press shows no scatter
+    return Offset(
+        seconds=offset_s,
+        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s),
+        correlation=likeness,
+    )
+
+
+def _coarse(first: Signal, second: Signal, step_s: float) -> tuple[float, float]:
+    """Return the offset of the largest correlation [s], and how large that is."""
+    grids = [np.arange(s.time_s[0], s.time_s[-1], step_s) for s in (first, second)]
+    one, other = (
+        _standard(signal.at(grid)) for signal, grid in zip((first, second), grids, strict=True)
+    )
+    both = correlate(one, other, mode="full", method="fft") / min(len(one), len(other))
+    lag_s = correlation_lags(len(one), len(other)) * step_s + grids[0][0] - grids[1][0]
+    best = int(np.argmax(both))
+    apart = np.abs(lag_s - lag_s[best]) > APART_S
+    rival = float(both[apart].max(initial=0.0))
+    if both[best] < LIKE or rival > ALONE * both[best]:
+        raise RecordError(
+            f"video and force log fit best with an offset of {lag_s[best]:.2f} s, where they are "
+            f"correlated by {both[best]:.2f}; elsewhere by up to {rival:.2f}",
+            remedy=f"both have to show the same presses ({LIKE} at least), at uneven times",
+        )
+    return float(lag_s[best]), float(both[best])
+
+
+def _near(first: Signal, second: Signal, press_s: tuple[float, float], about_s: float) -> float:
+    """Return the offset of one press alone [s]."""
+    grid = np.arange(press_s[0] - AROUND_S, press_s[1] + AROUND_S, NEAR_STEP_S)
+    seen = _standard(first.at(grid))
+    offsets = about_s + np.arange(-NEAR_S, NEAR_S, NEAR_STEP_S)
+    fit = [float(np.mean(seen * _standard(second.at(grid - offset)))) for offset in offsets]
+    return float(offsets[int(np.argmax(fit))])
+
+
+def _standard(values: FloatArray) -> FloatArray:
+    scatter = float(values.std())
+    return np.asarray((values - values.mean()) / (scatter or 1.0))

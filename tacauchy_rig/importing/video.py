@@ -1,0 +1,196 @@
+"""A video of the gel, and a force log of another clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tacauchy_rig.config.fields import Frequency, Section
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.importing.onset import Offset, Signal, find_offset
+from tacauchy_rig.importing.press import FloatArray, Frame, Recorded, Samples, Window
+from tacauchy_rig.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.importing.spec import Column
+from tacauchy_rig.importing.streams import PressFinding, S, Streams, cut, felt_along, find_presses
+from tacauchy_rig.importing.table import Table, read_table
+from tacauchy_rig.quantities import Dimension
+from tacauchy_rig.rgb import encode_png
+
+FRAMES_MOST = 108_000
+"""Of a video: half an hour at 60 Hz."""
+KEPT_BYTES = 4096 * MIB
+"""Of the frames at rest and held, as PNG."""
+SMALL = (32, 24)
+"""To which frames are scaled down to see when something changes [px]."""
+WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
+POSE = ("x", "y", "z")
+
+
+class LogColumns(Section):
+    """Which column of the log says what, and in which unit; as those of a CSV's folder."""
+
+    time: Column
+    force: Column
+    force_x: Column | None = None
+    force_y: Column | None = None
+    moment_x: Column | None = None
+    moment_y: Column | None = None
+    moment_z: Column | None = None
+    x: Column | None = None
+    y: Column | None = None
+    z: Column | None = None
+
+
+class VideoData(Section):
+    """``[data]`` of a video with a force log.
+
+    Attributes:
+        video: As ffmpeg reads it.
+        log: A CSV.
+        frame_rate: Of the video; left out, what the file says.
+    """
+
+    video: str
+    log: str
+    columns: LogColumns
+    frame_rate: Frequency | None = None
+    presses: PressFinding = Field(default_factory=PressFinding)
+
+
+def read_video(source: Source, data: VideoData) -> Recorded:
+    """Read both, find the offset of their clocks, and cut them into presses.
+
+    Raises:
+        RecordError: One is damaged, or they do not show the same presses.
+    """
+    table = read_table(source, data.log, field="data.log")
+    time_s = _times(table, data.columns)
+    stamp_ns = np.asarray(np.rint((time_s + 1.0) * S), dtype=np.int64)
+    force = _samples(table, data.columns, WRENCH, stamp_ns)
+    pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
+    path = source.path(data.video, field="data.video", most_bytes=LARGE_BYTES)
+    seen_s, change = _changes(path, data)
+    log = Signal(time_s=force.stamp_ns / S, value=np.sqrt(felt_along(force)))
+    found = find_presses(force, data.presses)
+    spans_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
+    offset = find_offset(log, Signal(time_s=seen_s, value=change), spans_s)
+    frame_ns = np.asarray(np.rint((seen_s + offset.seconds) * S), dtype=np.int64)
+    windows = [window for each in found for window in (each.rest, each.held)]
+    frames = _kept(path, data, frame_ns, windows)
+    presses = cut(Streams(force=force, frames=frames, pose=pose), found)
+    return Recorded(
+        presses=presses,
+        has_clock=True,
+        sync_mode="contact_onset",
+        unknown=tuple(_unknown(data.columns)),
+        notes=(_told(offset, len(presses)),),
+        contact_force_n=data.presses.contact_force,
+        name="video",
+    )
+
+
+def _unknown(columns: LogColumns) -> Iterator[str]:
+    if columns.z is None:
+        yield "The depth is not known."
+    yield "Where on the pad was pressed is not known."
+
+
+def _told(offset: Offset, count: int) -> str:
+    return (
+        f"The video's clock is {offset.seconds - 1.0:+.4f} s from the log's, found by when contact "
+        f"shows in both ({count} presses, correlation {offset.correlation:.2f}); standard "
+        f"uncertainty {offset.uncertainty_s * 1e3:.0f} ms, from the scatter between presses and "
+        "the interval of the frames."
+    )
+
+
+def _times(table: Table, columns: LogColumns) -> FloatArray:
+    time_s = np.array(table.numbers(columns.time, Dimension.TIME, field="data.columns.time"))
+    bad = np.flatnonzero(np.isnan(time_s) | (np.diff(time_s, prepend=-math.inf) <= 0.0))
+    if len(bad):
+        raise RecordError(
+            f"{table.name} line {int(bad[0]) + 2}: its time is missing, or not after that before",
+            remedy="every row needs a time, ascending",
+        )
+    return np.asarray(time_s - time_s[0])
+
+
+def _samples(
+    table: Table, columns: LogColumns, names: Sequence[str], stamp_ns: NDArray[np.int64]
+) -> Samples:
+    """Return the rows in which the last named but one of three is known."""
+    value = np.full((len(stamp_ns), 6), np.nan)
+    for place, name in enumerate(names):
+        dimension = (
+            Dimension.LENGTH
+            if name in POSE
+            else Dimension.TORQUE
+            if name.startswith("moment")
+            else Dimension.FORCE
+        )
+        field = f"data.columns.{name}"
+        value[:, place] = table.numbers(getattr(columns, name), dimension, field=field)
+    known = ~np.isnan(value[:, 2])
+    return Samples(stamp_ns=stamp_ns[known], value=value[known])
+
+
+def _frames(path: Path, name: str) -> Iterator[NDArray[np.uint8]]:
+    """Yield a video's frames, blue first."""
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        for _ in range(FRAMES_MOST):
+            there, frame = video.read()
+            if not there:
+                return
+            if frame.shape[0] * frame.shape[1] > IMAGE_PIXELS:
+                raise RecordError(f"{name}: frames of {frame.shape}", remedy="scale it down")
+            yield np.asarray(frame, np.uint8)
+        raise RecordError(f"{name}: more than {FRAMES_MOST} frames", remedy="cut it into parts")
+    finally:
+        video.release()
+
+
+def _changes(path: Path, data: VideoData) -> tuple[FloatArray, FloatArray]:
+    """Return times of the frames [s], and how far each is from those of the first second."""
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    rate_hz = data.frame_rate or float(video.get(cv2.CAP_PROP_FPS))
+    video.release()
+    small = [
+        cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
+        for frame in _frames(path, data.video)
+    ]
+    if len(small) < 3 or not 0.0 < rate_hz < 1e4:  # frames a second that any camera has
+        raise RecordError(
+            f"data.video: {data.video!r} gives {len(small)} frames at {rate_hz:g} Hz",
+            remedy="give a whole video that ffmpeg reads, and data.frame_rate if it says none",
+        )
+    stacked = np.stack(small)
+    rest = np.median(stacked[: max(1, round(rate_hz))], axis=0)
+    change = np.sqrt(np.mean((stacked - rest) ** 2, axis=(1, 2, 3)))
+    return np.arange(len(small)) / rate_hz, change
+
+
+def _kept(
+    path: Path, data: VideoData, frame_ns: NDArray[np.int64], windows: Sequence[Window]
+) -> tuple[Frame, ...]:
+    """Return the frames at rest and held, as PNG: a video's frames cannot be kept as they are."""
+    wanted = np.zeros(len(frame_ns), dtype=np.bool_)
+    for start, end in windows:
+        wanted |= (frame_ns >= start) & (frame_ns <= end)
+    found, size = [], 0
+    for number, frame in enumerate(_frames(path, data.video)):
+        if wanted[number]:
+            png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
+            size += len(png)
+            name, stamp = f"{data.video} frame {number}", int(frame_ns[number])
+            found.append(Frame(stamp_ns=stamp, name=name, read=partial(bytes, png)))
+        if size > KEPT_BYTES:
+            raise RecordError(f"{data.video}: too many frames at rest", remedy="cut it into parts")
+    return tuple(found)
