@@ -19,6 +19,8 @@ AROUND_S = 1.0
 NEAR_S = 0.3
 """Beside the offset of the whole: so far that of a press is looked for."""
 NEAR_STEP_S = 0.002
+BINS = 40
+"""Of the first signal's values: so few that each has values of coming down and of letting go."""
 LIKE = 0.6
 """Correlation of two signals of the same presses; less is of different ones."""
 ALONE = 0.97
@@ -100,12 +102,22 @@ def _coarse(first: Signal, second: Signal, step_s: float) -> tuple[float, float]
 
 
 def _near(first: Signal, second: Signal, press_s: tuple[float, float], about_s: float) -> float:
-    """Return the offset of one press alone [s]."""
+    """Return the offset of one press alone [s].
+
+    It is the one with which the second signal is most nearly a function of the first: coming down
+    and letting go then run along one curve, whatever its shape is.
+    """
     grid = np.arange(press_s[0] - AROUND_S, press_s[1] + AROUND_S, NEAR_STEP_S)
-    seen = _standard(first.at(grid))
+    order = np.argsort(first.at(grid), kind="stable")
     offsets = about_s + np.arange(-NEAR_S, NEAR_S, NEAR_STEP_S)
-    fit = [float(np.mean(seen * _standard(second.at(grid - offset)))) for offset in offsets]
-    return float(offsets[int(np.argmax(fit))])
+    apart = [_scatter(second.at(grid - offset)[order]) for offset in offsets]
+    return float(offsets[int(np.argmin(apart))])
+
+
+def _scatter(values: FloatArray) -> float:
+    """Return how far values are from their means in ``BINS`` bins of equal count."""
+    bins = np.array_split(values, BINS)
+    return float(sum(((part - part.mean()) ** 2).sum() for part in bins))
 
 
 def _standard(values: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from tacauchy_rig.importing.importer import import_run
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
+from tacauchy_rig.registry import Kind, load
 from tacauchy_rig.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run
 from tests.tacauchy_rig.importing.sources import write_bag, write_csv, write_video
@@ -27,6 +28,15 @@ LOST_SSIM = {"csv": 1e-6, "bag": 2e-3, "video": 2e-3}
 """Other frames are in a window that was found: their noise is another."""
 
 
+def _small_sensor(folder: Path) -> str:
+    """Write a GelSight Mini whose frames are the mock camera's, and return its path."""
+    text = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
+    text = text.replace("width = 320", "width = 32").replace("height = 240", "height = 24")
+    path = folder / "small.toml"
+    path.write_text(text.replace("0.0634 mm", "0.634 mm"))
+    return str(path)
+
+
 def _write_later(store: RunStore, folder: Path) -> Path:
     return write_video(store, folder, later_s=0.7)
 
@@ -39,7 +49,8 @@ def _trials(store: RunStore) -> tuple[TrialResult, ...]:
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunStore, tuple[TrialResult, ...]]:
     """A run of the mock rig, and what its report says."""
-    store = new_run(tmp_path_factory.mktemp("own"), *REPLAY)
+    folder = tmp_path_factory.mktemp("own")
+    store = new_run(folder, *REPLAY, f"sensor.name={_small_sensor(folder)}")
     press_run(store)
     return store, _trials(store)
 
@@ -54,9 +65,10 @@ def test_scores_are_those_of_the_run_itself(
     own: tuple[RunStore, tuple[TrialResult, ...]],
     tmp_path: Path,
 ) -> None:
-    """To what the format loses: forces, depths, simulated depths, SSIM, and the contact's residual."""
+    """To what the format loses: forces, depths, SSIM, and the contact's residual."""
     store, expected = own
-    overrides = [f"rig.{each}" for each in REPLAY]
+    given = (*REPLAY, f"sensor.name={store.config.sensor.name}")
+    overrides = [f"rig.{each}" for each in given]
     found = _trials(import_run(write(store, tmp_path / kind), parent=tmp_path, overrides=overrides))
     lost = LOST[kind]
     assert len(found) == len(expected) == 2
