@@ -10,10 +10,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from types import EllipsisType
 
 import numpy as np
 
-from reports.arrays import ColorImage
+from reports.arrays import ColorImage, Mask
 from reports.evidence.evidence import TrialEvidence, TrialImages
 from reports.scores.contact import (
     contact_footprint,
@@ -186,11 +187,18 @@ def skill(
     )
 
 
-def press_over(images: TrialImages, other: TrialEvidence) -> ColorImage | None:
+def press_over(
+    images: TrialImages, other: TrialEvidence, region: Mask | EllipsisType = ...
+) -> ColorImage | None:
     """Return what another trial's replay shows, over this trial's own no-contact frame.
 
     Light that drifted between the trials would otherwise tell them apart, and a score would
     seem to know the force.
+
+    Args:
+        images: Of this trial.
+        other: The other one.
+        region: Of the pixels that are wanted, shape [n, 3]; without, the whole image is returned.
 
     Returns:
         None when the other trial has no images.
@@ -198,9 +206,10 @@ def press_over(images: TrialImages, other: TrialEvidence) -> ColorImage | None:
     if other.simulated_image is None or other.images is None:
         return None
     if other.images is images:
-        return other.simulated_image
-    change = other.simulated_image.astype(np.int16) - other.images.reference.astype(np.int16)
-    return np.asarray(np.clip(images.reference + change, 0, 255), dtype=np.uint8)
+        return other.simulated_image[region]
+    bare = other.images.reference[region].astype(np.int16)
+    change = other.simulated_image[region].astype(np.int16) - bare
+    return np.asarray(np.clip(images.reference[region] + change, 0, 255), dtype=np.uint8)
 
 
 def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
+from reports.arrays import ColorImage, FloatArray, Mask
 from reports.evidence.evidence import TrialEvidence, TrialImages
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.floors import press_over
@@ -107,15 +107,18 @@ def _read(
         return _Reading(press_key=trial.press_key, value=math.nan, rival="")
     region = contact_region(footprint)
 
-    def inside(image: ColorImage) -> FloatArray:
-        return image_change(image, images.reference)[region].ravel()
+    bare = images.reference[region].astype(np.float64)
 
-    real, ours = inside(images.real), inside(own)
-    rivals = {name: inside(image) for name, image in _rivals(trial, images, trials).items()}
+    def change_of(pixels: ColorImage) -> FloatArray:
+        return (pixels.astype(np.float64) - bare).ravel()
+
+    real, ours = change_of(images.real[region]), change_of(own[region])
+    shown = _rivals(trial, images, trials, region)
+    rivals = {name: change_of(pixels) for name, pixels in shown.items()}
     rival = min(rivals, key=lambda name: _residual(real, rivals[name]))
     theirs = rivals[rival]
     first, second = (
-        math.nan if half is None else _margin(inside(half), ours, theirs)
+        math.nan if half is None else _margin(change_of(half[region]), ours, theirs)
         for half in (images.first_half, images.second_half)
     )
     return _Reading(
@@ -128,13 +131,13 @@ def _read(
 
 
 def _rivals(
-    trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence]
+    trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: Mask
 ) -> dict[str, ColorImage]:
-    """Return what must not explain a press as well as its own image, by its name."""
+    """Return pixels that must not explain a press as well as its own image's, by their name."""
     wrong = [t for t in trials if t.press_key != trial.press_key]
-    shown = {_named(t): press_over(images, t) for t in wrong}
+    shown = {_named(t): press_over(images, t, region) for t in wrong}
     found = {name: image for name, image in shown.items() if image is not None}
-    return {**found, "no contact": images.reference}
+    return {**found, "no contact": images.reference[region]}
 
 
 def _named(trial: TrialEvidence) -> str:
