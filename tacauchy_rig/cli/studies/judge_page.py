@@ -16,7 +16,7 @@ from tacauchy_rig.rgb import decode_rgb, encode_png
 from tacauchy_rig.store.durable import read_bytes, write_atomically
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
-PICTURE_PX = 1000  # wide, for a page on a screen
+PICTURE_PX = 800  # wide, for a page on a screen
 SHOWN = {"contact": None, "frame": ("ssim", "psnr_db")}
 """Scores of the tables of a judgement; None is all."""
 FORCE_AXIS = 2  # of F
@@ -56,8 +56,9 @@ def judge_page(
             }
         )
         say(f"{name}: {len(judged['simulators'])} simulators, {len(runs[-1]['lost'])} scores lost")
-    forces = [row for path in bench or () for row in _forces(_json(path))]
-    facts = {"runs": runs, "forces": table_of_rows(forces) if forces else None}
+    forces = [row for path in bench or () for row in _forces(path)]
+    benches = " ".join(f"--bench docs/benchmarks/{path.name}" for path in bench or ())
+    facts = {"runs": runs, "benches": benches, "forces": table_of_rows(forces) if forces else None}
     write_text(out, page("tacauchy_rig.cli.studies", "judge_page.md.jinja", facts))
     say(f"page {out}")
 
@@ -125,13 +126,20 @@ def _row(
 
 def _times(judged: Mapping[str, Any]) -> list[str]:
     return [
-        f"{each['title']}: {each['machine'] or 'machine not stated'}. {each['note']}"
+        f"{each['title']}: {each['machine'] or 'machine not stated'}. "
+        f"{'Fitted to these very presses. ' if each['fitted_to_these'] else ''}{each['note']}"
         for each in judged["simulators"]
     ]
 
 
-def _forces(found: Mapping[str, Any]) -> list[dict[str, Cell]]:
+def _forces(path: Path) -> list[dict[str, Cell]]:
     """Return F_z of ours and of the peer in scenes of a given depth, beside the reference."""
+    found = _json(path)
+    if not {"groups", "peers", "references"} <= set(found):
+        raise RecordError(
+            f"{path}: has no forces of another engine beside a reference",
+            remedy="`bench --part scenes --peer libuipc --against FILE` writes them",
+        )
     alone = [row for group in found["groups"] for row in group if row["environments"] == 1]
     rows = []
     for ours in alone:

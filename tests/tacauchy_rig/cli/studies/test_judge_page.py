@@ -32,6 +32,7 @@ def _simulator(title: str, *, is_ours: bool) -> dict[str, object]:
         "milliseconds_an_image": None if is_ours else 12.6,
         "machine": "",
         "note": "A note.",
+        "fitted_to_these": not is_ours,
     }
 
 
@@ -87,11 +88,14 @@ def test_page_holds_numbers_pictures_and_losses(judged: Path, tmp_path: Path) ->
     assert "Contact residual against Other 2 (0.125 against 0.100, within the scatter)" in prose
     assert "2.000 (+100.0%)" in text
     assert "9.000" not in text
+    assert text.count("Fitted to these very presses. A note.") == 1
     assert (out.parent / "images/judged_dry_run.png").exists()
 
 
 def test_damaged_json_is_named(judged: Path, tmp_path: Path) -> None:
-    """A judgement that was cut off ends with its name."""
+    """A judgement that was cut off, or a file of another kind, ends with its name."""
+    with pytest.raises(RecordError, match=r"judged\.json: has no forces"):
+        judge_page([judged], bench=[judged / "judged.json"], out=tmp_path / "page.md")
     (judged / "judged.json").write_text('{"a": ')
     with pytest.raises(RecordError, match=r"judged\.json"):
         judge_page([judged], out=tmp_path / "page.md")
