@@ -120,3 +120,24 @@ def test_is_refused_by_name(name: str, small: Path, tmp_path: Path) -> None:
     assert refused.value.remedy or "TOML" in told
     assert not list(runs.glob("*"))
     assert not (small / "x").exists()
+
+
+PAGE = Path(__file__).parents[3] / "docs" / "importing.md"
+BEGIN, END = "<!-- refused: begin -->", "<!-- refused: end -->"
+
+
+def _table() -> str:
+    """Return the cases as the page has them."""
+    rows = [f"| {name} | `{told}` |" for name, (_, told) in CASES.items()]
+    return "\n".join(["", "| source | the message has |", "|---|---|", *rows, ""])
+
+
+def test_the_page_lists_every_case() -> None:
+    """``python -m tests.tacauchy_rig.importing.test_hostile`` writes it anew."""
+    page = PAGE.read_text("utf-8")
+    assert page.partition(BEGIN)[2].partition(END)[0] == _table()
+
+
+if __name__ == "__main__":
+    before, _, after = PAGE.read_text("utf-8").partition(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}{_table()}{END}{after.partition(END)[2]}", "utf-8")
