@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+SAME_PLACE_M = 3e-5
+"""Presses nearer to each other are at one place: half a pixel of a GelSight Mini."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedTrial:

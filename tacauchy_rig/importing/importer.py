@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from tacauchy_rig.config.devices import IMPORTED
 from tacauchy_rig.config.fields import Section
 from tacauchy_rig.config.load import (
@@ -19,6 +21,7 @@ from tacauchy_rig.config.load import (
 )
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.imported import SAME_PLACE_M
 from tacauchy_rig.importing.bag import BagData, read_bag
 from tacauchy_rig.importing.csv_folder import CsvData, read_csv_folder
 from tacauchy_rig.importing.press import Recorded
@@ -89,7 +92,7 @@ def import_run(
     spec = _spec(source, path, overridden)
     stated = _stated(source, spec, trusted=overridden)
     recorded = READERS[spec.kind](source, spec.data)
-    rig = _rig(spec, stated, recorded)
+    rig = _rig(spec, {**_common(source, recorded), **stated}, recorded)
     check(rig.config)
     return write_run(
         parent,
@@ -138,6 +141,18 @@ def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[s
         elif field == "replay.indenter":
             stated[field] = mesh_within(source, value, field=f"rig.{field}")
     return stated
+
+
+def _common(source: Source, recorded: Recorded) -> dict[str, Any]:
+    """Return indenter and place where all presses had the same: the replay's, unless stated."""
+    common: dict[str, Any] = {}
+    terms, places = zip(*((each.indenter, each.place_m) for each in recorded.presses), strict=True)
+    if terms[0] and set(terms) == {terms[0]}:
+        common["replay.indenter"] = mesh_within(source, terms[0], field="the presses' indenter")
+    known = np.array([place for place in places if place is not None])
+    if len(known) == len(places) and np.ptp(known, axis=0).max() <= SAME_PLACE_M:
+        common["replay.offset"] = [f"{value:.9g} m" for value in known.mean(axis=0)]
+    return common
 
 
 def mesh_within(source: Source, term: str, *, field: str) -> str:

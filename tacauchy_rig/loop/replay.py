@@ -17,6 +17,7 @@ from sim.replay import replay_forces
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.alike import check_alike
 from tacauchy_rig.loop.image_causes import split_images
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
@@ -61,10 +62,12 @@ def replay_run(
 
     Raises:
         RecordError: No trial has a measured force.
-        ConfigError: No preset keeps the tolerance, or there are no optics to render with.
+        ConfigError: No preset keeps the tolerance, there are no optics to render with, or presses
+            that were imported are not alike.
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
+    check_alike(store)
     inputs = inputs_of(config)
     inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
     check_optics(config, inputs.sensor)
