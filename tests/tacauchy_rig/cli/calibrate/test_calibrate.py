@@ -18,7 +18,7 @@ from sim.optics.calibrate.presses import scene as pressed_scene
 from sim.optics.colour.photometric import load_photometric
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.cli.app import app
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, RecordError
 from tests.sim.optics.rendered_targets import photograph, printed_dots
 from tests.sim.optics.synthetic_presses import PROFILE, press_scene, presses
 
@@ -83,13 +83,22 @@ def test_folder_becomes_a_calibration(tmp_path: Path) -> None:
 
 
 def test_contacts_are_found_without_a_table(tmp_path: Path) -> None:
-    """Without circles the contacts are found, and the scores hardly suffer."""
+    """Without circles the contacts are found, the scores hardly suffer, and judge has images."""
     folder = _folder(tmp_path / "presses", count=6, table=False)
-    scores = tmp_path / "scores.json"
-    _run("optics", folder, *OPTIONS, "--out", tmp_path / "c.npz", "--json", scores, "--folds", 2)
+    scores, shown = tmp_path / "scores.json", tmp_path / "shown"
+    made = ["--out", tmp_path / "c.npz", "--json", scores, "--outputs", shown]
+    _run("optics", folder, *OPTIONS, *made, "--folds", 2)
     found = json.loads(scores.read_text("utf-8"))
     assert found["cross_validation"]["r2"] > 0.95
     assert any("only 6 presses" in warning for warning in found["warnings"])
+    unloaded = cv2.imread(str(folder / "no_contact.png")).astype(np.float64)
+    names = sorted(path.name for path in folder.glob("*.png") if path.name != "no_contact.png")
+    for number, name in enumerate(names, start=1):
+        real = cv2.imread(str(folder / name))
+        image = cv2.imread(str(shown / f"{number:02d}/image.png"))
+        assert np.abs(image - real.astype(np.float64)).mean() < np.abs(unloaded - real).mean()
+    with pytest.raises(RecordError, match="not empty"):
+        _run("optics", folder, *OPTIONS, *made, "--folds", 2)
 
 
 def test_scale_from_a_target(tmp_path: Path) -> None:
