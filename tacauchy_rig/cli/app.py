@@ -39,6 +39,7 @@ COMMANDS = {
     "effects-check": "tacauchy_rig.cli.studies.effects_check:effects_check",
     "modes": "tacauchy_rig.cli.studies.modes:modes",
     "objects": "tacauchy_rig.cli.studies.objects:objects",
+    "paper": "tacauchy_rig.cli.studies.paper:paper",
     "doctor": "tacauchy_rig.cli.doctor:doctor",
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",

@@ -9,24 +9,20 @@ from functools import partial
 import numpy as np
 
 from sim.effects.footprint_presets import diagonal
-from sim.effects.presets import PAPER_SIZING, mesh_for
+from sim.effects.presets import PAPER_SIZING
 from sim.fields.stress import surface_stress
-from sim.mesh.store import mesh_key, stored_mesh
-from sim.mesh.tet_mesh import TetMesh
-from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
 from sim.press_command import scene_from
-from sim.scene.pad import Pad
 from sim.scene.scene import Preset
-from sim.sensor.sensor import load_sensor
 from sim.studies.bench.frames import times_of
-from sim.studies.verification.mesh_statistics import mesh_statistics
+from sim.studies.paper.claims import Claim, claims
+from sim.studies.paper.mesh_table import mesh_numbers, preset_statistics
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
 _REPEATS = 200
-_PAPER_S = 1e-3
+_PAPER_S = 1e-3 * claims()["speed.stress"].value
 # A shallow press of a GelSight Mini.
 _PRESS = "--sensor gelsight-mini --indenter cylinder:diameter=5mm --depth 0.3mm"
 _SCENE = scene_from(_PRESS)
@@ -34,25 +30,17 @@ _SCENE = scene_from(_PRESS)
 
 def measure_mesh() -> Table:
     """Measure the mesh with and without its fine region."""
-    pad = load_sensor("gelsight-mini").pad
-    coarse = mesh_statistics(baseline_mesh(pad))
-    fine = mesh_statistics(mesh_for(replace(_SCENE, preset=Preset.PAPER)))
-    growth = fine.tet_count / coarse.tet_count
-    density = (coarse.centre_edge_m / fine.centre_edge_m) ** 2
-    sizing = PAPER_SIZING
+    pad, sizing = _SCENE.pad, PAPER_SIZING
+    coarse, fine = preset_statistics(_SCENE)
     gap = press(replace(_SCENE, preset=Preset.PAPER)).surface_traction_gap_relative
+    table = tuple(
+        (_heading(claims()[name]), claims()[name].value, value)
+        for name, value in mesh_numbers(coarse, fine).items()
+    )
     return Table(
         columns=("quantity", "paper", "here"),
         rows=(
-            ("tetrahedra, not refined", 661, coarse.tet_count),
-            ("tetrahedra, refined", 1920, fine.tet_count),
-            ("refined over not refined", 2.90, growth),
-            ("vertices", 553, fine.vertex_count),
-            ("vertices on the surface", 358, fine.surface_vertex_count),
-            ("faces of the surface", 712, fine.surface_face_count),
-            ("edge in the middle, not refined [mm]", 1.82, coarse.centre_edge_m * 1e3),
-            ("edge in the middle, refined [mm]", 0.68, fine.centre_edge_m * 1e3),
-            ("density in the middle, refined over not", 7.35, density),
+            *table,
             ("smallest dihedral angle [deg]", None, fine.dihedral_min_deg),
             ("edge length l_c in the middle [mm]", 0.8, sizing.fine_m * 1e3),
             ("edge length l_g elsewhere [mm]", 3.2, sizing.coarse_m * 1e3),
@@ -65,13 +53,8 @@ def measure_mesh() -> Table:
     )
 
 
-def baseline_mesh(pad: Pad) -> TetMesh:
-    """Return the pad meshed with the coarse edge length everywhere."""
-    sizing: WildSizing = replace(PAPER_SIZING, fine_m=PAPER_SIZING.coarse_m)
-    key = mesh_key(pad, sizing)
-    return stored_mesh(
-        "paper-unrefined", key, lambda: wild_mesh(pad, sizing, name=f"fTetWild, unrefined, {key}")
-    )
+def _heading(claim: Claim) -> str:
+    return f"{claim.says} [{claim.unit}]" if claim.unit else claim.says
 
 
 def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Table:
