@@ -3,7 +3,7 @@
 The residual R = real - simulated of all trials of a run is taken for a sum of what each cause does
 to the images and a rest. Unknowns are found together, by least squares with their standard
 uncertainties as priors: where images cannot tell two causes apart, such as a stiffer gel from a
-cell that reads too little, the less certain one takes it. With C_k what cause k comes to, its share
+cell that reads too much, the less certain one takes it. With C_k what cause k comes to, its share
 is its Shapley value of |R|^2 - |R - sum C|^2 over all subsets of causes, which for sums is
 
     <C_k, R + rest>,    rest = R - sum_k C_k,

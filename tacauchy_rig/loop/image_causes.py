@@ -153,12 +153,12 @@ class _Again:
         yield from self._of_optics(change, even, base)
 
     def _of_force(self, by_force: Images) -> Iterator[Mode]:
-        """Yield what a cell does that reads too much: in proportion, by a zero, in one trial."""
+        """Yield a force beyond what the cell read: in proportion, in all trials alike, in one."""
         scale = stated_uncertainty(self.config, "force_scale").value
-        yield _mode("cell's scale", Cause.FORCE, scale, "1", _times(by_force, scale))
+        yield _mode("force, in proportion", Cause.FORCE, scale, "1", _times(by_force, scale))
         zero_n = _UNIFORM * self.config.protocol.drift
         of_zero = {p.index: zero_n / p.force_n * by_force[p.index] for p in self.presses}
-        yield _mode("cell's zero", Cause.FORCE, zero_n, "N", of_zero)
+        yield _mode("force, all trials alike", Cause.FORCE, zero_n, "N", of_zero)
         for index, changed in of_zero.items():
             yield _mode(f"force of trial {index}", Cause.FORCE, zero_n, "N", {index: changed})
 
