@@ -56,8 +56,10 @@ def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
 
 
 def _row_scaled(quality: np.ndarray) -> np.ndarray:
-    low = np.nanmin(quality, axis=1, keepdims=True)
-    span = np.nanmax(quality, axis=1, keepdims=True) - low
+    """Return the quality from 0 to 1 in each row; NaN stays, all over a row of even images."""
+    unknown = np.isnan(quality)
+    low = np.where(unknown, np.inf, quality).min(axis=1, keepdims=True)
+    span = np.where(unknown, -np.inf, quality).max(axis=1, keepdims=True) - low
     return np.asarray((quality - low) / np.where(span > 0, span, 1.0))
 
 

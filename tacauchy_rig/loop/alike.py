@@ -1,4 +1,4 @@
-"""Are an imported run's presses such as one replay can press: one indenter, one place, a force?"""
+"""Are an imported run's presses such as one replay can press: one indenter, one place?"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def check_alike(store: RunStore) -> None:
     A replay presses one indenter at one place; what differs is not passed over in silence.
 
     Raises:
-        ConfigError: Presses had several indenters or places, or none a force.
+        ConfigError: Presses had several indenters or places.
         RecordError: The run was imported, and the file that says so is missing or damaged.
     """
     trials = store.imported_trials
@@ -36,10 +36,4 @@ def check_alike(store: RunStore) -> None:
             f"lie up to {apart_m * 1e3:.3f} mm apart",
             remedy=f"a replay presses at one place, to {SAME_PLACE_M * 1e3:g} mm: import the "
             "presses of each as a run of its own",
-        )
-    if not any("force" in each.streams for each in trials.values()):
-        raise ConfigError(
-            f"{where}: none of its presses has a force, and a replay presses to forces",
-            remedy="`tacauchy-rig press --depth` presses to a depth; `calibrate optics` takes "
-            "presses of a ball without a force",
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_historie
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.replay import replay_forces
+from sim.replay import forces_at, replay_forces
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
@@ -176,7 +177,7 @@ def press_again(
     records = [attempt.record for attempt in measured_attempts(run)]
     leans = any(inputs.mounting.lean_rad) and tells_modulus(config)
     on_progress(f"replaying {len(records)} trials{', upright first' if leans else ''}")
-    replay, fields = _replayed(upright(inputs) if leans else inputs, records, on_progress)
+    replay, fields = _replayed(upright(inputs) if leans else inputs, records, config, on_progress)
     stated, fit = replay, None
     if tells_modulus(config):
         curve = merge_histories([trial.force_history for trial in replay.trials])
@@ -184,7 +185,7 @@ def press_again(
     if fit is not None:
         inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
     if fit is not None or leans:
-        replay, fields = _replayed(inputs, records, on_progress)
+        replay, fields = _replayed(inputs, records, config, on_progress)
     trials = tuple(
         replace(trial, index=record.index)
         for trial, record in zip(replay.trials, records, strict=True)
@@ -228,17 +229,36 @@ def render_again(
 
 
 def _replayed(
-    inputs: ReplayInputs, records: Sequence[TrialRecord], on_progress: Say
+    inputs: ReplayInputs, records: Sequence[TrialRecord], config: RigConfig, on_progress: Say
 ) -> tuple[Replay, list[TrialFields]]:
-    forces_n = [record.force_measured_n or 0.0 for record in records]
+    """Press to the measured forces; to the depths where an imported run has no force."""
+    known = [record.force_measured_n for record in records]
+    measured_n = [force for force in known if force is not None]
+    forces_n = measured_n or _at_depths(inputs, records, config, on_progress)
     scene = inputs.scene(forces_n)
     on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}")
-    return replay_forces(
+    replay, fields = replay_forces(
         scene,
         forces_n,
         tolerance=inputs.tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
+    )
+    if not measured_n:
+        trials = tuple(replace(trial, force_measured_n=math.nan) for trial in replay.trials)
+        replay = replace(replay, trials=trials)
+    return replay, fields
+
+
+def _at_depths(
+    inputs: ReplayInputs, records: Sequence[TrialRecord], config: RigConfig, on_progress: Say
+) -> list[float]:
+    """Return the simulated forces at measured depths [N]: pressed to them, a depth is met."""
+    on_progress("  no force was measured: pressing to the depths")
+    return forces_at(
+        replace(inputs, tolerance=None).scene([]),
+        [record.depth_measured_m or 0.0 for record in records],
+        contact_force_n=config.protocol.contact_force,
     )
 
 
@@ -291,13 +311,15 @@ def _seen_by_the_camera(
 
 
 def measured_attempts(run: RunReading) -> list[AttemptReading]:
-    """Return the attempts that have a force to replay.
+    """Return the attempts that have a force to replay; of an imported run without, a depth.
 
     Raises:
         RecordError: There is none.
     """
     records = [record for record in run.records.values() if record is not None]
     measured = [record for record in records if record.force_measured_n is not None]
+    if not measured and run.store.config.is_imported:
+        measured = [record for record in records if record.depth_measured_m is not None]
     if not measured:
         root = run.store.paths.root
         raise RecordError(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sim.scene.indenter import Sphere
@@ -11,9 +13,14 @@ from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.importing.importer import import_run
 from tacauchy_rig.loop.alike import check_alike
 from tacauchy_rig.loop.inputs import inputs_of
+from tacauchy_rig.loop.opening import open_run
+from tacauchy_rig.loop.replay import replay_run
+from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.loop.settings import check_names
+from tacauchy_rig.rgb import encode_png
 from tacauchy_rig.store.run_store import RunStore
 
+MESHES_APART = 1e-3  # of a depth: a force's mesh is another than the depth's (preset fast)
 HEAD = "image,fz,depth,x,y,tool"
 
 
@@ -24,6 +31,7 @@ def imported(folder: Path, *rows: str, force: bool = True) -> RunStore:
     axes = "\n".join(f'{axis} = {{ column = "{axis}", unit = "mm" }}' for axis in "xy")
     if not force:
         text = text.replace('force = { column = "fz", unit = "N" }', "")
+    text = text.replace("[rig.replay]", '[rig.replay]\npreset = "fast"\npose = "stated"')
     text = text.replace("[rig.sensor]", f'{axes}\nindenter = "tool"\n[rig.sensor]')
     (folder / "import.toml").write_text(text)
     return import_run(folder, parent=folder.parent, check=check_names)
@@ -56,10 +64,31 @@ def test_presses_unlike_each_other_are_not_replayed(
         check_alike(imported(small, *rows))
 
 
-def test_presses_without_a_force_are_not_replayed(small: Path) -> None:
-    """And are told what they are good for."""
-    with pytest.raises(ConfigError, match="none of its presses has a force"):
-        check_alike(imported(small, ",0.2,0,0,", force=False))
+@pytest.mark.slow
+def test_presses_without_a_force_are_replayed_to_their_depths(small: Path) -> None:
+    """The simulator meets the depths, and no force is made up as measured."""
+    blob = np.hypot(*np.mgrid[-240:240, -320:320]) < 60
+    pressed = np.where(blob[..., None], np.uint8((150, 90, 60)), np.uint8(90))
+    (small / "press.png").write_bytes(encode_png(np.asarray(pressed, np.uint8)))
+    ball = "sphere:diameter=6mm"
+    rows = (f",0.2,0,0,{ball}", f",0.3,0,0,{ball}")
+    run = open_run(imported(small, *rows, force=False).paths.root)
+    replay = replay_run(run)
+    depths = [trial.depth_simulated_m for trial in replay.trials]
+    assert depths == pytest.approx([0.2e-3, 0.3e-3], rel=MESHES_APART)
+    assert all(math.isnan(trial.force_measured_n) for trial in replay.trials)
+    assert replay.trials[1].force_simulated_n > replay.trials[0].force_simulated_n > 0.1
+    report, paths = report_run(open_run(run.store.paths.root))
+    assert [trial.force_measured_n for trial in report.trials] == [None, None]
+    assert all(trial.metrics is not None for trial in report.trials)
+    assert "NaN" not in paths.summary.read_text()
+
+
+def test_presses_with_neither_are_not_replayed(small: Path) -> None:
+    """There is nothing to press to."""
+    run = open_run(imported(small, ",,0,0,", force=False).paths.root)
+    with pytest.raises(RecordError, match="force"):
+        replay_run(run)
 
 
 def test_a_tool_of_a_press_lies_within_the_folder(small: Path) -> None:
