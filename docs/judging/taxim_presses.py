@@ -33,19 +33,22 @@ BESIDE_MM = 10.0
 
 
 def ball_over_gel(
-    circle: tuple[float, float, float], *, radius_mm: float, mm_px: float, shape: tuple[int, int]
+    circle: tuple[float, float, float], *, radius_mm: float, mm_px: float, gel_mm: np.ndarray
 ) -> np.ndarray:
-    """Return the ball's height over the gel's top [mm], negative where it cuts into it.
+    """Return the ball's height over the gel's highest point [mm]; where it is lower, it cuts.
 
     Args:
         circle: Column, row and radius of the contact's edge [px].
+        gel_mm: Height of the gel over its highest point, shape [height, width]: the contact's edge
+            lies on it.
     """
     column, row, edge_px = circle
-    rows, columns = np.indices(shape)
+    rows, columns = np.indices(gel_mm.shape)
     away = mm_px * np.hypot(columns - column, rows - row)
     below = np.sqrt(np.maximum(radius_mm**2 - away**2, 0.0))
     edge = np.sqrt(radius_mm**2 - (mm_px * edge_px) ** 2)
-    return np.where(away < radius_mm, edge - below, BESIDE_MM)
+    around = np.abs(away - mm_px * edge_px) < mm_px
+    return np.where(away < radius_mm, gel_mm[around].mean() + edge - below, BESIDE_MM)
 
 
 def main() -> None:
@@ -65,6 +68,8 @@ def main() -> None:
     with np.load(SETS[asked.set] / "dataPack.npz", allow_pickle=False) as data:
         frame = data["f0"][..., ::-1].astype(float)  # OpenCV read it: blue is first
         circles = np.column_stack([data["touch_center"], data["touch_radius"]]).astype(float)
+    gel_px = np.load(SETS[asked.set] / "gelmap.npy", allow_pickle=False)
+    gel_mm = taxim.sensor_params.pixmm * (gel_px - gel_px.max())
     if asked.circles is not None:
         found = json.loads(asked.circles.read_text())["presses"]
         circles = np.array([list(press["labelled"].values()) for press in found])
@@ -73,7 +78,7 @@ def main() -> None:
             (column, row, radius),
             radius_mm=0.5 * asked.ball_diameter_mm,
             mm_px=taxim.sensor_params.pixmm,
-            shape=(taxim.height, taxim.width),
+            gel_mm=gel_mm,
         )
         for column, row, radius in circles.tolist()
     ]
