@@ -25,6 +25,7 @@ from tacauchy_rig.figure_style import (
 )
 from tacauchy_rig.replayed import ResidualSplit
 
+MINUS = "\u2212"
 COLORS = {
     Cause.POSE: BLUE,
     Cause.TILT: SKY,
@@ -81,7 +82,8 @@ def _draw_ranking(axes: Axes, split: ResidualSplit) -> None:
     colors = [COLORS[Cause(name)] for name in names]
     axes.barh(range(len(names)), values, 0.7, color=colors, edgecolor=INK, lw=0.2)
     for row, value in enumerate(values):
-        axes.text(max(value, 0.0) + 1.0, row, f"{value:.0f} %", va="center", fontsize=7)
+        text = f"{value:.0f} %".replace("-", MINUS)
+        axes.text(max(value, 0.0) + 1.0, row, text, va="center", fontsize=7)
     axes.axvline(0.0, color=INK, linewidth=0.5)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()

@@ -168,7 +168,8 @@ def _images(believed: Believed) -> dict[int, ColorImage]:
 def planted_table(found: Sequence[Ranked]) -> Table:
     """Return a row for each replay: shares of the causes, and whether the planted one is first."""
     judged = [each for each in found if each.cause is not Cause.REST]
-    first = sum(each.is_first for each in judged)
+    missed = [f"{r.run}, {r.planted} ({r.ranking[0].value})" for r in judged if not r.is_first]
+    first = len(judged) - len(missed)
     residuals = {
         "run": lambda r: r.run,
         "cause": lambda r: "none" if r.cause is Cause.REST else r.cause.value,
@@ -185,7 +186,7 @@ def planted_table(found: Sequence[Ranked]) -> Table:
         title="What was planted, and what the split says",
         criterion="what was planted comes first of all causes but noise and rest in most replays",
         passed=bool(judged) and first > MOST * len(judged),
-        note=f"first in {first} of {len(judged)}",
+        note=f"first in {first} of {len(judged)}; missed: {'; '.join(missed) or 'none'}",
     )
 
 

@@ -22,6 +22,6 @@ def test_rest_and_noise_are_no_causes_and_a_miss_counts() -> None:
     nothing = _ranked(Cause.REST, Cause.POSE)
     table = planted_table([nothing, right, right, wrong])
     assert table.passed
-    assert table.note == "first in 2 of 3"
+    assert table.note == "first in 2 of 3; missed: seed 7, some (material)"
     assert not planted_table([nothing, right, wrong, wrong]).passed
     assert not planted_table([nothing]).passed
