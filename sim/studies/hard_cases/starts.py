@@ -66,7 +66,8 @@ def random_start() -> Outcome:
     """Case 2: every free node anywhere in the box; three seeds, P1 and P2, contact far away."""
     rises, residual, iterations = [], 0.0, 0
     knots: list[float] = []
-    smallest = np.inf
+    smallest, inverted = np.inf, 0
+    rested = dict.fromkeys(ElementOrder, 0)
     for order in ElementOrder:
         model = pad_model(brick_mesh((4, 4, 2)), order=order)
         for seed in range(_SEEDS):
@@ -81,13 +82,17 @@ def random_start() -> Outcome:
             smallest = min(smallest, found.min_jacobian)
             if np.abs(state.positions - model.nodes).max() > 1e-6 * HEIGHT_M:
                 knots.append(energies[-1] / model.energy_scale_j)
+                inverted = max(inverted, _inverted_count(model, state))
+            else:
+                rested[order] += 1
     measured: Measured = {
         "starts": len(rises),
         "iterations_max": iterations,
         "energy_rise_max_over_first": max(rises),
         "residual_max_over_E_height2": residual,
-        "ended_at_rest": len(rises) - len(knots),
+        **{f"ended_at_rest_{order.value}": count for order, count in rested.items()},
         "ended_knotted_but_stationary": len(knots),
+        "elements_whose_corners_are_inside_out_max": inverted,
         "knot_energy_max_over_E_volume": max(knots, default=0.0),
         "det_F_min_at_the_end": smallest,
     }
@@ -126,6 +131,13 @@ def penetrating_start() -> Outcome:
         measured[f"refused_at {where}"] = message
     passed = resolved > 0 and worst <= 1e-6 and gap > 0.0 and spoiled == 0
     return Outcome(passed=passed, measured=measured)
+
+
+def _inverted_count(model: Model, state: State) -> int:
+    """Return how many tetrahedra have their corners inside out, whatever det F is inside."""
+    corners = state.positions[model.elements[:, :4]]
+    edges = corners[:, 1:] - corners[:, :1]
+    return int((np.linalg.det(edges) < 0.0).sum())
 
 
 def _started(model: Model, positions: FloatArray) -> State:

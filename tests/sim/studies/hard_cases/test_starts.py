@@ -20,8 +20,11 @@ def test_random_starts_end_stationary() -> None:
     assert outcome.passed
     measured = outcome.measured
     assert float(measured["energy_rise_max_over_first"]) <= ENERGY_ROUNDING
-    ended = int(measured["ended_at_rest"]) + int(measured["ended_knotted_but_stationary"])
-    assert ended == measured["starts"]
+    at_rest = [int(measured[f"ended_at_rest_{order.value}"]) for order in ElementOrder]
+    knotted = int(measured["ended_knotted_but_stationary"])
+    assert sum(at_rest) + knotted == measured["starts"]
+    # A knot is told by its corners, since det F does not show it.
+    assert (int(measured["elements_whose_corners_are_inside_out_max"]) > 0) == (knotted > 0)
     assert np.isfinite(float(measured["det_F_min_at_the_end"]))
 
 

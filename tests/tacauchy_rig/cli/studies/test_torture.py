@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,23 @@ def test_page_has_criterion_numbers_verdict_and_command() -> None:
     assert "| same | yes |" in page
     assert "## 4. 80 %: FAIL" in page
     assert "No numbers: stopped at 3.1 mm" in page
+
+
+def test_page_says_what_passing_a_random_start_means() -> None:
+    """Of case 2 the starts that came back are told by element; knots only where there are some."""
+    measured = {
+        "starts": 6,
+        "ended_at_rest_P1": 3,
+        "ended_at_rest_P2": 1,
+        "ended_knotted_but_stationary": 2,
+        "elements_whose_corners_are_inside_out_max": 5,
+        "det_F_min_at_the_end": 0.9,
+    }
+    case = CaseResult(number=2, name="random", criterion="x", passed=True, measured=measured)
+    untied = replace(case, measured=measured | {"ended_knotted_but_stationary": 0})
+    texts = [
+        " ".join(torture.markdown([each], command="x", used={}).split()) for each in (case, untied)
+    ]
+    assert "3 on linear tetrahedra and 1 on quadratic ones ended at rest" in texts[0]
+    assert "The other 2 end in a knot: up to 5 elements" in texts[0]
+    assert "knot:" not in texts[1]
