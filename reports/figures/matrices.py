@@ -33,7 +33,10 @@ def draw_matrices(report: ValidationReport) -> Figure:
 
 def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
     values = np.array(matrix.values, dtype=np.float64)
-    labels = [f"{force:.2f}" for force in matrix.forces_n]
+    labels = [
+        f"trial {trial}" if np.isnan(force) else f"{force:.2f}"
+        for trial, force in zip(matrix.trials, matrix.forces_n, strict=True)
+    ]
     count = len(labels)
     quality = values if matrix.larger_is_better else -values
     axes.imshow(_row_scaled(quality), cmap="cividis", vmin=0.0, vmax=1.0)
@@ -45,7 +48,7 @@ def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
     axes.set_title(f"{TITLES[matrix.metric]}: right force wins {won}/{count}", fontsize=7.5)
     best = np.nanargmax(np.where(np.isnan(quality), -np.inf, quality), axis=1)
     for i in range(count):
-        is_right = matrix.forces_n[best[i]] == matrix.forces_n[i]
+        is_right = best[i] == i or matrix.forces_n[best[i]] == matrix.forces_n[i]
         corner = (best[i] - 0.46, i - 0.46)
         edge = INK if is_right else ORANGE
         axes.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor=edge, lw=1.1))

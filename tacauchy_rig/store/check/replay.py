@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from tacauchy_rig.errors import RecordError
@@ -77,8 +78,9 @@ def _other_forces(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     for trial in replay.trials:
         record = store.counting(trial.index)
         measured_n = None if record is None else record.force_measured_n
-        if trial.force_measured_n != measured_n:
+        pressed_n = None if math.isnan(trial.force_measured_n) else trial.force_measured_n
+        if pressed_n != measured_n:
             yield (
-                f"replay/{name} pressed trial {trial.index} to {trial.force_measured_n!r} N, "
+                f"replay/{name} pressed trial {trial.index} to {pressed_n!r} N, "
                 f"result.json says {measured_n!r} N"
             )

@@ -18,6 +18,7 @@ from tacauchy_rig.loop.replay import replay_run
 from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.loop.settings import check_names
 from tacauchy_rig.rgb import encode_png
+from tacauchy_rig.store.check.run import check_run
 from tacauchy_rig.store.run_store import RunStore
 
 MESHES_APART = 1e-3  # of a depth: a force's mesh is another than the depth's (preset fast)
@@ -78,6 +79,7 @@ def test_presses_without_a_force_are_replayed_to_their_depths(small: Path) -> No
     assert depths == pytest.approx([0.2e-3, 0.3e-3], rel=MESHES_APART)
     assert all(math.isnan(trial.force_measured_n) for trial in replay.trials)
     assert replay.trials[1].force_simulated_n > replay.trials[0].force_simulated_n > 0.1
+    assert check_run(run.store).passed, list(check_run(run.store).missed())
     report, paths = report_run(open_run(run.store.paths.root))
     assert [trial.force_measured_n for trial in report.trials] == [None, None]
     assert all(trial.metrics is not None for trial in report.trials)
