@@ -221,6 +221,9 @@ class Stepping:
             places, points = [place for place, _ in known], [each for _, each in known]
             state = predicted_state(points, places, at=place + advance, step=advance)
             state.grip = point.state.copy().grip
+            # Nothing brings these back from what a sum of many states rounds.
+            model = self.settling.solver.model
+            state.positions[model.clamped] = model.nodes[model.clamped]
         else:
             return None
         if isinstance(phase, CarryPhase):
