@@ -32,6 +32,7 @@ from sim.studies.hard_cases.pads import BALL, PUNCH, pad_model, round_mesh
 
 _TOLERANCE = 1e-3
 _SCALAR = re.compile(r"\bwp\.float64\b")
+_NATIVE = re.compile(r"\bdouble\b(?=\*? )")
 _COMPOSED = re.compile(r"\bwp\.(vec[234]|mat22|mat33|mat44)d\b")
 BARRIERS_M = (1e-5, 1e-6)
 _PRESS_DEPTH_M = 0.3e-3
@@ -63,7 +64,8 @@ def single_precision() -> Outcome:
 
 def in_single_precision(source: str) -> str:
     """Return Warp source with every real type of half the length."""
-    return _COMPOSED.sub(r"wp.\1f", _SCALAR.sub("wp.float32", source))
+    halved = _NATIVE.sub("float", _SCALAR.sub("wp.float32", source))
+    return _COMPOSED.sub(r"wp.\1f", halved)
 
 
 def _single_presses() -> list[Pressed]:
