@@ -82,6 +82,10 @@ class Reuse:
     patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
 
 
+NEWTON = Reuse(memory=0, evaluations_max=0, patience=((1, 0.0),))
+"""A factor of its own for every step: Newton's method."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Equilibrium:
     """A converged state's numbers.

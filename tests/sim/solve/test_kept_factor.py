@@ -17,12 +17,10 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
-from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
+from sim.solve.equilibrium import NEWTON, EquilibriumSolver, SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 
-# A factor for every step.
-NEWTON = Reuse(memory=0, evaluations_max=0, patience=((1, 0.0),))
 PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)
 BALL = Sphere(diameter_m=10e-3)
 GEL = Material(young_pa=0.4e6, poisson=0.45)
