@@ -146,11 +146,11 @@ def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[s
 def _common(source: Source, recorded: Recorded) -> dict[str, Any]:
     """Return indenter and place where all presses had the same: the replay's, unless stated."""
     common: dict[str, Any] = {}
-    terms, places = zip(*((each.indenter, each.place_m) for each in recorded.presses), strict=True)
-    if terms[0] and set(terms) == {terms[0]}:
-        common["replay.indenter"] = mesh_within(source, terms[0], field="the presses' indenter")
-    known = np.array([place for place in places if place is not None])
-    if len(known) == len(places) and np.ptp(known, axis=0).max() <= SAME_PLACE_M:
+    terms = {each.indenter for each in recorded.presses}
+    if len(terms) == 1 and (term := terms.pop()):
+        common["replay.indenter"] = mesh_within(source, term, field="the presses' indenter")
+    known = np.array([each.place_m for each in recorded.presses if each.place_m is not None])
+    if 0 < len(known) == len(recorded.presses) and np.ptp(known, axis=0).max() <= SAME_PLACE_M:
         common["replay.offset"] = [f"{value:.9g} m" for value in known.mean(axis=0)]
     return common
 

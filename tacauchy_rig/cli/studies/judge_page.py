@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 import typer
 
 from tacauchy_rig.cli.output import say, write_text
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.rgb import decode_rgb, encode_png
 from tacauchy_rig.store.durable import read_bytes, write_atomically
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 
@@ -72,6 +70,10 @@ def _json(path: Path) -> Any:
 
 
 def _write_picture(source: Path, path: Path) -> None:
+    import cv2
+
+    from tacauchy_rig.rgb import decode_rgb, encode_png
+
     image = decode_rgb(read_bytes(source, what="the picture of a judgement"))
     if image is None:
         raise RecordError(f"{source}: no readable picture", remedy="`judge` writes it again")
