@@ -215,3 +215,13 @@ def lowest_tone(model: Model) -> tuple[float, FloatArray]:
     start = np.ones(pattern.dof_count)
     squared, shapes = eigsh(stiffness.tocsc(), k=1, M=masses, sigma=0.0, v0=start)
     return float(np.sqrt(squared[0]) / (2.0 * np.pi)), pattern.nodal(shapes[:, 0])
+
+
+def test_steps_that_grow_leave_the_base_where_it_is() -> None:
+    """A prediction is a sum of states with shares above one: what it rounds must not add up."""
+    path = in_time(coarse(), PUNCH)
+    for depth_m in 0.2e-3 * np.linspace(0.1, 1.0, 40) ** 3:
+        path.advance(float(depth_m), duration_s=1e-5)
+    assert path.last is not None
+    clamped = path.model.clamped
+    assert np.array_equal(path.last.state.positions[clamped], path.model.nodes[clamped])

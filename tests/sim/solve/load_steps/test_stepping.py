@@ -43,6 +43,16 @@ def test_three_points_give_a_quadratic_exactly(at: float) -> None:
     np.testing.assert_array_equal(points[-1].state.tip, [0.0, 0.0, -3.0])
 
 
+def test_a_kink_is_followed_along_the_line() -> None:
+    """Where a parabola would leave the last two points' line by more than half of its way."""
+    depths = [1.0, 2.0, 3.0]
+    points = [point(depth) for depth in depths]
+    points[0].state.positions += 10.0 * (points[2].state.positions - points[1].state.positions)
+    found = predicted_state(points, depths, at=4.0, step=1.0)
+    line = 2.0 * points[2].state.positions - points[1].state.positions
+    np.testing.assert_allclose(found.positions, line, rtol=1e-12)
+
+
 def test_points_too_close_together_count_once() -> None:
     """Two points at the same depth give no division by their distance; one alone is copied."""
     depths = [1.0, 1.0 + 1e-13]
