@@ -156,6 +156,30 @@ def forces_at(
     return [forces_n[position] for position in range(len(depths_m))]
 
 
+def force_history(scene: Scene, forces_n: Sequence[float]) -> tuple[tuple[float, float], ...]:
+    """Return (depth [m], F_z [N]) on the way to forces [N] and at each, without any fields.
+
+    Steps are as long as the force allows: what shear and markers would ask of them is not asked.
+
+    Args:
+        scene: As ``replay_scene`` makes it; its plan is kept.
+
+    Raises:
+        ConvergenceError: A force cannot be reached.
+    """
+    plan = plan_effects(scene)
+    scene = replace(scene, outputs=frozenset({Output.FORCE}))
+    relaxes = plan.is_on(Effect.VISCOELASTICITY)
+    path, history = path_for(scene, plan), list[tuple[float, float]]()
+    for force_n in sorted(forces_n):
+        if relaxes:
+            path = path_for(scene, plan, model=path.model)
+        match = push_to_force(path, force_n, duration_s=scene.duration_s if relaxes else None)
+        # On its way a gel that relaxes is pressed quicker than at its end.
+        history += match.history[-1:] if relaxes else match.history
+    return tuple(history)
+
+
 class _Worth:
     """What the points of a path are worth, from the same path on longer edges beside it."""
 

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
+from contextlib import contextmanager
 from multiprocessing.connection import wait
 from threading import Thread
 from typing import TypeVar
@@ -53,6 +54,19 @@ def side_by_side(
                 yield _taken(begun)
         while begun:
             yield _taken(begun)
+
+
+@contextmanager
+def beside() -> Iterator[ProcessPoolExecutor]:
+    """Give a process that works beside this one, begun with the first work that it is given.
+
+    Work still under way at an error is not waited for here.
+    """
+    pool = ProcessPoolExecutor(1, mp_context=SPAWN, initializer=begin_beside_others)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -95,11 +97,10 @@ def emulated_calibration(store: RunStore) -> Calibrate | None:
     """
     if not store.paths.truth.exists():
         return None
+    return partial(_calibrate, store.paths.truth, store.paths.root / "calibration")
 
-    def calibrate(sensor: Sensor, say: Say) -> OpticalCalibration:
-        folder = store.paths.root / "calibration"
-        say("calibrating optics and scale from ball presses on the emulated sensor")
-        write_ball_presses(read_truth(store.paths.truth), folder)
-        return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M, on_progress=say)
 
-    return calibrate
+def _calibrate(truth: Path, folder: Path, sensor: Sensor, say: Say) -> OpticalCalibration:
+    say("calibrating optics and scale from ball presses on the emulated sensor")
+    write_ball_presses(read_truth(truth), folder)
+    return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M, on_progress=say)

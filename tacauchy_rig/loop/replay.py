@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import median
 
-from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.replay import forces_at, replay_forces
+from sim.replay import force_history, forces_at, replay_forces
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RecordError
@@ -36,8 +35,9 @@ from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_
 from tacauchy_rig.loop.rendering import render_trial
 from tacauchy_rig.loop.settings import check_optics
 from tacauchy_rig.loop.uncertainty import force_inputs
-from tacauchy_rig.replayed import ForceInput, FoundValue, Replay, ReplayModel, ResidualSplit
+from tacauchy_rig.replayed import Replay, ReplayModel, ResidualSplit
 from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.side_by_side import beside
 from tacauchy_rig.store.replay_files import ReplayFields
 
 REPLAY_NAME = "force-matched"
@@ -72,37 +72,46 @@ def replay_run(
     inputs = inputs_of(config)
     inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
     check_optics(config, inputs.sensor)
-    found = mounted(run, inputs, on_progress=on_progress)
-    inputs = found.inputs
-    replay, fields = press_again(run, inputs, on_progress=on_progress)
-    optics = optics_of(
-        config.sensor.optics_calibration,
-        inputs.sensor,
-        calibrate=calibrate,
-        on_progress=on_progress,
-    )
-    replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
-    if config.replay.pose is PoseSource.FOUND:
-        images = {i: made.image for i, made in kept.items() if made.image is not None}
-        values = find_offset(measured_attempts(run), images, optics.geometry, config)
-        found = replace(found, values=(*found.values, *values))
-        if beside := offset_of(values):
-            on_progress("  the contact is seen beside its place: again there")
-            inputs = moved(inputs, beside)
-            replay, fields = press_again(run, inputs, on_progress=on_progress)
-            replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
-            replay = replace(replay, model=replace(replay.model, found_offset_m=beside))
-    on_progress("trying what uncertain inputs change of the force")
-    model = replace(
-        replay.model,
-        found=found.values,
-        effects=(*replay.model.effects, *found.effects),
-        force_inputs=inputs_tried(run, inputs, found.values),
-        residual=residual_split(run, inputs, replay, kept, optics, on_progress=on_progress),
-    )
+    with beside() as other:
+        seen = other.submit(_optics, config.sensor.optics_calibration, inputs.sensor, calibrate)
+        found = mounted(run, inputs, on_progress=on_progress)
+        inputs = found.inputs
+        replay, fields = press_again(run, inputs, on_progress=on_progress)
+        optics, said = seen.result()
+        for line in said:
+            on_progress(line)
+        replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+        if config.replay.pose is PoseSource.FOUND:
+            images = {i: made.image for i, made in kept.items() if made.image is not None}
+            values = find_offset(measured_attempts(run), images, optics.geometry, config)
+            found = replace(found, values=(*found.values, *values))
+            if at := offset_of(values):
+                on_progress("  the contact is seen beside its place: again there")
+                inputs = moved(inputs, at)
+                replay, fields = press_again(run, inputs, on_progress=on_progress)
+                replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+                replay = replace(replay, model=replace(replay.model, found_offset_m=at))
+        on_progress("trying what uncertain inputs change of the force")
+        tried = other.submit(force_inputs, inputs, config, measured_depths(run), found=found.values)
+        residual = residual_split(run, inputs, replay, kept, optics, on_progress=on_progress)
+        model = replace(
+            replay.model,
+            found=found.values,
+            effects=(*replay.model.effects, *found.effects),
+            force_inputs=tried.result(),
+            residual=residual,
+        )
     replay = replace(replay, model=model)
     store.save_replay(replay, kept)
     return replay
+
+
+def _optics(
+    given: str, sensor: Sensor, calibrate: Calibrate | None
+) -> tuple[OpticalCalibration, list[str]]:
+    """Return how images are rendered, and what was said of it."""
+    said: list[str] = []
+    return optics_of(given, sensor, calibrate=calibrate, on_progress=said.append), said
 
 
 def residual_split(
@@ -128,13 +137,10 @@ def residual_split(
     )
 
 
-def inputs_tried(
-    run: RunReading, inputs: ReplayInputs, found: Sequence[FoundValue] = ()
-) -> tuple[ForceInput, ...]:
-    """Try what uncertain inputs change of the force at a run's depths; nothing without depths."""
+def measured_depths(run: RunReading) -> list[float]:
+    """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
     records = [attempt.record for attempt in measured_attempts(run)]
-    depths_m = [record.depth_measured_m for record in records if record.depth_measured_m]
-    return force_inputs(inputs, run.store.config, depths_m, found=found) if depths_m else ()
+    return [record.depth_measured_m for record in records if record.depth_measured_m]
 
 
 def mounted(
@@ -175,22 +181,20 @@ def press_again(
     """
     config = run.store.config
     records = [attempt.record for attempt in measured_attempts(run)]
-    leans = any(inputs.mounting.lean_rad) and tells_modulus(config)
-    on_progress(f"replaying {len(records)} trials{', upright first' if leans else ''}")
-    replay, fields = _replayed(upright(inputs) if leans else inputs, records, config, on_progress)
-    stated, fit = replay, None
+    on_progress(f"replaying {len(records)} trials")
+    forces_n = _forces(inputs, records, config, on_progress)
+    fit: ModulusFit | None = None
+    stated: tuple[tuple[float, float], ...] = ()
     if tells_modulus(config):
-        curve = merge_histories([trial.force_history for trial in replay.trials])
-        fit = _fitted(config, records, leaned(curve, inputs) if leans else curve, on_progress)
+        fit, stated = _told(inputs, forces_n, records, config, on_progress)
     if fit is not None:
         inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
-    if fit is not None or leans:
-        replay, fields = _replayed(inputs, records, config, on_progress)
+    replay, fields = _replayed(inputs, forces_n, on_progress)
     trials = tuple(
-        replace(trial, index=record.index)
+        replace(trial, index=record.index, force_measured_n=_measured_n(record))
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    model = _with_modulus(replay.model, fit, None if leans else stated)
+    model = _with_modulus(replay.model, fit, stated)
     by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
     return replace(replay, trials=trials, model=model), by_trial
 
@@ -229,31 +233,34 @@ def render_again(
 
 
 def _replayed(
-    inputs: ReplayInputs, records: Sequence[TrialRecord], config: RigConfig, on_progress: Say
+    inputs: ReplayInputs, forces_n: Sequence[float], on_progress: Say
 ) -> tuple[Replay, list[TrialFields]]:
-    """Press to the measured forces; to the depths where an imported run has no force."""
-    known = [record.force_measured_n for record in records]
-    measured_n = [force for force in known if force is not None]
-    forces_n = measured_n or _at_depths(inputs, records, config, on_progress)
     scene = inputs.scene(forces_n)
     on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}")
-    replay, fields = replay_forces(
+    return replay_forces(
         scene,
         forces_n,
         tolerance=inputs.tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
     )
-    if not measured_n:
-        trials = tuple(replace(trial, force_measured_n=math.nan) for trial in replay.trials)
-        replay = replace(replay, trials=trials)
-    return replay, fields
 
 
-def _at_depths(
+def _measured_n(record: TrialRecord) -> float:
+    """Return what was measured [N]; not a number where an imported run has depths alone."""
+    return math.nan if record.force_measured_n is None else record.force_measured_n
+
+
+def _forces(
     inputs: ReplayInputs, records: Sequence[TrialRecord], config: RigConfig, on_progress: Say
 ) -> list[float]:
-    """Return the simulated forces at measured depths [N]: pressed to them, a depth is met."""
+    """Return the measured forces [N]; without any the simulated ones at the measured depths.
+
+    Pressed to them, a depth is met.
+    """
+    known = [record.force_measured_n for record in records]
+    if measured_n := [force for force in known if force is not None]:
+        return measured_n
     on_progress("  no force was measured: pressing to the depths")
     return forces_at(
         replace(inputs, tolerance=None).scene([]),
@@ -262,35 +269,48 @@ def _at_depths(
     )
 
 
-def _fitted(
-    config: RigConfig,
+def _told(
+    inputs: ReplayInputs,
+    forces_n: Sequence[float],
     records: Sequence[TrialRecord],
-    curve: FloatArray | None,
+    config: RigConfig,
     on_progress: Say,
-) -> ModulusFit | None:
-    """Return what the gel's modulus is to be multiplied by, as the run's depths tell."""
-    fit = fit_modulus(records, curve, contact_force_n=config.protocol.contact_force)
+) -> tuple[ModulusFit | None, tuple[tuple[float, float], ...]]:
+    """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
+
+    Returns:
+        The factor, and (depth [m], F_z [N]) of the stated gel; empty where the indenter leans.
+    """
+    history = force_history(upright(inputs).scene(forces_n), forces_n)
+    leans = any(inputs.mounting.lean_rad)
+    curve = merge_histories([history])
+    fit = fit_modulus(
+        records,
+        leaned(curve, inputs) if leans else curve,
+        contact_force_n=config.protocol.contact_force,
+    )
     if fit is None:
         on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
-        return None
+        return None, ()
     on_progress(
         f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-        f"modulus (+-{fit.factor_deviation:.3f} between them); again with that"
+        f"modulus (+-{fit.factor_deviation:.3f} between them)"
     )
-    return fit
+    return fit, () if leans else history
 
 
-def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: Replay | None) -> ReplayModel:
+def _with_modulus(
+    model: ReplayModel, fit: ModulusFit | None, stated: tuple[tuple[float, float], ...]
+) -> ReplayModel:
     """Add what the run's depths say of the modulus, if they decided it."""
     if fit is None:
         return model
-    trials = () if stated is None else stated.trials
     return replace(
         model,
         modulus_factor=fit.factor,
         modulus_factor_deviation=fit.factor_deviation,
         modulus_trials=fit.trial_count,
-        stated_force_history=tuple(pair for trial in trials for pair in trial.force_history),
+        stated_force_history=stated,
     )
 
 

@@ -75,9 +75,12 @@ def force_inputs(
     Args:
         inputs: Of the replay, with the stated modulus.
         config: Says what is uncertain of the indenter and its mounting.
-        depths_m: Measured depths [m]; they count from the contact force.
+        depths_m: Measured depths [m]; they count from the contact force. Without any nothing is
+            tried.
         found: What moments and images told of the mounting.
     """
+    if not depths_m:
+        return ()
     most_m, least_m = max(depths_m), min(depths_m)
     tried_m = np.unique(np.linspace(least_m, most_m, _DEPTHS))
     stiffest_n = [max(config.protocol.force_targets)]

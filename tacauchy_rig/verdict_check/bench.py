@@ -14,7 +14,8 @@ from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
-from tacauchy_rig.loop.replay import inputs_tried, mounted, press_again, render_again
+from tacauchy_rig.loop.replay import measured_depths, mounted, press_again, render_again
+from tacauchy_rig.loop.uncertainty import force_inputs
 from tacauchy_rig.replayed import ForceInput, Replay
 
 
@@ -130,7 +131,9 @@ def bench_of(
         recorded=load_evidence(run, None),
         pressed=replace(pressed, replay=replay),
         images=images,
-        force_inputs=inputs_tried(run, inputs, found.values),
+        force_inputs=force_inputs(
+            inputs, run.store.config, measured_depths(run), found=found.values
+        ),
     )
 
 

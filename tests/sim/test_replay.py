@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,10 @@ import pyvista
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
-from sim.replay import replay_forces, replay_scene
+from sim.replay import force_history, replay_forces, replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.material import RelaxationTerm
-from sim.scene.scene import Preset
+from sim.scene.scene import ContactMode, Preset
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.replayed import Replay
 
@@ -50,6 +51,20 @@ def test_every_force_is_met_in_its_own_place(
     assert [line[0] for line in lines] == ["2", "1"]
     assert replay.model.young_pa == pytest.approx(0.435e6)
     assert replay.versions["warp-lang"] != "absent"
+
+
+def test_forces_on_the_way_are_those_of_a_replay_without_its_fields() -> None:
+    """Steps as long as the force allows lead to the depths of a replay, friction included."""
+    scene = replay_scene(load_sensor("gelsight-mini"), PUNCH, FORCES, preset=Preset.FAST)
+    ways = [
+        (force_history(each, FORCES), replay_forces(each, FORCES)[0].trials)
+        for each in (scene, replace(scene, contact=ContactMode.FRICTION, friction=0.5))
+    ]
+    for history, trials in ways:
+        for trial in trials:
+            depth = next(d for d, f in history if f == pytest.approx(trial.force_measured_n))
+            assert depth == pytest.approx(trial.depth_simulated_m, rel=2e-3)
+        assert len(history) <= sum(len(trial.force_history) for trial in trials)
 
 
 def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(

@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.side_by_side import side_by_side
+from tacauchy_rig.side_by_side import beside, side_by_side
 
 
 def _process_of(name: str) -> tuple[str, int]:
@@ -32,6 +32,16 @@ def test_results_keep_their_order_and_come_from_other_processes() -> None:
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert all(name == told for name, (told, _) in found)
     assert os.getpid() not in {process for _, (_, process) in found}
+
+
+def test_one_process_works_beside_this_one_and_its_errors_come_back() -> None:
+    """It is another process, the same for all work, and what is raised there is raised here."""
+    with beside() as other:
+        (_, first), (_, second) = (other.submit(_process_of, name).result() for name in "ab")
+        refused = other.submit(_refuse, "c")
+        with pytest.raises(ConfigError, match="c is refused"):
+            refused.result()
+    assert first == second != os.getpid()
 
 
 def test_a_process_may_take_more_than_one_item() -> None:
