@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+
+class ColourOrder(StrEnum):
+    """Of an image's channels as a file has them."""
+
+    RGB = "RGB"
+    BGR = "BGR"
 
 
 def decode_rgb(data: bytes) -> NDArray[np.uint8] | None:

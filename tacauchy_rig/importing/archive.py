@@ -129,14 +129,14 @@ def _member(archive: zipfile.ZipFile, member: str, name: str) -> bytes:
         raise RecordError(
             f"{name}: has no {member}", remedy="look at the archive: it is another than is said"
         ) from error
-    with archive.open(info) as file:
-        data = file.read(min(info.file_size, ARRAY_BYTES) + 1)
-    if len(data) > ARRAY_BYTES:
+    if info.file_size > ARRAY_BYTES:
         raise RecordError(
-            f"{name}: {member} unpacks to more than {ARRAY_BYTES} bytes",
+            f"{name}: {member[:80]} unpacks to {info.file_size} bytes; at most {ARRAY_BYTES} are "
+            "read",
             remedy="split it",
         )
-    return data
+    with archive.open(info) as file:
+        return file.read(info.file_size)
 
 
 def _broken(name: str, error: Exception) -> RecordError:

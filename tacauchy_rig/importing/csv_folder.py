@@ -2,98 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-
-from tacauchy_rig.config.fields import Force, Section
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.importing.press import (
-    ORDER_NS,
-    FloatArray,
-    Frame,
-    Press,
-    Recorded,
-    Samples,
-    Window,
-)
+from tacauchy_rig.importing.press import Recorded
+from tacauchy_rig.importing.rows import Image, RowsData, presses_of
 from tacauchy_rig.importing.source import IMAGE_BYTES, Source
-from tacauchy_rig.importing.spec import Column
-from tacauchy_rig.importing.table import Table, read_table
-from tacauchy_rig.quantities import Dimension
-
-UNLOADED, PRESSED = "unloaded", "pressed"
-_WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
-_POSE = ("x", "y", "z")
+from tacauchy_rig.importing.table import read_table
 
 
-class Columns(Section):
-    """Which column says what; those with numbers say in which unit.
-
-    Attributes:
-        image: File of the row's image, within ``images``.
-        press: Name of the press that a row belongs to; without, each row is a press.
-        state: ``unloaded`` or ``pressed``; anything else is neither. Without, every row is pressed.
-        force: Along the sensor's axis; the others of the wrench as they are known.
-        depth: Below first touch.
-        x: Of the tip beside the pad's centre.
-        z: Of the tip, upwards.
-        indenter: As ``press --indenter`` has it.
-    """
-
-    image: str
-    press: str | None = None
-    state: str | None = None
-    indenter: str | None = None
-    time: Column | None = None
-    force: Column | None = None
-    force_x: Column | None = None
-    force_y: Column | None = None
-    moment_x: Column | None = None
-    moment_y: Column | None = None
-    moment_z: Column | None = None
-    depth: Column | None = None
-    x: Column | None = None
-    y: Column | None = None
-    z: Column | None = None
-    contact_z: Column | None = None
-
-
-class CsvData(Section):
+class CsvData(RowsData):
     """``[data]`` of a folder with a CSV.
 
     Attributes:
         table: The CSV.
         images: Folder of the images.
-        no_contact: Image of the gel at rest, for presses without an unloaded row.
-        is_tared: Forces are zero without contact: unloaded rows tell no zero.
-        contact_force: At which depth counts from; left out, depth counts from first touch.
     """
 
-    columns: Columns
     table: str = "presses.csv"
     images: str = "."
-    no_contact: str | None = None
-    is_tared: bool = False
-    contact_force: Force | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Rows:
-    """The table as columns of one length."""
-
-    press: Sequence[str]
-    state: Sequence[str]
-    image: Sequence[str]
-    indenter: Sequence[str]
-    stamp_ns: np.ndarray
-    wrench: FloatArray
-    place: FloatArray
-    depth: FloatArray
-    contact_z: FloatArray
 
 
 def read_csv_folder(source: Source, data: CsvData) -> Recorded:
@@ -103,148 +30,17 @@ def read_csv_folder(source: Source, data: CsvData) -> Recorded:
         RecordError: A file is missing or odd; names it with line and column.
         ConfigError: A unit is not of what it is to measure.
     """
-    table, columns = read_table(source, data.table, field="data.table"), data.columns
-    rows = _rows(table, columns)
+    table = read_table(source, data.table, field="data.table")
     images = source.folder(data.images, field="data.images").relative_to(source.root)
-    names = dict.fromkeys(rows.press)
-    presses = tuple(
-        _press(
-            source,
-            data,
-            rows,
-            np.flatnonzero(np.array(rows.press) == name),
-            prefix="" if str(images) == "." else f"{images}/",
-        )
-        for name in names
-    )
-    return Recorded(
-        presses=presses,
-        has_clock=columns.time is not None,
-        contact_force_n=data.contact_force,
-        unknown=tuple(_unknown(columns, data)),
-        notes=() if columns.time else ("Stamps of this run count rows; no time was stated.",),
-    )
+    prefix = "" if str(images) == "." else f"{images}/"
+    return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
 
 
-def _unknown(columns: Columns, data: CsvData) -> list[str]:
-    lacks = {
-        "What ties force and image of a row together in time": True,
-        "The force": columns.force is None,
-        "The zero of the force cell": columns.force is not None
-        and not data.is_tared
-        and columns.state is None,
-        "The depth": columns.depth is None and columns.z is None,
-        "Where on the pad was pressed": columns.x is None or columns.y is None,
-        "How the indenter leans": columns.moment_x is None,
-    }
-    return [f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking]
+def image_files(source: Source, prefix: str = "") -> Image:
+    """Return what finds images that are files, below a folder."""
 
+    def image(name: str, field: str) -> Callable[[], bytes]:
+        source.path(prefix + name, field=field, most_bytes=IMAGE_BYTES)
+        return partial(source.read, prefix + name, field=field, most_bytes=IMAGE_BYTES)
 
-def _rows(table: Table, columns: Columns) -> _Rows:
-    def text(name: str, otherwise: list[str]) -> list[str]:
-        column = getattr(columns, name)
-        return otherwise if column is None else table.text(column, field=f"data.columns.{name}")
-
-    def numbers(name: str, dimension: Dimension) -> FloatArray:
-        field = f"data.columns.{name}"
-        return np.array(table.numbers(getattr(columns, name), dimension, field=field))
-
-    count = len(table.rows)
-    force, moment = Dimension.FORCE, Dimension.TORQUE
-    stamps = ORDER_NS * np.arange(1, count + 1)
-    if columns.time is not None:
-        stamps = _stamps(numbers("time", Dimension.TIME), table.name)
-    return _Rows(
-        press=text("press", [str(k) for k in range(1, count + 1)]),
-        state=text("state", [PRESSED] * count),
-        image=text("image", [""] * count),
-        indenter=text("indenter", [""] * count),
-        stamp_ns=stamps,
-        wrench=np.stack([numbers(n, moment if "moment" in n else force) for n in _WRENCH], axis=1),
-        place=np.stack([numbers(name, Dimension.LENGTH) for name in _POSE], axis=1),
-        depth=numbers("depth", Dimension.LENGTH),
-        contact_z=numbers("contact_z", Dimension.LENGTH),
-    )
-
-
-def _stamps(time_s: FloatArray, name: str) -> np.ndarray:
-    """Return times as stamps that begin a second after zero."""
-    if np.isnan(time_s).any():
-        line = int(np.flatnonzero(np.isnan(time_s))[0]) + 2
-        raise RecordError(f"{name} line {line}: has no time", remedy="every row needs one")
-    return np.asarray(np.rint((time_s - time_s.min() + 1.0) * 1e9), dtype=np.int64)
-
-
-def _press(source: Source, data: CsvData, rows: _Rows, own: np.ndarray, *, prefix: str) -> Press:
-    name = rows.press[own[0]]
-    own = own[np.argsort(rows.stamp_ns[own], kind="stable")]
-    unloaded = np.array([k for k in own if rows.state[k] == UNLOADED], dtype=int)
-    pressed = np.array([k for k in own if rows.state[k] == PRESSED], dtype=int)
-    if not len(pressed):
-        raise RecordError(
-            f'{data.table}: press {name} has no row whose state is "{PRESSED}"',
-            remedy=f'write "{UNLOADED}" and "{PRESSED}" into the column of data.columns.state',
-        )
-    frames = [
-        Frame(
-            stamp_ns=int(rows.stamp_ns[k]),
-            name=rows.image[k],
-            read=_image(source, prefix + rows.image[k], field=f"press {name}, image"),
-        )
-        for k in own
-        if rows.image[k]
-    ]
-    reference = _window(rows, [k for k in unloaded if rows.image[k]])
-    if reference is None and data.no_contact is not None:
-        stamp = int(rows.stamp_ns[own[0]]) - ORDER_NS
-        rest = _image(source, data.no_contact, field="data.no_contact")
-        frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=rest))
-        reference = (stamp, stamp)
-    if reference is None:
-        raise RecordError(
-            f"{data.table}: press {name} has no image of the gel at rest",
-            remedy=f'name one as data.no_contact, or add rows whose state is "{UNLOADED}"',
-        )
-    felt = own[~np.isnan(rows.wrench[own, 2])]
-    zero = [k for k in unloaded if k in felt]
-    x, y, _ = _mean(rows.place[pressed])
-    depth = float(_mean(rows.depth[pressed]))
-    z = own[~np.isnan(rows.place[own]).any(axis=1)]
-    contact_z = float(_mean(rows.contact_z[own]))
-    return Press(
-        name=name,
-        frames=tuple(frames),
-        reference=reference,
-        dwell=_window(rows, pressed) or (0, 0),
-        force=_samples(rows, felt, rows.wrench),
-        pose=None
-        if not len(z)
-        else _samples(rows, z, np.pad(rows.place, ((0, 0), (0, 3)), constant_values=math.nan)),
-        tare=None if data.is_tared else _window(rows, zero),
-        contact_z_m=None if math.isnan(contact_z) else contact_z,
-        depth_m=None if math.isnan(depth) else depth,
-        place_m=None if math.isnan(x) or math.isnan(y) else (float(x), float(y)),
-        indenter=next((rows.indenter[k] for k in pressed if rows.indenter[k]), ""),
-    )
-
-
-def _image(source: Source, name: str, *, field: str) -> partial[bytes]:
-    """Return what reads an image; that it is there and of a sane size is asked at once."""
-    source.path(name, field=field, most_bytes=IMAGE_BYTES)
-    return partial(source.read, name, field=field, most_bytes=IMAGE_BYTES)
-
-
-def _window(rows: _Rows, own: Sequence[int] | np.ndarray) -> Window | None:
-    stamps = [int(rows.stamp_ns[k]) for k in own]
-    return (min(stamps), max(stamps)) if stamps else None
-
-
-def _samples(rows: _Rows, own: np.ndarray, values: FloatArray) -> Samples | None:
-    return Samples(stamp_ns=rows.stamp_ns[own], value=values[own]) if len(own) else None
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the mean over rows of what is known; NaN where nothing is."""
-    known = ~np.isnan(values)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.asarray(np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan))
+    return image

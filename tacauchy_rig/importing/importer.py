@@ -24,7 +24,9 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.imported import SAME_PLACE_M
 from tacauchy_rig.importing.bag import BagData, read_bag
 from tacauchy_rig.importing.csv_folder import CsvData, read_csv_folder
+from tacauchy_rig.importing.lerobot import LeRobotData, read_lerobot
 from tacauchy_rig.importing.press import Recorded
+from tacauchy_rig.importing.records import RecordsData, read_records
 from tacauchy_rig.importing.source import MIB, Source
 from tacauchy_rig.importing.spec import PATH_FIELDS, SourceKind, Spec, read_section
 from tacauchy_rig.importing.taxim import TaximData, read_taxim
@@ -65,6 +67,8 @@ READERS: Mapping[SourceKind, Reader] = {
     SourceKind.BAG: _reader(BagData, read_bag),
     SourceKind.TAXIM: _reader(TaximData, read_taxim),
     SourceKind.VIDEO: _reader(VideoData, read_video),
+    SourceKind.RECORDS: _reader(RecordsData, read_records),
+    SourceKind.LEROBOT: _reader(LeRobotData, read_lerobot),
 }
 
 

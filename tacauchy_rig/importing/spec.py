@@ -31,6 +31,8 @@ class SourceKind(StrEnum):
     BAG = "bag"
     TAXIM = "taxim"
     VIDEO = "video"
+    RECORDS = "records"
+    LEROBOT = "lerobot"
 
 
 class Spec(Section):

@@ -141,8 +141,12 @@ def _samples(
     return Samples(stamp_ns=stamp_ns[known], value=value[known])
 
 
-def _frames(path: Path, name: str) -> Iterator[NDArray[np.uint8]]:
-    """Yield a video's frames, blue first."""
+def video_frames(path: Path, name: str) -> Iterator[NDArray[np.uint8]]:
+    """Yield a video's frames, blue first.
+
+    Raises:
+        RecordError: They are too large, or too many.
+    """
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
         for _ in range(FRAMES_MOST):
@@ -164,7 +168,7 @@ def _changes(path: Path, data: VideoData) -> tuple[FloatArray, FloatArray]:
     video.release()
     small = [
         cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
-        for frame in _frames(path, data.video)
+        for frame in video_frames(path, data.video)
     ]
     if len(small) < 3 or not 0.0 < rate_hz < 1e4:  # frames a second that any camera has
         raise RecordError(
@@ -185,7 +189,7 @@ def _kept(
     for start, end in windows:
         wanted |= (frame_ns >= start) & (frame_ns <= end)
     found, size = [], 0
-    for number, frame in enumerate(_frames(path, data.video)):
+    for number, frame in enumerate(video_frames(path, data.video)):
         if wanted[number]:
             png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
             size += len(png)

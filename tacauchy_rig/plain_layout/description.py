@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from enum import StrEnum
 
 from pydantic import Field
 
@@ -13,18 +12,12 @@ from tacauchy_rig.importing.source import MIB, Source
 from tacauchy_rig.importing.spec import Column, read_section
 from tacauchy_rig.outputs import Driven, Simulator
 from tacauchy_rig.quantities import UNITS, Dimension
+from tacauchy_rig.rgb import ColourOrder
 
 DESCRIPTION = "simulator.toml"
 FORCES = "forces.csv"
 IMAGE, HEIGHT, FIELDS = "image.png", "height.npy", "fields.npz"
 PRESSURE = "pressure"
-
-
-class ColourOrder(StrEnum):
-    """Of an image's channels as the file has them."""
-
-    RGB = "RGB"
-    BGR = "BGR"
 
 
 class Units(Section):

@@ -14,7 +14,7 @@ from tacauchy_rig.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.importing.source import IMAGE_BYTES, Source, image_size
 from tacauchy_rig.importing.table import read_table
 from tacauchy_rig.outputs import Outputs, PressOutput
-from tacauchy_rig.plain_layout.arrays import read_npy, read_npz
+from tacauchy_rig.plain_layout.arrays import read_fields, read_pixels
 from tacauchy_rig.plain_layout.description import (
     DESCRIPTION,
     DIMENSIONS,
@@ -23,11 +23,10 @@ from tacauchy_rig.plain_layout.description import (
     HEIGHT,
     IMAGE,
     PRESSURE,
-    ColourOrder,
     Description,
     read_description,
 )
-from tacauchy_rig.rgb import decode_rgb
+from tacauchy_rig.rgb import ColourOrder, decode_rgb
 
 ColorImage = NDArray[np.uint8]
 SWAPPED_SHARE = 0.5
@@ -153,12 +152,12 @@ def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict
         name = f"{folder}/{HEIGHT}"
         unit = told.units.column("height", file=name)
         factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
-        found["height_m"] = factor * read_npy(source, name, (height, width))
+        found["height_m"] = factor * read_pixels(source, name, (height, width))
     if (root / FIELDS).exists():
         name = f"{folder}/{FIELDS}"
         unit = told.units.column(PRESSURE, file=name)
         factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
-        arrays = read_npz(source, name, (height, width), known=(PRESSURE,))
+        arrays = read_fields(source, name, (height, width), known=(PRESSURE,))
         found["pressure_pa"] = factor * arrays[PRESSURE]
     if not found:
         raise RecordError(

@@ -18,9 +18,8 @@ from tacauchy_rig.plain_layout.description import (
     HEIGHT,
     IMAGE,
     PRESSURE,
-    ColourOrder,
 )
-from tacauchy_rig.rgb import encode_png
+from tacauchy_rig.rgb import ColourOrder, encode_png
 from tacauchy_rig.store.durable import write_atomically
 
 UNITS = {"force": "N", "depth": "m", "height": "m", "pressure": "Pa"}

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import os
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.importing.importer import import_run
+from tests.tacauchy_rig.importing.made import make_lerobot, make_records, record
 
 ROWS = "image,fz,depth\npress.png,{},0.25\n"
 
@@ -63,7 +69,85 @@ def _cut_png(folder: Path) -> None:
     (folder / "press.png").write_bytes(data[: len(data) // 2])
 
 
-CASES: dict[str, tuple[Callable[[Path], None], str]] = {
+class _Evil:
+    """What writes a file if it is ever unpickled."""
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        return exec, ("open('x', 'w').close()",)
+
+
+def _pickled(folder: Path) -> None:
+    np.save(folder / "feats/9_sphere_10.npy", np.array(_Evil(), dtype=object), allow_pickle=True)
+
+
+def _pickled_member(folder: Path) -> None:
+    np.savez(folder / RECORD, **record(image=np.array(_Evil(), dtype=object)))
+
+
+def _record(**changed: Any) -> Callable[[Path], None]:
+    return lambda folder: np.savez(folder / RECORD, **record(**changed))
+
+
+def _bomb(folder: Path) -> None:
+    """An archive of 2 MB whose array unpacks to 2 GB."""
+    with (
+        zipfile.ZipFile(folder / RECORD, "w", zipfile.ZIP_DEFLATED) as file,
+        file.open("image.npy", "w", force_zip64=True) as member,
+    ):
+        for _ in range(2048):
+            member.write(bytes(2**20))
+
+
+def _parquet(path: str, change: Callable[[pa.Table], pa.Table]) -> Callable[[Path], None]:
+    def harm(folder: Path) -> None:
+        pq.write_table(change(pq.read_table(folder / path)), folder / path)
+
+    return harm
+
+
+def _without(column: str) -> Callable[[pa.Table], pa.Table]:
+    return lambda table: table.drop_columns([column])
+
+
+def _with(column: str, value: Any) -> Callable[[pa.Table], pa.Table]:
+    def change(table: pa.Table) -> pa.Table:
+        place = table.column_names.index(column)
+        return table.set_column(place, column, pa.array([value] * len(table)))
+
+    return change
+
+
+def _info(old: str, new: str) -> Callable[[Path], None]:
+    def harm(folder: Path) -> None:
+        path = folder / "meta/info.json"
+        assert old in path.read_text()
+        path.write_text(path.read_text().replace(old, new))
+
+    return harm
+
+
+def _wide_foot(folder: Path) -> None:
+    """More rows than any recording has: zeros, packed to a few kilobytes."""
+    rows = 2_100_000
+    zeros = pa.table({"episode_index": np.zeros(rows, np.int64), "timestamp": np.zeros(rows)})
+    names = ("observation.wrench", "observation.state", IMAGES)
+    for name in names:
+        zeros = zeros.append_column(name, pa.array(np.zeros(rows)))
+    pq.write_table(zeros, folder / DATA)
+
+
+def _data_link(folder: Path) -> None:
+    outside = folder.parent / "outside.parquet"
+    (folder / DATA).rename(outside)
+    (folder / DATA).symlink_to(outside)
+
+
+RECORD = "feats/1_sphere_10.npz"
+IMAGES = "observation.images.tactile"
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+Harm = tuple[Callable[[Path], None], str]
+CASES: dict[str, Harm] = {
     "no description": (lambda f: (f / "import.toml").unlink(), "import.toml"),
     "no TOML": (_toml('kind = "csv"', "kind = "), "not valid TOML"),
     "unknown kind": (_toml('"csv"', '"pickle"'), "kind"),
@@ -107,19 +191,78 @@ CASES: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
 }
 
+RECORD_CASES: dict[str, Harm] = {
+    "a record that is a pickle": (_pickled, "pickles are never loaded"),
+    "a record with a pickle in it": (_pickled_member, "pickles are never loaded"),
+    "a record without its image's key": (_toml('image = "image"', 'image = "img"'), "'img'"),
+    "a record whose image is a map": (_record(image=np.zeros((4, 5))), "[4, 5] of float64"),
+    "a record without its force": (_toml('column = "fz"', 'column = "Fz"'), "'Fz'"),
+    "a record whose force is no number": (_record(fz=np.nan), "no finite number"),
+    "a record that unpacks to 2 GB": (_bomb, "unpacks to 2147483648 bytes"),
+    "a record that was cut off": (_bytes(RECORD, b"PK\3\4"), "no whole zip archive"),
+    "a record of no known indenter": (_toml("sphere_10", "star_3"), "data.indenters"),
+    "records that all slide": (_toml('"dx", "dy"', '"dz", "dy"'), "move aside or turn"),
+    "records elsewhere": (_toml('"feats"', '"../feats"'), "leads out of the folder"),
+    "no record": (_toml('"feats"', '"."'), "data.records"),
+}
+LEROBOT_CASES: dict[str, Harm] = {
+    "a dataset of version 2": (_info("v3.0", "v2.1"), "'v2.1'"),
+    "a dataset whose info is no JSON": (_bytes("meta/info.json", b"{" * 5000), "meta/info.json"),
+    "a dataset without that force": (_toml("observation.wrench", "force"), "'force'"),
+    "a dataset without that episode": (_toml("[data]", "[data]\nepisodes = [7]"), "not 7"),
+    "a force of words": (
+        _parquet(DATA, _with("observation.wrench", ["a"] * 6)),
+        "observation.wrench: no numbers",
+    ),
+    "a force that is not known": (
+        _parquet(DATA, _with("observation.wrench", [float("nan")] * 6)),
+        "no finite numbers",
+    ),
+    "times that stand still": (_parquet(DATA, _with("timestamp", 1.0)), "do not ascend"),
+    "a column less": (_parquet(DATA, _without("timestamp")), "no column timestamp"),
+    "images by path": (
+        _parquet(DATA, _with(IMAGES, {"bytes": None, "path": "/etc/hostname"})),
+        "holds no image's bytes",
+    ),
+    "Parquet that was cut off": (_bytes(DATA, b"PAR1 and no more"), "no whole Parquet file"),
+    "Parquet of too many rows": (_wide_foot, "2100000 rows"),
+    "Parquet that lies elsewhere": (_data_link, "leads out of the folder"),
+    "a chunk that is not there": (_parquet(EPISODES, _with("data/file_index", 3)), "file-003"),
+    "a video that is not there": (_info('"dtype": "image"', '"dtype": "video"'), "file-000.mp4"),
+}
+ALL: dict[str, tuple[Callable[[Path], Path], Harm]] = {
+    **{name: (make_records, case) for name, case in RECORD_CASES.items()},
+    **{name: (make_lerobot, case) for name, case in LEROBOT_CASES.items()},
+}
 
-@pytest.mark.parametrize("name", CASES)
-def test_is_refused_by_name(name: str, small: Path, tmp_path: Path) -> None:
+
+def _refused(folder: Path, case: Harm, runs: Path) -> None:
     """The message names field or file, there is a word on what to do, and no run is left."""
-    harm, told = CASES[name]
-    harm(small)
-    runs = tmp_path / "runs"
+    harm, told = case
+    harm(folder)
     with pytest.raises(RigError) as refused:
-        import_run(small, parent=runs)
+        import_run(folder, parent=runs)
     assert told in refused.value.message
     assert refused.value.remedy or "TOML" in told
     assert not list(runs.glob("*"))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_refused_by_name(name: str, small: Path, tmp_path: Path) -> None:
+    """A folder with a CSV."""
+    _refused(small, CASES[name], tmp_path / "runs")
     assert not (small / "x").exists()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_others_are_refused_by_name(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NumPy records and LeRobot datasets; nothing of them is executed."""
+    monkeypatch.chdir(tmp_path)
+    make, case = ALL[name]
+    _refused(make(tmp_path / "source"), case, tmp_path / "runs")
+    assert not (tmp_path / "x").exists()
 
 
 PAGE = Path(__file__).parents[3] / "docs" / "importing.md"
@@ -128,7 +271,8 @@ BEGIN, END = "<!-- refused: begin -->", "<!-- refused: end -->"
 
 def _table() -> str:
     """Return the cases as the page has them."""
-    rows = [f"| {name} | `{told}` |" for name, (_, told) in CASES.items()]
+    cases = {**CASES, **RECORD_CASES, **LEROBOT_CASES}
+    rows = [f"| {name} | `{told}` |" for name, (_, told) in cases.items()]
     return "\n".join(["", "| source | the message has |", "|---|---|", *rows, ""])
 
 

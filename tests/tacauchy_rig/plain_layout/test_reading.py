@@ -202,10 +202,10 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     ),
     "cut array": (
         lambda f: (f / "01/height.npy").write_bytes(_npy(PLAIN)[:-9]),
-        "damaged",
+        "says that it is",
     ),
     "no array": (lambda f: (f / "01/height.npy").write_bytes(b"no"), "no array of NumPy"),
-    "no archive": (lambda f: (f / "01/fields.npz").write_bytes(b"no"), "no readable archive"),
+    "no archive": (lambda f: (f / "01/fields.npz").write_bytes(b"no"), "no whole zip archive"),
     "other fields": (lambda f: _archive(f, stress=_npy(PLAIN)), "stress"),
     "an empty archive": (_archive, "holds nothing"),
     "a link out": (
@@ -238,7 +238,7 @@ def test_damage_is_refused_by_name(
 
 def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An archive that unpacks to more than any image has values is refused by what it states."""
-    monkeypatch.setattr("tacauchy_rig.plain_layout.arrays.ARRAY_BYTES", 10_000)
+    monkeypatch.setattr("tacauchy_rig.importing.archive.ARRAY_BYTES", 10_000)
     with zipfile.ZipFile(folder / "01/fields.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("pressure.npy", b"\0" * 100_000)
     with pytest.raises(RigError, match="unpacks to 100000 bytes"):
