@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -212,6 +213,7 @@ class ReplayModel:
         found_offset_m: What was added to the stated place on account of the images [m].
         force_inputs: What the force at a depth depends on besides the modulus.
         residual: What the images' residual is made of; None where that was not tried.
+        trials: That were pressed with it; empty is all of the run's.
     """
 
     sensor: str
@@ -257,6 +259,7 @@ class ReplayModel:
     found_offset_m: tuple[float, float] = (0.0, 0.0)
     force_inputs: tuple[ForceInput, ...] = ()
     residual: Annotated[ResidualSplit | None, _LeftOut] = None
+    trials: tuple[int, ...] = ()
 
     @property
     def lean_deg(self) -> float:
@@ -271,9 +274,10 @@ class ReplayModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replay:
-    """All trials of a run, replayed with one model.
+    """All trials of a run; those of one indenter at one place share a model.
 
     Attributes:
+        others: Models of further indenters and places.
         made_from: SHA-256 of the run's files that it was made from, and of its configuration.
         files: SHA-256 of its own arrays and images.
     """
@@ -284,3 +288,14 @@ class Replay:
     versions: dict[str, str]
     made_from: dict[str, str] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
+    others: tuple[ReplayModel, ...] = ()
+
+    @property
+    def models(self) -> tuple[ReplayModel, ...]:
+        """All models."""
+        return (self.model, *self.others)
+
+
+def model_of(models: Sequence[ReplayModel], trial: int) -> ReplayModel:
+    """Return what a trial was pressed with; the first that does not say of which trials it is."""
+    return next((each for each in models if trial in each.trials), models[0])

@@ -84,7 +84,7 @@ def _compare_trial(
     margin: ForceMargin | None,
     scatter: Scatter,
 ) -> TrialResult:
-    seen = compare_images(trial, evidence, crossed)
+    seen, model = compare_images(trial, evidence, crossed), evidence.model_of(trial.index)
     discriminates = {
         m.metric: m.diagonal_wins[m.trials.index(trial.index)]
         for m in matrices
@@ -93,7 +93,7 @@ def _compare_trial(
     force = compare_force(
         trial,
         tolerance_n=evidence.thresholds.max_force_mismatch_n,
-        model=evidence.model,
+        model=model,
         contact_force_n=evidence.contact_force_n,
         scatter=scatter,
         stated=evidence.stated,
@@ -107,7 +107,7 @@ def _compare_trial(
             contact=seen["contact"],
             corrections=seen["corrections"],
             force=force,
-            found_offset_m=(0.0, 0.0) if evidence.model is None else evidence.model.found_offset_m,
+            found_offset_m=(0.0, 0.0) if model is None else model.found_offset_m,
         ),
     )
     return TrialResult(
@@ -136,7 +136,7 @@ def compare_images(
         contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
         corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
     if images is not None:
-        wrong = {t.index for t in others if t.press_key != trial.press_key}
+        wrong = {t.index for t in others if t.is_wrong_for(trial)}
         own = crossed[trial.index]
         floors = trial_floors(images, [own[index] for index in own if index in wrong])
         unexplained = contact_residuals(images, [images.reference])[0]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from copy import copy
 from functools import cached_property
 from typing import TypeVar
 
@@ -188,6 +189,12 @@ class RunReading:
         self.geometry = geometry
         self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
+
+    def of(self, trials: Collection[int]) -> RunReading:
+        """Return some of its trials; what was read of them is shared."""
+        part = copy(self)
+        part.records = {index: self.records[index] for index in self.records if index in trials}
+        return part
 
     def attempt(self, trial: int) -> AttemptReading | None:
         """Return what is read of a trial; None where no recording of it can be opened."""

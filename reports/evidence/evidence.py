@@ -18,8 +18,11 @@ from tacauchy_rig.config.uncertainty import Stated
 from tacauchy_rig.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.imported import Imported
-from tacauchy_rig.replayed import ReplayModel, ReplayTrial
+from tacauchy_rig.replayed import ReplayModel, ReplayTrial, model_of
 from tacauchy_rig.run import Criterion, TrialRecord
+
+PressKey = tuple[float, int, int]
+"""Force [N], or zero and a number of its own, and the kind of a press."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,6 +145,8 @@ class TrialEvidence:
             stated, shape [n, 2], sorted.
         pressure: Simulated contact pressure.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
+        kind: Equal for presses of one indenter at one place, whose simulated images and forces are
+            compared with one another.
     """
 
     index: int
@@ -158,12 +163,18 @@ class TrialEvidence:
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
     pressure: PressureProfile | None = None
+    kind: int = 0
 
     @property
-    def press_key(self) -> tuple[float, int]:
+    def press_key(self) -> PressKey:
         """Equal for presses to one force; one whose force is not known is like no other."""
         unknown = math.isnan(self.force_target_n)
-        return (0.0, self.index) if unknown else (self.force_target_n, 0)
+        force_n, number = (0.0, self.index) if unknown else (self.force_target_n, 0)
+        return force_n, number, self.kind
+
+    def is_wrong_for(self, other: TrialEvidence) -> bool:
+        """Return whether it was pressed to another force, all else alike."""
+        return self.kind == other.kind and self.press_key != other.press_key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,6 +236,7 @@ class RunEvidence:
         stated: Standard uncertainties of cell, heights and delays by the fields of
             ``[uncertainty]``; ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
         model: What was replayed; None where nothing was.
+        others: The same of further indenters and places.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         force_check: How the cell read a known weight before the run; None where that was not tried.
         unchecked_allowed: Whether it may press without such a check whatever its arm feels.
@@ -246,6 +258,7 @@ class RunEvidence:
     contact_force_n: float = 0.0
     stated: Mapping[str, Stated] = field(default_factory=dict)
     model: ReplayModel | None = None
+    others: tuple[ReplayModel, ...] = ()
     sync_mode: str = "host_clock"
     force_check: ForceCheck | None = None
     unchecked_allowed: bool = False
@@ -256,6 +269,10 @@ class RunEvidence:
     optics: CalibratedOptics | None = None
     optics_picture: bytes = b""
     notes: tuple[str, ...] = ()
+
+    def model_of(self, trial: int) -> ReplayModel | None:
+        """Return what a trial was pressed with."""
+        return None if self.model is None else model_of((self.model, *self.others), trial)
 
     @property
     def marks(self) -> tuple[str, ...]:

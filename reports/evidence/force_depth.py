@@ -91,31 +91,33 @@ class ModulusFit:
 
 
 def fit_modulus(
-    records: Sequence[TrialRecord], curve: FloatArray | None, *, contact_force_n: float = 0.0
+    presses: Sequence[tuple[Sequence[TrialRecord], FloatArray | None]],
+    *,
+    contact_force_n: float = 0.0,
 ) -> ModulusFit | None:
-    """Find by how much stiffer the gel is than the one that a curve was simulated with.
+    """Find by how much stiffer the gel is than the one that curves were simulated with.
 
     A flat punch cannot tell the modulus from Poisson's ratio: it is the factor at the ratio that
     was simulated.
 
     Args:
-        records: Trials of one run.
-        curve: Simulated (depth [m], force [N]), shape [n, 2], sorted by depth.
+        presses: Trials of one gel, and what was simulated of their indenter at their place:
+            (depth [m], force [N]), shape [n, 2], sorted by depth; None where nothing was.
         contact_force_n: Force at which a press called the gel touched [N]; depths count from there.
 
     Returns:
-        None for fewer than two trials whose depth and force are known and on the curve.
+        None for fewer than two trials whose depth and force are known and on their curve.
     """
-    if curve is None:
-        return None
+    simulated = [(records, curve) for records, curve in presses if curve is not None]
     factor, ratios = 1.0, np.empty(0)
     for _ in range(_ROUNDS):  # how deep the simulator is at the contact force goes with the factor
-        touched = depth_at_force(curve, contact_force_n / factor)
-        if touched is None:
+        told: list[float] = []
+        for records, curve in simulated:
+            touched = depth_at_force(curve, contact_force_n / factor)
+            told += [] if touched is None else _ratios(records, curve, touched)
+        if len(told) < _TRIALS_MIN:
             return None
-        ratios = np.array(_ratios(records, curve, touched))
-        if len(ratios) < _TRIALS_MIN:
-            return None
+        ratios = np.array(told)
         factor = float(ratios.mean())
     return ModulusFit(
         factor=factor, factor_deviation=float(ratios.std(ddof=1)), trial_count=len(ratios)

@@ -27,7 +27,7 @@ from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncerta
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.force_check import ForceCheck
 from tacauchy_rig.imported import Imported
-from tacauchy_rig.replayed import Replay
+from tacauchy_rig.replayed import Replay, model_of
 from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.store.check.attempt import RESULT_HASH, RESULT_WHOLE
 from tacauchy_rig.store.check.contradiction import agreement
@@ -62,7 +62,7 @@ def load_evidence(
     check, force_check = check_run(store), readable(store.force_check.load)
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    curve = stated_curve(replay)
+    curves = {} if replay is None else {i: stated_curve(replay, i) for i in replayed}
     seen, damaged = _simulated(store, replay)
     if simulated_images is not None:
         seen = {index: {"simulated_image": image} for index, image in simulated_images.items()}
@@ -72,7 +72,8 @@ def load_evidence(
             force_target_n=_target_n(store, index, run.records[index]),
             record=run.records[index],
             replay=replayed.get(index),
-            force_depth_simulated=curve,
+            force_depth_simulated=curves.get(index),
+            kind=0 if replay is None else _kind(replay, index),
             checks=(*_checks(check, index, run.records[index]), *damaged.get(index, ())),
             place_known=_is_place_known(store, index),
             **seen.get(index, {}),
@@ -90,6 +91,7 @@ def load_evidence(
         contact_force_n=config.protocol.contact_force,
         stated=stated_of_run(config, force_check),
         model=None if replay is None else replay.model,
+        others=() if replay is None else replay.others,
         sync_mode=config.run.sync_mode.value,
         force_check=force_check,
         unchecked_allowed=config.limits.allow_unchecked_force,
@@ -212,14 +214,17 @@ def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
     }
 
 
-def stated_curve(replay: Replay | None) -> FloatArray | None:
-    """Return what the replay's model gives with the modulus that is stated: (depth, force)."""
-    if replay is None:
-        return None
-    stiffer = replay.model.modulus_factor or 1.0
-    fitted = [[(d, f / stiffer) for d, f in trial.force_history] for trial in replay.trials]
-    stated = replay.model.stated_force_history or ()
-    return merge_histories([stated, *fitted])
+def stated_curve(replay: Replay, trial: int) -> FloatArray | None:
+    """Return what a trial's model gives with the modulus that is stated: (depth, force)."""
+    model = model_of(replay.models, trial)
+    stiffer = model.modulus_factor or 1.0
+    alike = [t for t in replay.trials if model_of(replay.models, t.index) is model]
+    fitted = [[(d, f / stiffer) for d, f in each.force_history] for each in alike]
+    return merge_histories([model.stated_force_history or (), *fitted])
+
+
+def _kind(replay: Replay, trial: int) -> int:
+    return replay.models.index(model_of(replay.models, trial))
 
 
 def _simulated(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,11 +22,15 @@ from tacauchy_rig.figure_style import (
     LIGHT,
     ORANGE,
     PAGE_IN,
+    PURPLE,
+    SKY,
     new_figure,
 )
 
 MAX_POINTS = 1500
 FEW_POINTS = 60  # of a curve, which are marked each
+KINDS = (ORANGE, GREEN, PURPLE, SKY)
+KINDS_MOST = 6  # of curves: more hide one another
 MARGIN_S = 1.5
 
 
@@ -106,25 +111,28 @@ def draw_force_depth(report: ValidationReport) -> Figure:
 def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
     """Draw the simulator's curve with the stated modulus and, where it was fitted, with that.
 
-    All trials have one curve: they were replayed with one model.
+    Trials of one indenter at one place have one curve: they were replayed with one model.
     """
-    curves = (t.force_depth_simulated for t in report.evidence.trials)
-    curve = next((curve for curve in curves if curve is not None), None)
-    model = report.evidence.model
-    factor = None if model is None else model.modulus_factor
-    if curve is None:
-        return
-    axes.plot(
-        curve[:, 0] * 1e3,
-        curve[:, 1],
-        color=ORANGE,
-        marker="." if len(curve) < FEW_POINTS else None,
-        markersize=3,
-        label="Simulated" if factor is None else "Simulated, stated modulus",
-    )
-    if factor is not None:
-        label = f"{factor:.3f} times that"
-        axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=ORANGE, label=label)
+    evidence = report.evidence
+    by_kind = {t.kind: t for t in evidence.trials if t.force_depth_simulated is not None}
+    shown_kinds = dict(list(by_kind.items())[:KINDS_MOST])
+    for (kind, trial), colour in zip(shown_kinds.items(), cycle(KINDS), strict=False):
+        curve, model = trial.force_depth_simulated, evidence.model_of(trial.index)
+        if curve is None:
+            continue
+        factor = None if model is None else model.modulus_factor
+        named = f"{model.indenter}: " if model is not None and len(by_kind) > 1 else ""
+        axes.plot(
+            curve[:, 0] * 1e3,
+            curve[:, 1],
+            color=colour,
+            marker="." if len(curve) < FEW_POINTS else None,
+            markersize=3,
+            label=f"{named}simulated" if factor is None else f"{named}simulated, stated modulus",
+        )
+        if factor is not None:
+            label = f"{factor:.3f} times that" if kind == min(by_kind) else None
+            axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=colour, label=label)
 
 
 def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 from reports.comparison.headline import headline_of
 from reports.comparison.results import TrialResult, ValidationReport
+from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.page import prose
@@ -56,7 +57,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
             for name in (*Metric, "metrics", "skill", "contact", "interval")
         },
         "optics": None if evidence.optics is None else to_plain(evidence.optics),
-        "trials": [_trial(trial) for trial in report.trials],
+        "trials": [_trial(trial, evidence) for trial in report.trials],
         "statistics": to_plain(report.statistics),
         "wrong_force_matrices": to_plain(report.matrices),
         "truth": to_plain(report.truth),
@@ -70,6 +71,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         },
         "journal": to_plain(evidence.journal),
         "model": {} if evidence.model is None else to_plain(evidence.model),
+        "other_models": to_plain(evidence.others),
         "provenance": {
             "versions": {},
             "config_hash": None,
@@ -79,8 +81,15 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
     }
 
 
-def _trial(trial: TrialResult) -> dict[str, Any]:
+def _trial(trial: TrialResult, evidence: RunEvidence) -> dict[str, Any]:
     value: dict[str, Any] = to_plain(trial)
+    model = evidence.model_of(trial.index)
+    if model is not None and evidence.others:
+        value["pressed_with"] = {
+            "indenter": model.indenter,
+            "x_m": model.centre_x_m,
+            "y_m": model.centre_y_m,
+        }
     # Readers find these keys in every trial, with nulls where there was nothing to score.
     value["metrics"] = value["metrics"] or {metric.value: None for metric in Metric}
     value["floors"] = value["floors"] or {"no_contact": None, "flat_mean": None}

@@ -90,7 +90,8 @@ class WrongForceMatrix:
     Attributes:
         trials: Trial of each row and column.
         forces_n: Their target forces [N]; presses to one target are not wrong for one another.
-        values: Shape [n, n]; NaN where a score does not exist.
+        values: Shape [n, n]; NaN where a score does not exist, as between presses of other
+            indenters or places.
         diagonal_wins: Per row, whether the own press scores better than every wrong force.
     """
 
@@ -213,7 +214,7 @@ def press_over(
 
 
 def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:
-    """Score every real press against every simulated one, laid over the real one's own frame.
+    """Score every real press against the simulated ones of its kind, laid over its own frame.
 
     Returns:
         By the trial of the real image, then by that of the simulated one.
@@ -222,6 +223,7 @@ def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:
         row.index: {
             column.index: score(row.images.real, image)
             for column in trials
+            if column.kind == row.kind
             if (image := press_over(row.images, column)) is not None
         }
         for row in trials
@@ -235,27 +237,37 @@ def wrong_force_matrices(
     """Set every real press against every simulated one, for the five scores and the contact.
 
     Args:
-        trials: Those without images have neither row nor column.
+        trials: Those without images, or alone of their kind, have neither row nor column.
         scores: Their ``cross_scores``.
     """
-    complete = [t for t in trials if t.images is not None and t.simulated_image is not None]
-    if len({t.press_key for t in complete}) < 2:
+    shown = [t for t in trials if t.images is not None and t.simulated_image is not None]
+    complete = [t for t in shown if any(other.is_wrong_for(t) for other in shown)]
+    if not complete:
         return ()
     matrices = [
         _matrix(
             m.value,
             m.larger_is_better,
             complete,
-            [[scores[row.index][column.index].value(m) for column in complete] for row in complete],
+            [[_score(scores, row, column, m) for column in complete] for row in complete],
         )
         for m in Metric
     ]
     residuals = []
     for row in complete:
         if row.images is not None:
-            shown = [press_over(row.images, column) for column in complete]
-            residuals.append(contact_residuals(row.images, [s for s in shown if s is not None]))
+            alike = [k for k, column in enumerate(complete) if column.kind == row.kind]
+            over = [press_over(row.images, complete[k]) for k in alike]
+            found = contact_residuals(row.images, [image for image in over if image is not None])
+            values = np.full(len(complete), np.nan)
+            values[alike] = found
+            residuals.append(values.tolist())
     return (*matrices, _matrix(CONTACT_RESIDUAL, False, complete, residuals))
+
+
+def _score(scores: CrossScores, row: TrialEvidence, column: TrialEvidence, metric: Metric) -> float:
+    found = scores[row.index].get(column.index)
+    return math.nan if found is None else found.value(metric)
 
 
 def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> list[float]:
@@ -273,20 +285,18 @@ def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> 
 def _matrix(
     name: str, larger: bool, trials: Sequence[TrialEvidence], rows: Sequence[Sequence[float]]
 ) -> WrongForceMatrix:
-    keys = [t.press_key for t in trials]
+    wrong = [[other.is_wrong_for(t) for other in trials] for t in trials]
     return WrongForceMatrix(
         metric=name,
         larger_is_better=larger,
         trials=tuple(t.index for t in trials),
         forces_n=tuple(t.force_target_n for t in trials),
         values=tuple(tuple(row) for row in rows),
-        diagonal_wins=tuple(_wins(row, k, keys, larger) for k, row in enumerate(rows)),
+        diagonal_wins=tuple(_wins(row, k, wrong[k], larger) for k, row in enumerate(rows)),
     )
 
 
-def _wins(
-    row: Sequence[float], position: int, keys: Sequence[tuple[float, int]], larger: bool
-) -> bool:
+def _wins(row: Sequence[float], position: int, wrong: Sequence[bool], larger: bool) -> bool:
     sign = 1.0 if larger else -1.0
-    wrong = [v for v, key in zip(row, keys, strict=True) if key != keys[position]]
-    return all(sign * row[position] > sign * v for v in wrong if not math.isnan(v))
+    rivals = [v for v, is_wrong in zip(row, wrong, strict=True) if is_wrong]
+    return all(sign * row[position] > sign * v for v in rivals if not math.isnan(v))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.arrays import ColorImage, FloatArray, Mask
-from reports.evidence.evidence import TrialEvidence, TrialImages
+from reports.evidence.evidence import PressKey, TrialEvidence, TrialImages
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.floors import press_over
 
@@ -56,7 +56,7 @@ class _Reading:
             everywhere and has no memory [1/grey level].
     """
 
-    press_key: tuple[float, int]
+    press_key: PressKey
     value: float
     rival: str
     change: float = math.nan
@@ -134,7 +134,7 @@ def _rivals(
     trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: Mask
 ) -> dict[str, ColorImage]:
     """Return pixels that must not explain a press as well as its own image's, by their name."""
-    wrong = [t for t in trials if t.press_key != trial.press_key]
+    wrong = [t for t in trials if t.is_wrong_for(trial)]
     shown = {_named(t): press_over(images, t, region) for t in wrong}
     found = {name: image for name, image in shown.items() if image is not None}
     return {**found, "no contact": images.reference[region]}
@@ -167,7 +167,7 @@ def _sensitivity(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> floa
 
 def _repeat_deviations(readings: Sequence[_Reading]) -> list[float]:
     """Return the standard deviation of the margins of each force that was pressed repeatedly."""
-    by_force: dict[tuple[float, int], list[float]] = {}
+    by_force: dict[PressKey, list[float]] = {}
     for reading in readings:
         by_force.setdefault(reading.press_key, []).append(reading.value)
     return [

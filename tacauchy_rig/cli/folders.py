@@ -119,7 +119,7 @@ def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> N
     replay = replay_run(
         run, tolerance=tolerance, calibrate=emulated_calibration(run.store), on_progress=say
     )
-    _say_markers(replay.model.markers)
+    _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)
 
 
@@ -140,7 +140,10 @@ def _say_cost(replay: Replay) -> None:
 
     model = replay.model
     worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
-    error, cost = model.force_error_largest_relative, f"{model.wall_s:.1f} s"
+    errors = [each.force_error_largest_relative for each in replay.models]
+    known = [error for error in errors if error is not None]
+    error = max(known) if len(known) == len(errors) else None
+    cost = f"{sum(each.wall_s for each in replay.models):.1f} s"
     for line in cost_lines(error, worst.force_error_basis, cost, model.alternatives):
         say(f"  {line}")
 

@@ -20,8 +20,9 @@ from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import ConfigError, RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.opening import open_run
-from tacauchy_rig.loop.replay import REPLAY_NAME
-from tacauchy_rig.replayed import FoundValue
+from tacauchy_rig.loop.parts import Part, parts_of
+from tacauchy_rig.loop.pressing import REPLAY_NAME
+from tacauchy_rig.replayed import FoundValue, Replay, model_of
 
 COLUMNS = ("indenter", "depth_mm", "force_n")
 POINTS_MIN = 4
@@ -81,7 +82,7 @@ def read_presses(
     found: dict[str, IndenterPresses] = {}
     for path in paths:
         read = (
-            [_of_run(path)]
+            _of_run(path)
             if path.is_dir()
             else _of_table(
                 path, overrides=overrides, noise_n=noise_n, contact_force_n=contact_force_n
@@ -134,28 +135,35 @@ def _together(first: IndenterPresses, second: IndenterPresses) -> IndenterPresse
     return replace(first, press=press, **joined)
 
 
-def _of_run(folder: Path) -> IndenterPresses:
+def _of_run(folder: Path) -> list[IndenterPresses]:
     run = open_run(folder)
-    config = run.store.config
+    replay = readable(lambda: run.store.load_replay(REPLAY_NAME))
+    found = [each for part in parts_of(run) if (each := _of_part(part, replay)) is not None]
+    if not found:
+        raise RecordError(f"{folder}: no trial has a depth and a force", remedy="press some")
+    return found
+
+
+def _of_part(part: Part, replay: Replay | None) -> IndenterPresses | None:
     rows = [
         (record.depth_measured_m, record.force_measured_n, record.force_deviation_n or 0.0)
-        for record in run.records.values()
+        for record in part.run.records.values()
         if record is not None and record.depth_measured_m and record.force_measured_n
     ]
-    replay = readable(lambda: run.store.load_replay(REPLAY_NAME))
     if not rows:
-        raise RecordError(f"{folder}: no trial has a depth and a force", remedy="press some")
+        return None
     depth, force, noise = np.array(rows).T
+    trial = min(part.run.records)
     return IndenterPresses(
-        config=config,
-        inputs=replace(inputs_of(config), tolerance=None),
-        contact_force_n=config.protocol.contact_force,
+        config=part.config,
+        inputs=replace(part.inputs, tolerance=None),
+        contact_force_n=part.config.protocol.contact_force,
         press=np.arange(len(rows)),
         depth_m=depth,
         force_n=force,
         noise_n=noise,
-        found=() if replay is None else replay.model.found,
-        simulated=run.store.simulated,
+        found=() if replay is None else model_of(replay.models, trial).found,
+        simulated=part.run.store.simulated,
     )
 
 

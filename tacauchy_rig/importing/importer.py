@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,9 +96,11 @@ def import_run(
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
     stated = _stated(source, spec, trusted=overridden)
-    recorded = READERS[spec.kind](source, spec.data)
-    rig = _rig(spec, {**_common(source, recorded), **stated}, recorded)
+    recorded = _with_tools(source, READERS[spec.kind](source, spec.data))
+    rig = _rig(spec, {**_common(recorded), **stated}, recorded)
     check(rig.config)
+    for term in {each.indenter for each in recorded.presses} - {""}:
+        check(restore_config({**rig.written, "replay.indenter": term}))
     return write_run(
         parent,
         rig,
@@ -147,12 +150,21 @@ def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[s
     return stated
 
 
-def _common(source: Source, recorded: Recorded) -> dict[str, Any]:
+def _with_tools(source: Source, recorded: Recorded) -> Recorded:
+    """Return the presses with indenters of triangles found in the folder."""
+    presses = tuple(
+        replace(each, indenter=mesh_within(source, each.indenter, field="the presses' indenter"))
+        for each in recorded.presses
+    )
+    return replace(recorded, presses=presses)
+
+
+def _common(recorded: Recorded) -> dict[str, Any]:
     """Return indenter and place where all presses had the same: the replay's, unless stated."""
     common: dict[str, Any] = {}
     terms = {each.indenter for each in recorded.presses}
     if len(terms) == 1 and (term := terms.pop()):
-        common["replay.indenter"] = mesh_within(source, term, field="the presses' indenter")
+        common["replay.indenter"] = term
     known = np.array([each.place_m for each in recorded.presses if each.place_m is not None])
     if 0 < len(known) == len(recorded.presses) and np.ptp(known, axis=0).max() <= SAME_PLACE_M:
         common["replay.offset"] = [f"{value:.9g} m" for value in known.mean(axis=0)]

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -51,12 +52,26 @@ _UNIFORM = 1.0 / math.sqrt(3.0)
 _COLOURS = ("red", "green", "blue")
 
 Images = dict[int, FloatArray]
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SplitPart:
+    """Trials of one indenter at one place.
+
+    Attributes:
+        inputs: Of the replay, with the modulus that it was pressed with.
+        forces_n: What was simulated of trials whose force nobody measured [N].
+    """
+
+    attempts: Sequence[AttemptReading]
+    inputs: ReplayInputs
+    forces_n: Mapping[int, float] = field(default_factory=dict)
 
 
 def split_images(
-    attempts: Sequence[AttemptReading],
+    parts: Sequence[SplitPart],
     images: Mapping[int, ColorImage],
-    inputs: ReplayInputs,
     optics: OpticalCalibration,
     config: RigConfig,
     *,
@@ -65,33 +80,50 @@ def split_images(
     """Say what the residual of a replay's images is made of; None where nothing tells it.
 
     Args:
-        attempts: Of the trials, each with a measured force.
+        parts: Each has its own coarse presses; what is uncertain is of all together.
         images: What was rendered of them, by trial.
-        inputs: Of the replay, with the modulus that it was pressed with.
         optics: What it was rendered with.
         config: States what is uncertain.
         on_progress: Told why there is nothing to say.
     """
-    if isinstance(inputs.indenter, MeshIndenter):
-        on_progress("  the residual is not split: a press of triangles takes minutes")
-        return None
-    found = (_press_of(each, inputs, optics) for each in attempts if each.record.index in images)
-    presses = sorted((press for press in found if press), key=lambda press: press.force_n)
-    if not presses:
-        return None
-    presses = _spread(presses)
-    try:
-        modes = list(_Again(presses, inputs, optics, config).modes())
-    except RigError as error:
-        on_progress(f"  the residual is not split: no coarse press: {error.message}")
+    pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
+    if len(pressable) < len(parts):
+        on_progress("  of triangles the residual is not split: a press of them takes minutes")
+    chosen, seen = _chosen(pressable, images, optics), {}
+    modes: dict[str, Mode] = {}
+    for part, presses in chosen:
+        try:
+            found = list(_Again(presses, part.inputs, optics, config).modes())
+        except RigError as error:
+            on_progress(f"  the residual is not split: no coarse press: {error.message}")
+            return None
+        seen.update({press.index: press.images for press in presses})
+        for mode in found:
+            known = modes.get(mode.name, mode)
+            modes[mode.name] = replace(known, changes={**known.changes, **mode.changes})
+    if not seen:
         return None
     view, offset_m = optics.geometry, stated_uncertainty(config, "offset").value
     return split_residual(
-        {press.index: press.images for press in presses},
-        images,
-        modes,
+        seen,
+        {index: image for index, image in images.items() if index in seen},
+        list(modes.values()),
         pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
     )
+
+
+def _chosen(
+    parts: Sequence[SplitPart], images: Mapping[int, ColorImage], optics: OpticalCalibration
+) -> list[tuple[SplitPart, list[_Press]]]:
+    """Return the presses that are pressed again, the smallest force of each part first."""
+    found = []
+    for part in parts:
+        there = (each for each in part.attempts if each.record.index in images)
+        presses = [press for each in there if (press := _press_of(each, part, optics))]
+        if presses:
+            found.append((part, sorted(presses, key=lambda press: press.force_n)))
+    found = _spread(found, MOST_TRIALS)
+    return [(part, _spread(presses, MOST_TRIALS // len(found))) for part, presses in found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +137,21 @@ class _Press:
 
 
 def _press_of(
-    attempt: AttemptReading, inputs: ReplayInputs, optics: OpticalCalibration
+    attempt: AttemptReading, part: SplitPart, optics: OpticalCalibration
 ) -> _Press | None:
-    images, force_n = attempt.images, attempt.record.force_measured_n or 0.0
+    images, record = attempt.images, attempt.record
+    force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
     if images is None or force_n <= 0.0:
         return None
-    printed = printed_markers(images.reference, inputs.sensor.markers, optics.geometry)
+    printed = printed_markers(images.reference, part.inputs.sensor.markers, optics.geometry)
     bare = images.reference if printed is None else printed.bare
     return _Press(attempt.record.index, force_n, images, bare)
 
 
-def _spread(presses: list[_Press]) -> list[_Press]:
-    if len(presses) <= MOST_TRIALS:
-        return presses
-    chosen = np.linspace(0, len(presses) - 1, MOST_TRIALS).round().astype(int)
-    return [presses[k] for k in chosen]
+def _spread(items: list[Item], most: int) -> list[Item]:
+    if len(items) <= most:
+        return items
+    return [items[k] for k in np.linspace(0, len(items) - 1, most).round().astype(int)]
 
 
 @dataclass(frozen=True, slots=True)

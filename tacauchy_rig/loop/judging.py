@@ -14,7 +14,8 @@ from reports.evidence.evidence import RunEvidence
 from sim.scene.indenter import describe
 from tacauchy_rig import __version__
 from tacauchy_rig.loop.inputs import inputs_of
-from tacauchy_rig.loop.replay import IMAGE_S, REPLAY_NAME
+from tacauchy_rig.loop.pressing import REPLAY_NAME
+from tacauchy_rig.loop.replay import IMAGE_S
 from tacauchy_rig.loop.settings import sensor_of
 from tacauchy_rig.outputs import AskedPress, Outputs, Simulator, Task
 from tacauchy_rig.replayed import Replay, ReplayTrial

@@ -126,7 +126,7 @@ def lean_of(
     if tells_modulus(config):
         curve = merge_histories([pressed.history])
         contact_n = config.protocol.contact_force
-        told = fit_modulus([r for r, _ in known], curve, contact_force_n=contact_n)
+        told = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
         factor = 1.0 if told is None else told.factor
     moments, errors = _about_tip(np.array([w for _, w in known]), config)
     fit = fit_lean(

@@ -2,47 +2,38 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from statistics import median
 
-from reports.evidence.attempt import AttemptReading, RunReading
-from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
-from sim.error.settings import setting_of
+from reports.arrays import ColorImage
+from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
-from sim.replay import force_history, forces_at, replay_forces
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.config.model import PoseSource, RigConfig
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.loop.alike import check_alike
-from tacauchy_rig.loop.image_causes import split_images
-from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.loop.mounting import (
-    FoundMounting,
-    dwells_of,
-    find_offset,
-    leaned,
-    moved,
-    offset_of,
-    tells_modulus,
-    upright,
-    with_found_lean,
-)
+from tacauchy_rig.config.model import PoseSource
+from tacauchy_rig.loop.image_causes import SplitPart, split_images
+from tacauchy_rig.loop.mounting import find_offset, offset_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.loop.parts import Part, parts_of
+from tacauchy_rig.loop.pressing import (
+    Pressed,
+    is_measured,
+    measured_attempts,
+    measured_depths,
+    mounted,
+    press_parts,
+)
 from tacauchy_rig.loop.rendering import render_trial
 from tacauchy_rig.loop.settings import check_optics
 from tacauchy_rig.loop.uncertainty import force_inputs
-from tacauchy_rig.replayed import Replay, ReplayModel, ResidualSplit
-from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.replayed import FoundValue, Replay, ReplayModel, ResidualSplit
 from tacauchy_rig.side_by_side import beside
 from tacauchy_rig.store.replay_files import ReplayFields
 
-REPLAY_NAME = "force-matched"
 IMAGE_S = "image_s"
 """Of a trial's ``wall_s``: rendering, the no-contact frame's reading included [s]."""
+Rendered = tuple[Replay, dict[int, ReplayFields]]
 
 
 def replay_run(
@@ -63,47 +54,151 @@ def replay_run(
 
     Raises:
         RecordError: No trial has a measured force.
-        ConfigError: No preset keeps the tolerance, there are no optics to render with, or presses
-            that were imported are not alike.
+        ConfigError: No preset keeps the tolerance, there are no optics to render with, or an
+            indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    check_alike(store)
-    inputs = inputs_of(config)
-    inputs = replace(inputs, tolerance=tolerance or inputs.tolerance)
-    check_optics(config, inputs.sensor)
+    parts = _with_presses(run, parts_of(run, tolerance=tolerance))
+    sensor = parts[0].inputs.sensor
+    check_optics(config, sensor)
     with beside() as other:
-        seen = other.submit(_optics, config.sensor.optics_calibration, inputs.sensor, calibrate)
-        found = mounted(run, inputs, on_progress=on_progress)
-        inputs = found.inputs
-        replay, fields = press_again(run, inputs, on_progress=on_progress)
+        seen = other.submit(_optics, config.sensor.optics_calibration, sensor, calibrate)
+        mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
+        parts = [
+            replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
+        ]
+        pressed = press_parts(parts, on_progress=on_progress)
         optics, said = seen.result()
         for line in said:
             on_progress(line)
-        replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
+        rendered = _rendered(parts, pressed, optics)
+        places: tuple[FoundValue, ...] = ()
         if config.replay.pose is PoseSource.FOUND:
-            images = {i: made.image for i, made in kept.items() if made.image is not None}
-            values = find_offset(measured_attempts(run), images, optics.geometry, config)
-            found = replace(found, values=(*found.values, *values))
-            if at := offset_of(values):
-                on_progress("  the contact is seen beside its place: again there")
-                inputs = moved(inputs, at)
-                replay, fields = press_again(run, inputs, on_progress=on_progress)
-                replay, kept = render_again(run, inputs.sensor, replay, fields, optics)
-                replay = replace(replay, model=replace(replay.model, found_offset_m=at))
+            places, parts, rendered = _where_seen(parts, rendered, optics, on_progress)
         on_progress("trying what uncertain inputs change of the force")
-        tried = other.submit(force_inputs, inputs, config, measured_depths(run), found=found.values)
-        residual = residual_split(run, inputs, replay, kept, optics, on_progress=on_progress)
-        model = replace(
+        values = [(*found.values, *places) for found in mountings]
+        tried = [
+            other.submit(force_inputs, part.inputs, config, measured_depths(part.run), found=known)
+            for part, known in zip(parts, values, strict=True)
+        ]
+        residual = _residual(parts, rendered, optics, on_progress)
+        inputs = [each.result() for each in tried]
+    models = [
+        replace(
             replay.model,
-            found=found.values,
+            found=known,
             effects=(*replay.model.effects, *found.effects),
-            force_inputs=tried.result(),
-            residual=residual,
+            force_inputs=tried_inputs,
+            trials=tuple(part.run.records) if len(parts) > 1 else (),
         )
-    replay = replace(replay, model=model)
-    store.save_replay(replay, kept)
+        for part, (replay, _), known, found, tried_inputs in zip(
+            parts, rendered, values, mountings, inputs, strict=True
+        )
+    ]
+    replay = _together([replay for replay, _ in rendered], models, residual)
+    store.save_replay(replay, {i: kept for _, by_trial in rendered for i, kept in by_trial.items()})
     return replay
+
+
+def _with_presses(run: RunReading, parts: Sequence[Part]) -> list[Part]:
+    """Return the parts that have something to press to.
+
+    Raises:
+        RecordError: None has.
+    """
+    measured_attempts(run)
+    return [
+        part
+        for part in parts
+        if any(record and is_measured(record, run) for record in part.run.records.values())
+    ]
+
+
+def _rendered(
+    parts: Sequence[Part], pressed: Sequence[Pressed], optics: OpticalCalibration
+) -> list[Rendered]:
+    return [
+        render_again(part.run, part.inputs.sensor, *each, optics)
+        for part, each in zip(parts, pressed, strict=True)
+    ]
+
+
+def _images(rendered: Sequence[Rendered]) -> dict[int, ColorImage]:
+    return {
+        index: made.image
+        for _, kept in rendered
+        for index, made in kept.items()
+        if made.image is not None
+    }
+
+
+def _where_seen(
+    parts: Sequence[Part],
+    rendered: list[Rendered],
+    optics: OpticalCalibration,
+    on_progress: Say,
+) -> tuple[tuple[FoundValue, ...], list[Part], list[Rendered]]:
+    """Press again where images show the contact, if that is beside the stated place.
+
+    All stated places are beside by as much: what lies there is the pad. Places that are not stated
+    tell nothing of others.
+    """
+    stated = [part for part in parts if part.place_known] or parts
+    attempts = [attempt for part in stated for attempt in measured_attempts(part.run)]
+    config = parts[0].run.store.config
+    values = find_offset(attempts, _images(rendered), optics.geometry, config)
+    at = offset_of(values)
+    if at is None:
+        return values, list(parts), rendered
+    on_progress("  the contact is seen beside its place: again there")
+    moved = [part.moved(at) for part in parts]
+    again = _rendered(moved, press_parts(moved, on_progress=on_progress), optics)
+    return (
+        values,
+        moved,
+        [
+            (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
+            for replay, kept in again
+        ],
+    )
+
+
+def _residual(
+    parts: Sequence[Part],
+    rendered: Sequence[Rendered],
+    optics: OpticalCalibration,
+    on_progress: Say,
+) -> ResidualSplit | None:
+    """Say what the residual of a replay's images is made of, trying each cause coarsely."""
+    on_progress("trying what the images' residual is made of")
+    split = [
+        SplitPart(
+            attempts=measured_attempts(part.run),
+            inputs=replace(
+                part.inputs,
+                sensor=part.inputs.sensor.stiffer(replay.model.modulus_factor or 1.0),
+            ),
+            forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
+        )
+        for part, (replay, _) in zip(parts, rendered, strict=True)
+    ]
+    config = parts[0].run.store.config
+    return split_images(split, _images(rendered), optics, config, on_progress=on_progress)
+
+
+def _together(
+    replays: Sequence[Replay], models: Sequence[ReplayModel], residual: ResidualSplit | None
+) -> Replay:
+    """Return the replays of all parts as one; the first model says what images are made of."""
+    trials = sorted((t for each in replays for t in each.trials), key=lambda trial: trial.index)
+    first, *others = models
+    return replace(
+        replays[0],
+        trials=tuple(trials),
+        model=replace(first, residual=residual),
+        others=tuple(others),
+    )
 
 
 def _optics(
@@ -112,91 +207,6 @@ def _optics(
     """Return how images are rendered, and what was said of it."""
     said: list[str] = []
     return optics_of(given, sensor, calibrate=calibrate, on_progress=said.append), said
-
-
-def residual_split(
-    run: RunReading,
-    inputs: ReplayInputs,
-    replay: Replay,
-    kept: Mapping[int, ReplayFields],
-    optics: OpticalCalibration,
-    *,
-    on_progress: Say = say_nothing,
-) -> ResidualSplit | None:
-    """Say what the residual of a replay's images is made of, trying each cause coarsely."""
-    on_progress("trying what the images' residual is made of")
-    sensor = inputs.sensor.stiffer(replay.model.modulus_factor or 1.0)
-    images = {index: each.image for index, each in kept.items() if each.image is not None}
-    return split_images(
-        measured_attempts(run),
-        images,
-        replace(inputs, sensor=sensor),
-        optics,
-        run.store.config,
-        on_progress=on_progress,
-    )
-
-
-def measured_depths(run: RunReading) -> list[float]:
-    """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
-    records = [attempt.record for attempt in measured_attempts(run)]
-    return [record.depth_measured_m for record in records if record.depth_measured_m]
-
-
-def mounted(
-    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
-) -> FoundMounting:
-    """Return how a run is replayed in its own time, and with the lean that its moments tell.
-
-    Raises:
-        RecordError: No trial has a measured force.
-        ConfigError: No preset keeps the tolerance.
-    """
-    attempts = measured_attempts(run)
-    lasted = [each.press_duration_s for each in attempts]
-    known = [seconds for seconds in lasted if seconds is not None]
-    if known:
-        inputs = replace(inputs, duration_s=median(known))
-    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
-    for row in found.effects:
-        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
-    return found
-
-
-def press_again(
-    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
-) -> tuple[Replay, dict[int, TrialFields]]:
-    """Press every measured force of a run, with the modulus that its depths tell if it asks so.
-
-    Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
-    breaks the symmetry, and a press with it takes ten times as long.
-
-    Returns:
-        The replay, of which nothing is rendered yet, and the fields by trial.
-
-    Raises:
-        RecordError: No trial has a measured force.
-        ConfigError: No preset keeps the tolerance.
-        ConvergenceError: A force cannot be reached.
-    """
-    config = run.store.config
-    records = [attempt.record for attempt in measured_attempts(run)]
-    on_progress(f"replaying {len(records)} trials")
-    forces_n = _forces(inputs, records, config, on_progress)
-    fit: ModulusFit | None = None
-    stated: tuple[tuple[float, float], ...] = ()
-    if tells_modulus(config):
-        fit, stated = _told(inputs, forces_n, records, config, on_progress)
-    if fit is not None:
-        inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
-    replay, fields = _replayed(inputs, forces_n, on_progress)
-    trials = tuple(
-        replace(trial, index=record.index, force_measured_n=_measured_n(record))
-        for trial, record in zip(replay.trials, records, strict=True)
-    )
-    model = _with_modulus(replay.model, fit, stated)
-    by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
-    return replace(replay, trials=trials, model=model), by_trial
 
 
 def render_again(
@@ -232,88 +242,6 @@ def render_again(
     return replace(replay, trials=trials, model=model), kept
 
 
-def _replayed(
-    inputs: ReplayInputs, forces_n: Sequence[float], on_progress: Say
-) -> tuple[Replay, list[TrialFields]]:
-    scene = inputs.scene(forces_n)
-    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}")
-    return replay_forces(
-        scene,
-        forces_n,
-        tolerance=inputs.tolerance,
-        name=REPLAY_NAME,
-        on_progress=lambda _, text: on_progress(f"  {text}"),
-    )
-
-
-def _measured_n(record: TrialRecord) -> float:
-    """Return what was measured [N]; not a number where an imported run has depths alone."""
-    return math.nan if record.force_measured_n is None else record.force_measured_n
-
-
-def _forces(
-    inputs: ReplayInputs, records: Sequence[TrialRecord], config: RigConfig, on_progress: Say
-) -> list[float]:
-    """Return the measured forces [N]; without any the simulated ones at the measured depths.
-
-    Pressed to them, a depth is met.
-    """
-    known = [record.force_measured_n for record in records]
-    if measured_n := [force for force in known if force is not None]:
-        return measured_n
-    on_progress("  no force was measured: pressing to the depths")
-    return forces_at(
-        replace(inputs, tolerance=None).scene([]),
-        [record.depth_measured_m or 0.0 for record in records],
-        contact_force_n=config.protocol.contact_force,
-    )
-
-
-def _told(
-    inputs: ReplayInputs,
-    forces_n: Sequence[float],
-    records: Sequence[TrialRecord],
-    config: RigConfig,
-    on_progress: Say,
-) -> tuple[ModulusFit | None, tuple[tuple[float, float], ...]]:
-    """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
-
-    Returns:
-        The factor, and (depth [m], F_z [N]) of the stated gel; empty where the indenter leans.
-    """
-    history = force_history(upright(inputs).scene(forces_n), forces_n)
-    leans = any(inputs.mounting.lean_rad)
-    curve = merge_histories([history])
-    fit = fit_modulus(
-        records,
-        leaned(curve, inputs) if leans else curve,
-        contact_force_n=config.protocol.contact_force,
-    )
-    if fit is None:
-        on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
-        return None, ()
-    on_progress(
-        f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-        f"modulus (+-{fit.factor_deviation:.3f} between them)"
-    )
-    return fit, () if leans else history
-
-
-def _with_modulus(
-    model: ReplayModel, fit: ModulusFit | None, stated: tuple[tuple[float, float], ...]
-) -> ReplayModel:
-    """Add what the run's depths say of the modulus, if they decided it."""
-    if fit is None:
-        return model
-    return replace(
-        model,
-        modulus_factor=fit.factor,
-        modulus_factor_deviation=fit.factor_deviation,
-        modulus_trials=fit.trial_count,
-        stated_force_history=stated,
-    )
-
-
 def _seen_by_the_camera(
     model: ReplayModel, sensor: Sensor, optics: OpticalCalibration
 ) -> ReplayModel:
@@ -328,22 +256,3 @@ def _seen_by_the_camera(
         image_centre_m=optics.geometry.centre_from_middle_m,
         scale_y_m_px=optics.geometry.scale_y_m,
     )
-
-
-def measured_attempts(run: RunReading) -> list[AttemptReading]:
-    """Return the attempts that have a force to replay; of an imported run without, a depth.
-
-    Raises:
-        RecordError: There is none.
-    """
-    records = [record for record in run.records.values() if record is not None]
-    measured = [record for record in records if record.force_measured_n is not None]
-    if not measured and run.store.config.is_imported:
-        measured = [record for record in records if record.depth_measured_m is not None]
-    if not measured:
-        root = run.store.paths.root
-        raise RecordError(
-            f"{root}: no trial has a measured force to replay",
-            remedy=f"`tacauchy-rig resume {root}` records them",
-        )
-    return [run.read(record) for record in measured]

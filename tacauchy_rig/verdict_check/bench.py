@@ -14,7 +14,8 @@ from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
-from tacauchy_rig.loop.replay import measured_depths, mounted, press_again, render_again
+from tacauchy_rig.loop.pressing import measured_depths, mounted, press_again
+from tacauchy_rig.loop.replay import render_again
 from tacauchy_rig.loop.uncertainty import force_inputs
 from tacauchy_rig.replayed import ForceInput, Replay
 
@@ -92,7 +93,6 @@ class Bench:
 
     def seen(self, replay: Replay, images: Mapping[int, ColorImage]) -> RunEvidence:
         """Return the true evidence with another replay; recordings are not read again."""
-        curve = stated_curve(replay)
         replayed = {trial.index: trial for trial in replay.trials}
         trials = tuple(
             replace(
@@ -100,7 +100,7 @@ class Bench:
                 record=self.run.records[trial.index],
                 replay=replayed.get(trial.index),
                 simulated_image=images.get(trial.index),
-                force_depth_simulated=curve,
+                force_depth_simulated=stated_curve(replay, trial.index),
             )
             for trial in self.recorded.trials
         )

@@ -14,11 +14,11 @@ from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.loop.image_causes import split_images
+from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.loop.mounting import moved
 from tacauchy_rig.loop.optics import OpticalCalibration, Say
-from tacauchy_rig.loop.replay import REPLAY_NAME, measured_attempts
+from tacauchy_rig.loop.pressing import REPLAY_NAME, measured_attempts
 from tacauchy_rig.replayed import ResidualSplit
 from tacauchy_rig.tables import Table, table_of
 from tacauchy_rig.verdict_check.bench import Bench, Pressed, rendered
@@ -136,11 +136,10 @@ def split_planted(
     if cause is not None:
         random = np.random.default_rng([seed, list(PLANTS).index(cause)])
         believed, planted = PLANTS[cause](believed, random)
-    attempts = measured_attempts(believed.run)
+    part = SplitPart(attempts=measured_attempts(believed.run), inputs=believed.inputs)
     split = split_images(
-        attempts,
+        [part],
         _images(believed),
-        believed.inputs,
         believed.optics,
         bench.run.store.config,
         on_progress=on_progress,

@@ -33,9 +33,9 @@ def rigid(
     """
     from sim.studies.rigid import rigid_heights
     from tacauchy_rig.cli.emulation import emulated_calibration
-    from tacauchy_rig.loop.inputs import inputs_of
     from tacauchy_rig.loop.opening import open_run
     from tacauchy_rig.loop.optics import optics_of
+    from tacauchy_rig.loop.parts import parts_of
     from tacauchy_rig.loop.rendering import SAMPLES, drawn_image
     from tacauchy_rig.outputs import Outputs, PressOutput, Simulator
     from tacauchy_rig.plain_layout.writing import check_empty, write_outputs
@@ -43,13 +43,13 @@ def rigid(
 
     check_empty(out)
     run = open_run(folder)
-    config = run.store.config
-    inputs = inputs_of(config)
+    config, parts = run.store.config, parts_of(run)
+    inputs_by_trial = {trial: part.inputs for part in parts for trial in part.run.records}
+    sensor = parts[0].inputs.sensor
     calibrate = emulated_calibration(run.store)
     optics = optics_of(
-        config.sensor.optics_calibration, inputs.sensor, calibrate=calibrate, on_progress=say
+        config.sensor.optics_calibration, sensor, calibrate=calibrate, on_progress=say
     )
-    place = _place(run, inputs.mounting.offset_m)
     presses, spent_s = {}, 0.0
     for trial, record in run.records.items():
         attempt = run.attempt(trial)
@@ -57,13 +57,13 @@ def rigid(
         if record is None or record.depth_measured_m is None or unloaded is None:
             say(f"press {trial}: no depth or no no-contact frame: left out")
             continue
-        started = time.perf_counter()
+        started, inputs = time.perf_counter(), inputs_by_trial[trial]
         cut = partial(
             rigid_heights,
-            inputs.sensor.pad,
+            sensor.pad,
             inputs.indenter,
             depth_m=record.depth_measured_m,
-            place_m=place,
+            place_m=_place(run, trial, inputs.mounting.offset_m),
         )
         rest, loaded = cut(optics.geometry.refined(SAMPLES))
         image = drawn_image(rest, loaded, optics, unloaded=unloaded)
@@ -87,11 +87,12 @@ def rigid(
     say(f"wrote {len(presses)} presses to {out}")
 
 
-def _place(run: RunReading, stated_m: tuple[float, float]) -> tuple[float, float]:
+def _place(run: RunReading, trial: int, stated_m: tuple[float, float]) -> tuple[float, float]:
     """Return where the tip came down, as our replay has it, or else as the run states [m]."""
-    from tacauchy_rig.loop.replay import REPLAY_NAME
+    from tacauchy_rig.loop.pressing import REPLAY_NAME
+    from tacauchy_rig.replayed import model_of
 
     if REPLAY_NAME not in run.store.replays():
         return stated_m
-    model = run.store.load_replay(REPLAY_NAME).model
+    model = model_of(run.store.load_replay(REPLAY_NAME).models, trial)
     return model.centre_x_m, model.centre_y_m

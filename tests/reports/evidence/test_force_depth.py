@@ -56,7 +56,7 @@ def _records(depths_m: FloatArray, *, stiffer: float) -> list[TrialRecord]:
 def test_a_stiffer_gel_is_recognised(stiffer: float) -> None:
     """The factor comes out, though depths count from a force that goes with it too."""
     records = _records(np.array([3e-4, 5e-4, 8e-4]), stiffer=stiffer)
-    fit = fit_modulus(records, _curve(), contact_force_n=_CONTACT_N)
+    fit = fit_modulus([(records, _curve())], contact_force_n=_CONTACT_N)
     assert fit is not None
     assert fit.factor == pytest.approx(stiffer, rel=1e-4)
     assert fit.factor_deviation < 1e-3
@@ -66,7 +66,7 @@ def test_a_stiffer_gel_is_recognised(stiffer: float) -> None:
 def test_trials_that_disagree_show_it() -> None:
     """Forces 10 % to either side: their mean, and how far they are apart."""
     low, high = (_records(np.array([5e-4]), stiffer=s)[0] for s in (0.9, 1.1))
-    fit = fit_modulus([low, high], _curve())
+    fit = fit_modulus([([low, high], _curve())])
     assert fit is not None
     assert fit.factor == pytest.approx(1.0, rel=0.02)
     assert fit.factor_deviation == pytest.approx(0.14, rel=0.1)
@@ -75,12 +75,12 @@ def test_trials_that_disagree_show_it() -> None:
 def test_one_depth_tells_nothing() -> None:
     """Without a second trial, a curve, or depths on it, there is no factor."""
     records = _records(np.array([3e-4, 5e-4]), stiffer=1.1)
-    assert fit_modulus(records[:1], _curve()) is None
-    assert fit_modulus(records, None) is None
+    assert fit_modulus([(records[:1], _curve())]) is None
+    assert fit_modulus([(records, None)]) is None
     deep = [replace(record, depth_measured_m=5e-3) for record in records]
-    assert fit_modulus(deep, _curve()) is None
+    assert fit_modulus([(deep, _curve())]) is None
     unknown = [replace(record, depth_measured_m=None) for record in records]
-    assert fit_modulus(unknown, _curve()) is None
+    assert fit_modulus([(unknown, _curve())]) is None
 
 
 def test_the_report_says_that_the_gel_was_fitted(

@@ -17,7 +17,7 @@ from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.loop.image_causes import split_images
+from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.inputs import Mounting, ReplayInputs, inputs_of
 from tacauchy_rig.loop.optics import nominal_optics
 from tacauchy_rig.loop.rendering import replay_images
@@ -48,9 +48,8 @@ def _split(true: Mapping[int, ColorImage], believed: ReplayInputs) -> ResidualSp
         for k, force_n in enumerate(FORCES_N, start=1)
     ]
     config = load_config().config
-    return split_images(
-        attempts, _images(believed), believed, optics, config, on_progress=lambda _: None
-    )
+    part = SplitPart(attempts=attempts, inputs=believed)
+    return split_images([part], _images(believed), optics, config, on_progress=lambda _: None)
 
 
 @pytest.mark.slow

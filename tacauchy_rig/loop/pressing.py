@@ -1,0 +1,208 @@
+"""Presses of a run again: to the forces or depths that were measured, with one gel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from statistics import median
+
+from reports.evidence.attempt import AttemptReading, RunReading
+from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
+from sim.error.settings import setting_of
+from sim.fields.press_fields import TrialFields
+from sim.replay import force_history, forces_at, replay_forces
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.inputs import ReplayInputs
+from tacauchy_rig.loop.mounting import (
+    FoundMounting,
+    dwells_of,
+    leaned,
+    tells_modulus,
+    upright,
+    with_found_lean,
+)
+from tacauchy_rig.loop.optics import Say, say_nothing
+from tacauchy_rig.loop.parts import Part
+from tacauchy_rig.replayed import Replay, ReplayModel
+from tacauchy_rig.run import TrialRecord
+
+REPLAY_NAME = "force-matched"
+History = tuple[tuple[float, float], ...]
+"""(depth [m], F_z [N])."""
+Pressed = tuple[Replay, dict[int, TrialFields]]
+"""A replay of which nothing is rendered yet, and fields by trial."""
+
+
+def measured_depths(run: RunReading) -> list[float]:
+    """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
+    records = [attempt.record for attempt in measured_attempts(run)]
+    return [record.depth_measured_m for record in records if record.depth_measured_m]
+
+
+def mounted(
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+) -> FoundMounting:
+    """Return how a run is replayed in its own time, and with the lean that its moments tell.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+    """
+    attempts = measured_attempts(run)
+    lasted = [each.press_duration_s for each in attempts]
+    known = [seconds for seconds in lasted if seconds is not None]
+    if known:
+        inputs = replace(inputs, duration_s=median(known))
+    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
+    for row in found.effects:
+        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
+    return found
+
+
+def press_again(
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+) -> Pressed:
+    """Press a run's trials of one indenter at one place, as ``press_parts`` does."""
+    part = Part(run=run, inputs=inputs, config=run.store.config)
+    (pressed,) = press_parts([part], on_progress=on_progress)
+    return pressed
+
+
+def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+    """Press every measured force, with the modulus that all depths tell if the run asks so.
+
+    Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
+    breaks the symmetry, and a press with it takes ten times as long. A press without a force is
+    pressed to its depth.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+        ConvergenceError: A force cannot be reached.
+    """
+    counts = [len(measured_attempts(part.run)) for part in parts]
+    at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
+    on_progress(f"replaying {sum(counts)} trials{at}")
+    fit: ModulusFit | None = None
+    stated: list[History] = [()] * len(parts)
+    if tells_modulus(parts[0].run.store.config):
+        fit, stated = _told(parts, on_progress)
+    return [
+        _pressed(part, fit, history, on_progress)
+        for part, history in zip(parts, stated, strict=True)
+    ]
+
+
+def _pressed(part: Part, fit: ModulusFit | None, stated: History, on_progress: Say) -> Pressed:
+    inputs = part.inputs
+    if fit is not None:
+        inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
+    records = [attempt.record for attempt in measured_attempts(part.run)]
+    forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
+    scene = inputs.scene(forces_n)
+    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.told}")
+    replay, fields = replay_forces(
+        scene,
+        forces_n,
+        tolerance=inputs.tolerance,
+        name=REPLAY_NAME,
+        on_progress=lambda _, text: on_progress(f"  {text}"),
+    )
+    trials = tuple(
+        replace(trial, index=record.index, force_measured_n=_measured_n(record))
+        for trial, record in zip(replay.trials, records, strict=True)
+    )
+    model = _with_modulus(replay.model, fit, stated)
+    by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
+    return replace(replay, trials=trials, model=model), by_trial
+
+
+def _measured_n(record: TrialRecord) -> float:
+    """Return what was measured [N]; not a number where an imported run has depths alone."""
+    return math.nan if record.force_measured_n is None else record.force_measured_n
+
+
+def _forces(
+    inputs: ReplayInputs, records: Sequence[TrialRecord], contact_force_n: float, on_progress: Say
+) -> list[float]:
+    """Return the measured forces [N]; where there is none, the simulated one at the measured depth.
+
+    Pressed to that, the depth is met.
+    """
+    without = [record for record in records if record.force_measured_n is None]
+    found: dict[int, float] = {}
+    if without:
+        on_progress(f"  no force of {len(without)} trials was measured: pressing to the depths")
+        scene = replace(inputs, tolerance=None).scene([])
+        depths_m = [record.depth_measured_m or 0.0 for record in without]
+        forces_n = forces_at(scene, depths_m, contact_force_n=contact_force_n)
+        found = {record.index: force for record, force in zip(without, forces_n, strict=True)}
+    return [found.get(record.index, _measured_n(record)) for record in records]
+
+
+def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[History]]:
+    """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
+
+    Returns:
+        The factor, and of each part (depth [m], F_z [N]) of the stated gel; empty where the
+        indenter leans, or no force was measured.
+    """
+    contact_force_n = parts[0].run.store.config.protocol.contact_force
+    simulated, histories = [], []
+    for part in parts:
+        inputs = part.inputs
+        records = [each.record for each in measured_attempts(part.run)]
+        forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
+        leans = any(inputs.mounting.lean_rad)
+        history: History = ()
+        if forces_n:
+            history = force_history(upright(inputs).scene(forces_n), forces_n)
+        curve = merge_histories([history])
+        simulated.append((records, leaned(curve, inputs) if leans else curve))
+        histories.append(() if leans else history)
+    fit = fit_modulus(simulated, contact_force_n=contact_force_n)
+    if fit is None:
+        on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
+        return None, [()] * len(parts)
+    on_progress(
+        f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+        f"modulus (+-{fit.factor_deviation:.3f} between them)"
+    )
+    return fit, histories
+
+
+def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:
+    """Add what the run's depths say of the modulus, if they decided it."""
+    if fit is None:
+        return model
+    return replace(
+        model,
+        modulus_factor=fit.factor,
+        modulus_factor_deviation=fit.factor_deviation,
+        modulus_trials=fit.trial_count,
+        stated_force_history=stated,
+    )
+
+
+def measured_attempts(run: RunReading) -> list[AttemptReading]:
+    """Return the attempts that have a force to replay; of an imported run also those with a depth.
+
+    Raises:
+        RecordError: There is none.
+    """
+    records = [record for record in run.records.values() if record is not None]
+    measured = [record for record in records if is_measured(record, run)]
+    if not measured:
+        root = run.store.paths.root
+        raise RecordError(
+            f"{root}: no trial has a measured force to replay",
+            remedy=f"`tacauchy-rig resume {root}` records them",
+        )
+    return [run.read(record) for record in measured]
+
+
+def is_measured(record: TrialRecord, run: RunReading) -> bool:
+    """Return whether a trial has what it can be pressed to."""
+    by_depth = run.store.config.is_imported and record.depth_measured_m is not None
+    return record.force_measured_n is not None or by_depth
