@@ -6,6 +6,7 @@ from collections.abc import Callable, Set
 from dataclasses import replace
 
 from protocols.guard.abort import Abort
+from protocols.processes.messages import PageWish
 from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.trials.programme import fresh_plan
 from protocols.trials.trial import PlannedTrial
@@ -44,6 +45,7 @@ def run_session(
     abort: Abort,
     expected: ExpectedPress | None = None,
     again: Set[int] = frozenset(),
+    page: PageWish | None = None,
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -55,8 +57,10 @@ def run_session(
         abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
         expected: What a press should give; None where nobody knows.
         again: Trials to press once more though they have a passed attempt.
+        page: The operator's page; None for none. Its address comes as the event ``page``.
 
     Raises:
+        ConfigError: The page's port is taken.
         RecordError: Another program works on the run.
         DeviceError: Devices did not connect; all of them are named.
     """
@@ -69,6 +73,7 @@ def run_session(
             on_event=on_event,
             abort=abort,
             expected=expected,
+            page=page,
         ) as parent,
     ):
         return parent.run()

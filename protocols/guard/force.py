@@ -9,7 +9,7 @@ from enum import StrEnum
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.liveness import Liveness
 from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import ForceSample, Tare, Wrench
+from tacauchy_rig.run import FZ, ForceSample, Tare, Vector6, Wrench
 
 SATURATED_FRACTION = 0.95
 RATE_SAMPLES = 5
@@ -54,6 +54,20 @@ class ForceGuard:
         self._liveness.set_noise()
         self._recent.clear()
 
+    def tared(self, sample: ForceSample) -> Vector6:
+        """Return force [N] and moment [N m] of a sample against the zero; zeros before it."""
+        if self._zero is None:
+            return (0.0,) * 6
+        raw = (*sample.wrench.force, *sample.wrench.torque)
+        x, y, z, rx, ry, rz = (
+            value - zero for value, zero in zip(raw, self._zero.mean, strict=True)
+        )
+        return x, y, z, rx, ry, rz
+
+    def pressing(self, wrench: Vector6) -> float:
+        """Return the pressing force [N] of a tared wrench, positive in compression."""
+        return self._sign * wrench[FZ]
+
     def check(self, sample: ForceSample) -> float:
         """Compare one sample; return the pressing force [N], positive in compression.
 
@@ -63,13 +77,12 @@ class ForceGuard:
         self._check_sensor(sample)
         if self._zero is None:
             return 0.0
-        mean = self._zero.mean
-        fx, fy, fz = (value - zero for value, zero in zip(sample.wrench.force, mean, strict=False))
-        pressing = self._sign * fz
+        wrench = self.tared(sample)
+        pressing = self.pressing(wrench)
         self._check_hard(pressing)
         self._check_saturation(sample)
         self._check_pressing(pressing)
-        self._check_sides(fx, fy, sample, mean[3:])
+        self._check_sides(wrench)
         self._check_rate(sample.counter, abs(pressing))
         return pressing
 
@@ -136,10 +149,8 @@ class ForceGuard:
                 remedy="see what pushed; lower robot.press_speed if the arm overran",
             )
 
-    def _check_sides(
-        self, fx: float, fy: float, sample: ForceSample, zero: tuple[float, ...]
-    ) -> None:
-        lateral = self.sideways_n = math.hypot(fx, fy)
+    def _check_sides(self, wrench: Vector6) -> None:
+        lateral = self.sideways_n = math.hypot(*wrench[:FZ])
         if lateral > self._limits.lateral_force:
             raise BreachError(
                 f"limits.lateral_force {self._limits.lateral_force:g} N: measured {lateral:.3f} N",
@@ -147,7 +158,7 @@ class ForceGuard:
                 reaction=Reaction.RETRACT,
                 remedy="check the tool's tilt and that the sensor is clamped",
             )
-        moment = max(abs(m - z) for m, z in zip(sample.wrench.torque, zero, strict=True))
+        moment = max(map(abs, wrench[3:]))
         if moment > self._limits.moment:
             raise BreachError(
                 f"limits.moment {self._limits.moment:g} N m: measured {moment:.4f} N m",

@@ -14,6 +14,7 @@ from drivers.camera.touch import Look, TouchWatch
 from drivers.rig import FrameMark, build_camera
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
+from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Order, Ready
 from tacauchy_rig.errors import DeviceError
@@ -42,9 +43,10 @@ def film(job: Job, supervisor: Channel) -> None:
     camera = build_camera(job.config)
     identity = camera.connect()
     link = RecorderLink.inherited(job, source="camera")
+    feeds = FeedWriters(job.descriptors, VIEWERS)
     supervisor.send(Ready(devices={"camera": identity}))
     try:
-        _film_until_told(camera, link, supervisor=supervisor, control=control)
+        _film_until_told(camera, link, supervisor=supervisor, control=control, feeds=feeds)
     finally:
         camera.close()
         link.close(timeout_s=CLOSE_S)
@@ -52,7 +54,12 @@ def film(job: Job, supervisor: Channel) -> None:
 
 
 def _film_until_told(
-    camera: Camera, link: RecorderLink, *, supervisor: Channel, control: Channel
+    camera: Camera,
+    link: RecorderLink,
+    *,
+    supervisor: Channel,
+    control: Channel,
+    feeds: FeedWriters,
 ) -> None:
     marks = MarkPost(control)
     alive = True
@@ -74,7 +81,7 @@ def _film_until_told(
             told_s = now_s
             supervisor.send(Kept(link.kept_count))
         if alive:
-            alive = _pass_on(camera, link, marks)
+            alive = _pass_on(camera, link, marks, feeds)
 
 
 class ExposureWatch:
@@ -130,7 +137,7 @@ class MarkPost:
         self._control.send(Failed.because(error))
 
 
-def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost) -> bool:
+def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost, feeds: FeedWriters) -> bool:
     """Pass new frames on; return False once the camera is gone."""
     try:
         frames = camera.drain()
@@ -141,6 +148,10 @@ def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost) -> bool:
     for frame in frames:
         link.put(frame)
     marks.post(frames, camera)
+    if feeds:
+        for frame in frames:
+            seen = {"counter": frame.counter, "width_px": frame.width, "height_px": frame.height}
+            feeds.show("camera", frame.stamp_ns, seen, frame.jpeg)
     return True
 
 

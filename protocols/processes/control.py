@@ -17,8 +17,10 @@ from drivers.rig import Rig, build_arm_and_force_sensor
 from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.guard.abort import Abort
+from protocols.processes.broadcast import Broadcast
 from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child
+from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink, RemoteCamera
 from protocols.processes.messages import AbortRequest, Job, Kept, Order, Ready
 from protocols.trials.programme import ProgrammeResult, run_programme
@@ -134,12 +136,14 @@ def _wait_for_go(orders: Orders, rig: Rig, abort: Abort) -> None:
 def _run(
     rig: Rig, job: Job, link: RecorderLink, supervisor: Channel, abort: Abort
 ) -> ProgrammeResult:
-    cycle = Cycle(rig, job.config, sink=link, abort=abort, expected=job.expected)
+    broadcast = Broadcast(link, FeedWriters(job.descriptors, VIEWERS))
+    cycle = Cycle(rig, job.config, sink=broadcast, abort=abort, expected=job.expected)
     journal = Journal(link, rig.clock, listener=supervisor.send)
     shown_s = 0.0
 
     def show() -> None:
         nonlocal shown_s
+        broadcast.show(cycle)
         now_s = time.monotonic()
         if now_s - shown_s >= SHOW_S:
             shown_s = now_s

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import protocols
 from protocols.processes.channel import Channel
+from protocols.processes.feed import FeedLines
 from protocols.processes.messages import Job
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
@@ -55,6 +57,13 @@ class Launched:
             )
         theirs.close()
         self.channel.send(job)
+
+    def hear(self) -> list[Any]:
+        """Return what it said, and note that it said something."""
+        messages = self.channel.receive()
+        if messages:
+            self.heard_s = time.monotonic()
+        return messages
 
     @property
     def has_ended(self) -> bool:
@@ -106,11 +115,12 @@ def launch_children(
     config: RigConfig,
     plan: tuple[PlannedTrial, ...],
     expected: ExpectedPress | None,
+    feeds: FeedLines,
 ) -> dict[str, Launched]:
     """Start recorder, camera and control; return them by name.
 
     Every end is closed here once its owner has it, so that the death of a process shows to its
-    partners as an end of file.
+    partners as an end of file. Those of ``feeds`` stay open: no viewer's death is to show.
     """
     children: dict[str, Launched] = {}
     ends = _connect_all()
@@ -121,7 +131,10 @@ def launch_children(
                 config=config,
                 plan=plan,
                 expected=expected,
-                descriptors={what: end.fileno() for what, end in sockets.items()},
+                descriptors={
+                    **{what: end.fileno() for what, end in sockets.items()},
+                    **feeds.descriptors(name),
+                },
             )
             children[name] = Launched(name, job)
     finally:

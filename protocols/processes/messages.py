@@ -15,12 +15,57 @@ from tacauchy_rig.expected_press import ExpectedPress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ContactOutline:
+    """Where the indenter's contact should be seen in the camera's image.
+
+    Attributes:
+        image_size_px: Width and height of the camera's frames.
+        centre_px: Where the indenter comes down, from the left and from the top.
+        scale_px_m: Pixels to a metre, along and across.
+        flat_radius_m: Of a flat face; 0 for a ball.
+        ball_radius_m: Of a ball; 0 for a flat face.
+    """
+
+    image_size_px: tuple[int, int]
+    centre_px: tuple[float, float]
+    scale_px_m: tuple[float, float]
+    flat_radius_m: float = 0.0
+    ball_radius_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageWish:
+    """That an operator's page is wanted.
+
+    Attributes:
+        port: Of the loopback address; 0 takes a free one.
+        outline: Expected contact in the image; None where nobody knows.
+    """
+
+    port: int = 0
+    outline: ContactOutline | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageJob:
+    """What the page's process has to know.
+
+    Attributes:
+        token: First part of every path; whoever has it sees the run and can stop it.
+    """
+
+    token: str
+    outline: ContactOutline | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """What a child is to do: its first message from the supervisor.
 
     Attributes:
         descriptors: Sockets that the child inherited, by what they lead to.
         expected: What a press should give; None where nobody knows.
+        page: What the operator's page has to know; None for every other process.
     """
 
     root: Path
@@ -28,6 +73,7 @@ class Job:
     plan: tuple[PlannedTrial, ...]
     descriptors: dict[str, int]
     expected: ExpectedPress | None = None
+    page: PageJob | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

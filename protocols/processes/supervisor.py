@@ -18,8 +18,18 @@ from typing import Any, Self
 from drivers.device.interface import DeviceIdentity
 from protocols.guard.abort import Abort
 from protocols.processes.launched import Launched, launch_children
-from protocols.processes.messages import AbortRequest, Failed, Kept, Order, Ready
+from protocols.processes.messages import (
+    AbortRequest,
+    Failed,
+    Job,
+    Kept,
+    Order,
+    PageWish,
+    Ready,
+)
 from protocols.processes.record_keeper import complete_results, last_results
+from protocols.processes.viewer import Viewer
+from protocols.processes.viewing import Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.config.model import RigConfig
@@ -70,6 +80,7 @@ class Supervisor:
         on_event: Told of every event, and of progress five times a second.
         abort: A person's wish to stop.
         expected: What a press should give; None where nobody knows.
+        page: The operator's page; None for none.
     """
 
     def __init__(
@@ -81,6 +92,7 @@ class Supervisor:
         on_event: Callable[[JournalEvent], None],
         abort: Abort,
         expected: ExpectedPress | None,
+        page: PageWish | None = None,
     ) -> None:
         self._store = store
         self._config = config
@@ -88,6 +100,9 @@ class Supervisor:
         self._on_event = on_event
         self._abort = abort
         self._expected = expected
+        root = store.paths.root.resolve()
+        about = Job(root=root, config=config, plan=plan, descriptors={}, expected=expected)
+        self._viewing = Viewing(page, about)
         self._children: dict[str, Launched] = {}
         self._devices: dict[str, DeviceIdentity] = {}
         self._ready: set[str] = set()
@@ -100,8 +115,13 @@ class Supervisor:
 
     def __enter__(self) -> Self:
         self._children = launch_children(
-            self._store.paths.root.resolve(), self._config, self._plan, self._expected
+            self._store.paths.root.resolve(),
+            self._config,
+            self._plan,
+            self._expected,
+            self._viewing.feeds,
         )
+        self._viewing.start()
         self._abort.on_request(self._pass_abort_on)
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
         return self
@@ -115,6 +135,7 @@ class Supervisor:
                 self._store, self._begun, reason=f"the watching program failed: {error}"
             )
         self._ended.set()
+        self._viewing.close()
         for child in self._children.values():
             child.close()
 
@@ -124,6 +145,9 @@ class Supervisor:
         Raises:
             DeviceError: Devices did not connect; all of them are named.
         """
+        if self._viewing.address:
+            # Shown and not kept: whoever has it can stop the arm.
+            self._show(_event("page", address=self._viewing.address))
         self._await_ready()
         if self._abort.count:
             self._end_children()
@@ -131,6 +155,7 @@ class Supervisor:
                 Outcome.ABORTED, f"aborted before anything moved: {self._abort.reason}."
             )
         pids = {name: child.process.pid for name, child in self._children.items()}
+        pids |= {viewer.name: viewer.pid for viewer in self._viewing.running()}
         self._note("run-start", pids=pids)
         self._children["control"].channel.send(Order.GO)
         self._watch()
@@ -147,6 +172,7 @@ class Supervisor:
             reason=result.reason,
             acknowledged=result.acknowledged,
         )
+        self._viewing.end()
         return result
 
     def _pass_abort_on(self, reason: str) -> None:
@@ -205,6 +231,8 @@ class Supervisor:
                 self._listen()
                 return
             self._note_deaths()
+            for name, happened in self._viewing.look():
+                self._note("process-died", process=name, how=happened)
             now_s = time.monotonic()
             if self._abort.count and aborted_s is None:
                 aborted_s = now_s
@@ -227,15 +255,14 @@ class Supervisor:
 
     def _listen(self) -> None:
         """Wait for messages, at most ``LOOK_S``, and take them."""
-        channels = {c.channel.fileno(): c for c in self._children.values() if not c.channel.closed}
-        if not channels:
+        everyone: list[Launched | Viewer] = [*self._children.values(), *self._viewing.running()]
+        heard = {one.channel.fileno(): one for one in everyone if not one.channel.closed}
+        if not heard:
             time.sleep(LOOK_S)
             return
-        for descriptor in select.select(list(channels), [], [], LOOK_S)[0]:
-            child = channels[descriptor]
-            for message in child.channel.receive():
-                child.heard_s = time.monotonic()
-                self._take(child.name, message)
+        for descriptor in select.select(list(heard), [], [], LOOK_S)[0]:
+            for message in heard[descriptor].hear():
+                self._take(heard[descriptor].name, message)
 
     def _take(self, name: str, message: Any) -> None:
         match message:
@@ -245,10 +272,12 @@ class Supervisor:
                 self._show(message)
             case Kept(count=count):
                 self._acknowledged[name] = count
-            case Ready(devices=devices):
+            case Ready(devices=devices) if name in self._children:
                 self._ready.add(name)
                 self._devices.update(devices)
-            case Failed():
+            case AbortRequest(reason=reason):
+                self._abort.request(reason)
+            case Failed() if name in self._children:
                 self._failures[name] = message
             case ProgrammeResult():
                 self._finished = message
@@ -323,7 +352,7 @@ class Supervisor:
         )
 
     def _note(self, name: str, **detail: Any) -> None:
-        event = JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
+        event = _event(name, **detail)
         try:
             append_event(self._store.paths.journal, event)
         except RecordError as error:
@@ -331,6 +360,7 @@ class Supervisor:
         self._show(event)
 
     def _show(self, event: JournalEvent) -> None:
+        self._viewing.tell(event)
         try:
             self._on_event(event)
         except OSError as error:
@@ -340,5 +370,9 @@ class Supervisor:
             self._abort.request("the terminal was lost")
 
 
-def _unseen(_event: JournalEvent) -> None:
+def _event(name: str, **detail: Any) -> JournalEvent:
+    return JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
+
+
+def _unseen(_: JournalEvent) -> None:
     """Show nothing: nobody is there to see it."""

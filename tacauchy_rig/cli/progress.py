@@ -6,6 +6,7 @@ from rich.live import Live
 from rich.text import Text
 
 from tacauchy_rig.cli.output import console, say
+from tacauchy_rig.cli.page import open_in_browser
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.run import JournalEvent, Outcome
 
@@ -35,7 +36,8 @@ _JUDGED = (Outcome.PASSED, Outcome.FAILED)
 class SessionProgress:
     """Says what the arm is doing and what the gel feels; a context."""
 
-    def __init__(self, config: RigConfig) -> None:
+    def __init__(self, config: RigConfig, *, open_page: bool = False) -> None:
+        self._open_page = open_page
         self._trial_count = len(config.protocol.force_targets)
         self._soft_force_n = config.limits.soft_force
         self._target_n: float | None = None
@@ -68,6 +70,10 @@ class SessionProgress:
                 say(f"  {event.name}{during}: {detail.get('reason', '')}")
             case "attempt-repeated":
                 say(f"  tried again: {detail.get('reason', '')}")
+            case "page":
+                say(f"page {detail['address']}")
+                if self._open_page:
+                    open_in_browser(detail["address"])
             case "process-died":
                 say(f"  {detail.get('how', event.name)}")
             case _ if event.name == PROGRESS:

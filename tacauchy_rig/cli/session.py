@@ -45,11 +45,24 @@ CheckWeight = Annotated[
 ]
 
 
+Page = Annotated[
+    str,
+    typer.Option(
+        "--page",
+        metavar="PORT|off",
+        help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
+    ),
+]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
+
+
 def dry_run(
     overrides: Overrides = None,
     json_file: JsonFile = None,
     press_only: PressOnly = False,
     check_weight: CheckWeight = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
     from tacauchy_rig.config.load import default_text, load_config
@@ -60,7 +73,7 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    asked = _asked(press_only, json_file, check_weight)
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
     _new_run(loaded, default_text(), asked)
 
 
@@ -70,12 +83,14 @@ def run(
     json_file: JsonFile = None,
     press_only: PressOnly = False,
     check_weight: CheckWeight = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
 ) -> None:
     """Press as a configuration says, replay and report."""
     from tacauchy_rig.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
-    asked = _asked(press_only, json_file, check_weight)
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
     _new_run(loaded, path.read_text("utf-8"), asked)
 
 
@@ -89,6 +104,8 @@ def resume(
         list[int] | None,
         typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),
     ] = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     from drivers.presence import require_devices
@@ -98,7 +115,7 @@ def resume(
     from tacauchy_rig.store.recovery import recover_run
     from tacauchy_rig.store.run_store import RunStore
 
-    asked = _asked(press_only, json_file, check_weight)
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
@@ -115,21 +132,56 @@ def resume(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Watched:
+    """How the operator watches a run.
+
+    Attributes:
+        port: Of the page; 0 is a free one, None no page.
+        open_page: Whether a browser is opened on it.
+    """
+
+    port: int | None = 0
+    open_page: bool = False
+
+
+PAGE_WORDS = {"off": None, "auto": 0}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Asked:
     """What a command's options ask for, beside the configuration."""
 
     press_only: bool
     json_file: Path | None
     weight: Weight | None
+    watched: Watched
     again: frozenset[int] = frozenset()
     is_whole: bool = True
 
 
-def _asked(press_only: bool, json_file: Path | None, check_weight: str | None) -> _Asked:
+def _asked(
+    press_only: bool, json_file: Path | None, check_weight: str | None, watched: Watched
+) -> _Asked:
     from tacauchy_rig.force_check import parse_weight
 
     weight = None if check_weight is None else parse_weight(check_weight)
-    return _Asked(press_only=press_only, json_file=json_file, weight=weight)
+    return _Asked(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
+
+
+def _watched(page: str, open_page: bool) -> Watched:
+    """Return how the run is watched.
+
+    Raises:
+        ConfigError: ``--page`` is no port.
+    """
+    if page in PAGE_WORDS:
+        return Watched(port=PAGE_WORDS[page], open_page=open_page)
+    if not page.isdecimal() or not 1 <= int(page) <= 65535:
+        raise ConfigError(
+            f"--page {page}: no port, which is a number from 1 to 65535",
+            remedy="leave it out for a free port, or give `off`",
+        )
+    return Watched(port=int(page), open_page=open_page)
 
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
@@ -197,7 +249,7 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, weight=asked.weight, again=asked.again)
+    result = press(store, config, weight=asked.weight, again=asked.again, watched=asked.watched)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
@@ -215,6 +267,7 @@ def press(
     *,
     weight: Weight | None = None,
     again: frozenset[int] = frozenset(),
+    watched: Watched | None = None,
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
 
@@ -223,6 +276,7 @@ def press(
         config: Its configuration, with what was changed since it began.
         weight: Checks the cell before anything moves; None leaves that out.
         again: Trials to press once more though they have a passed attempt.
+        watched: The operator's page; None for none.
     """
     from drivers.emulators.launch import (
         EmulatedAddresses,
@@ -233,6 +287,7 @@ def press(
     from drivers.emulators.plant.truth import TRUTH_FILE
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.cli.emulation import emulated_unit
+    from tacauchy_rig.cli.page import page_wish
     from tacauchy_rig.cli.progress import SessionProgress
     from tacauchy_rig.loop.record import record_run
 
@@ -257,8 +312,10 @@ def press(
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
-        progress = stack.enter_context(SessionProgress(config))
-        return record_run(store, running, on_event=progress, again=again)
+        watched = watched or Watched(port=None)
+        progress = stack.enter_context(SessionProgress(config, open_page=watched.open_page))
+        page = page_wish(config, port=watched.port)
+        return record_run(store, running, on_event=progress, again=again, page=page)
 
 
 def _check_force(

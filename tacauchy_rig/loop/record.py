@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from protocols.guard.abort import AbortWatch
+from protocols.processes.messages import PageWish
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from tacauchy_rig.config.changes import Change
@@ -69,6 +70,7 @@ def record_run(
     *,
     on_event: Callable[[JournalEvent], None],
     again: Set[int] = frozenset(),
+    page: PageWish | None = None,
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
@@ -80,8 +82,10 @@ def record_run(
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
         again: Trials to press once more though they have a passed attempt.
+        page: The operator's page; None for none. Its address comes as the event ``page``.
 
     Raises:
+        ConfigError: The page's port is taken.
         RecordError: Another program works on the run.
         DeviceError: Devices did not connect; all of them are named.
         ForceCheckError: The cell was found wrong, or has to be checked by a weight first.
@@ -96,6 +100,7 @@ def record_run(
             abort=watch.abort,
             expected=expected,
             again=again,
+            page=page,
         )
 
 

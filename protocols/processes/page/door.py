@@ -1,0 +1,66 @@
+"""Who may come in: whoever has the token, from a page of ours, at an address of ours."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HEADERS = {
+    "cache-control": "no-store",
+    "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'none'",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """What a request must have: the token as the first part of its path, our Host, our Origin.
+
+    A page of somebody else's, in the same browser, has neither the token nor our Origin; a name
+    that somebody else points at the loopback address is none of our hosts.
+    """
+
+    token: str
+    port: int
+
+    def admits(self, *, method: str, path: str, headers: Headers) -> bool:
+        """Return whether a request may come in; what changes something must say its origin."""
+        token = path.split("/", 2)[1] if path.startswith("/") else ""
+        known = secrets.compare_digest(token.encode(), self.token.encode())
+        hosts = [f"{name}:{self.port}" for name in ("127.0.0.1", "localhost")]
+        origins = [f"http://{host}" for host in hosts]
+        origin = headers.get("origin")
+        silent = origin is None and method in ("GET", "HEAD")
+        return known and headers.get("host") in hosts and (silent or origin in origins)
+
+    def before(self, app: ASGIApp) -> ASGIApp:
+        """Return an application that hands to ``app`` what is admitted, without the token."""
+
+        async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
+            if scope["type"] != "http":
+                return
+            path, headers = scope["path"], Headers(scope=scope)
+            if not self.admits(method=scope["method"], path=path, headers=headers):
+                await PlainTextResponse("refused\n", 403)(scope, receive, send)
+                return
+            inner = {**scope, "path": path[len(self.token) + 1 :]}
+            await app(inner, receive, _with_headers(send))
+
+        return guarded
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            own = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+            message["headers"] = [*message["headers"], *own]
+        await send(message)
+
+    return sending

@@ -1,0 +1,210 @@
+"""What the page shows of a run, put together from feeds and events."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections import deque
+from dataclasses import asdict
+from typing import Any
+
+from protocols.processes.feed import Shown
+from protocols.processes.messages import Job
+from protocols.processes.page.stream import StreamView
+from protocols.trials.time_left import TimeLeft
+from tacauchy_rig.errors import RecordError
+from tacauchy_rig.run import JournalEvent, Phase
+from tacauchy_rig.store.journal import read_journal
+from tacauchy_rig.store.run_store import RunStore
+
+TRACE_SAMPLES = 6000
+JOURNAL_LINES = 12
+DISK_S = 2.0
+_UNTOLD = ("progress", "page")
+
+
+class View:
+    """Everything that a browser is told; what it was told before a restart is read from the run.
+
+    Attributes:
+        version: Changes with what changes seldom: phase, trials, journal, checks.
+        dropped_count: What the feeds had to drop.
+        ended: Whether the run is over.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self.version = 0
+        self.dropped_count = 0
+        self.ended = False
+        self._job = job
+        self._store = RunStore.open(job.root)
+        self._streams: dict[str, StreamView] = {}
+        self._trace: deque[tuple[int, float]] = deque(maxlen=TRACE_SAMPLES)
+        self._traced = 0
+        self._journal: deque[JournalEvent] = deque(maxlen=JOURNAL_LINES)
+        self._phase = ""
+        self._trial = self._attempt = 0
+        self._target_n: float | None = None
+        self._outcome = self._reason = ""
+        self._pictures: dict[str, bytes] = {}
+        self._left = TimeLeft(job.config, job.plan, job.expected)
+        self._disk: tuple[float, dict[str, int]] = (0.0, {})
+        self._catch_up()
+
+    def take(self, shown: Shown) -> None:
+        """Take in what a feed shows."""
+        stream = self._streams.setdefault(shown.stream, StreamView())
+        numbers = shown.numbers
+        stream.numbers = numbers
+        counters = numbers.get("counter", ())
+        each = tuple(counters) if isinstance(counters, list) else (counters,)
+        count = len(numbers["stamp_ns"]) if "stamp_ns" in numbers else numbers.get("count", 1)
+        stream.take(shown.stamp_ns, count=count, counters=each if counters != () else ())
+        if shown.stream == "force":
+            self._trace.extend(zip(numbers["stamp_ns"], numbers["force_n"], strict=True))
+            self._traced += count
+        if shown.picture is not None:
+            self._keep(shown.stream, stream, shown.picture)
+
+    def _keep(self, name: str, stream: StreamView, picture: bytes) -> None:
+        stream.picture = picture
+        if name != "camera":
+            return
+        if self._phase == Phase.REFERENCE:
+            self._pictures["reference"] = picture
+        elif self._phase == Phase.DWELL:
+            self._pictures[f"trial-{self._trial}"] = picture
+
+    def note(self, event: JournalEvent) -> None:
+        """Take in an event."""
+        self._left.note(event)
+        if event.name in _UNTOLD:
+            return
+        self.version += 1
+        self._journal.append(event)
+        if event.trial:
+            self._trial, self._attempt = event.trial, event.attempt
+        match event.name:
+            case "phase":
+                self._phase = str(event.detail.get("phase", ""))
+            case "attempt-start":
+                self._target_n = event.detail["force_target_n"]
+                self._outcome = self._reason = ""
+            case "fault" | "abort":
+                self._phase, self._reason = "fault", str(event.detail.get("reason", ""))
+            case "run-end":
+                self.ended, self._phase = True, "ended"
+                self._outcome = str(event.detail["outcome"])
+                self._reason = str(event.detail["reason"])
+
+    def look_at_disk(self) -> None:
+        """Look now and then how much room there is; results may have come, too."""
+        now_s = time.monotonic()
+        if now_s - self._disk[0] > DISK_S:
+            usage = shutil.disk_usage(self._job.root)
+            self._disk = now_s, {"free_bytes": usage.free, "total_bytes": usage.total}
+            self.version += 1
+
+    def setup(self) -> dict[str, Any]:
+        """Return what does not change during a run."""
+        config = self._job.config
+        outline = None if self._job.page is None else self._job.page.outline
+        return {
+            "run": self._job.root.name,
+            "simulated": config.is_simulated,
+            "sensor": config.sensor.name,
+            "targets_n": list(config.protocol.force_targets),
+            "tolerance_n": config.protocol.force_tolerance,
+            "soft_force_n": config.limits.soft_force,
+            "hard_force_n": config.limits.hard_force,
+            "stale_s": {
+                "force": max(0.4, config.limits.stale_force),
+                "arm": max(0.4, config.limits.stale_robot),
+                "camera": min(0.6, max(0.4, config.limits.stale_image)),
+            },
+            "outline": None if outline is None else asdict(outline),
+        }
+
+    def run(self) -> dict[str, Any]:
+        """Return what changes now and then."""
+        return {
+            "phase": self._phase,
+            "trial": self._trial,
+            "attempt": self._attempt,
+            "target_n": self._target_n,
+            "ended": self.ended,
+            "outcome": self._outcome,
+            "reason": self._reason,
+            "trials": [self._trial_row(planned.index) for planned in self._job.plan],
+            "journal": [_line(event) for event in self._journal],
+            "disk": self._disk[1],
+            "has_reference": "reference" in self._pictures,
+        }
+
+    def live(self, drawn: int) -> tuple[dict[str, Any], int]:
+        """Return what changes all the time, with the force since sample ``drawn``; and how far."""
+        now_ns = time.monotonic_ns()
+        fresh = min(self._traced - drawn, len(self._trace))
+        newest = list(self._trace)[len(self._trace) - fresh :] if fresh else []
+        live = {
+            "now_s": now_ns * 1e-9,
+            "left_s": self._left.seconds(now_ns),
+            "dropped": self.dropped_count,
+            "from_start": drawn == 0,
+            "trace": [(round(stamp * 1e-9, 3), round(force, 4)) for stamp, force in newest],
+            "streams": {
+                name: {
+                    **stream.summary(now_ns),
+                    "picture": stream.newest_ns if stream.picture is not None else None,
+                    "numbers": _shown_numbers(stream.numbers),
+                }
+                for name, stream in self._streams.items()
+            },
+        }
+        return live, self._traced
+
+    def picture(self, name: str) -> bytes | None:
+        """Return a stream's newest picture, ``reference``, or that of a ``trial-1``."""
+        if name in self._streams:
+            return self._streams[name].picture
+        return self._pictures.get(name)
+
+    def _trial_row(self, index: int) -> dict[str, Any]:
+        row: dict[str, Any] = {
+            "index": index,
+            "target_n": self._job.config.protocol.force_targets[index - 1],
+            "has_picture": f"trial-{index}" in self._pictures,
+        }
+        record = self._store.latest(index)
+        if record is not None:
+            row |= {
+                "attempt": record.attempt,
+                "outcome": record.outcome.value,
+                "force_n": record.force_measured_n,
+                "depth_m": record.depth_measured_m,
+                "reason": record.reason,
+                "checks": [asdict(criterion) for criterion in record.criteria],
+            }
+        return row
+
+    def _catch_up(self) -> None:
+        try:
+            known = read_journal(self._store.paths.journal)
+        except RecordError:
+            return
+        begun = [place for place, event in enumerate(known) if event.name == "run-start"]
+        for event in known[begun[-1] :] if begun else []:
+            self.note(event)
+
+
+def _shown_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in numbers.items() if name not in ("stamp_ns", "counter")}
+
+
+def _line(event: JournalEvent) -> dict[str, Any]:
+    return {
+        "stamp_s": event.stamp_ns * 1e-9,
+        "name": event.name,
+        "trial": event.trial,
+        "detail": event.detail,
+    }

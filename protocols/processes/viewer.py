@@ -1,0 +1,104 @@
+"""A process that watches a run, and that the run does without."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+from protocols.processes.channel import Channel
+from protocols.processes.launched import Launched
+from protocols.processes.messages import Job, Order
+
+logger = logging.getLogger(__name__)
+
+SILENT_S = 5.0
+START_S = 30.0
+STARTS_MAX = 6
+END_S = 2.0
+
+
+class Viewer:
+    """Started again when it dies or hangs, on the sockets that it had; given up after some times.
+
+    Args:
+        name: Module of ``protocols.processes`` that it runs.
+        job: What it is to do; its descriptors stay open in this process.
+    """
+
+    def __init__(self, name: str, job: Job) -> None:
+        self.name = name
+        self._job = job
+        self._starts = 0
+        self._given_up = ""
+        self._child: Launched | None = None
+        self._start()
+
+    @property
+    def channel(self) -> Channel:
+        """Where it speaks.
+
+        Raises:
+            ValueError: It does not run.
+        """
+        if self._child is None:
+            raise ValueError(f"{self.name} does not run")
+        return self._child.channel
+
+    @property
+    def runs(self) -> bool:
+        """Whether it can be spoken to."""
+        return self._child is not None and not self._child.channel.closed
+
+    @property
+    def pid(self) -> int:
+        """Its process; 0 where it does not run."""
+        return 0 if self._child is None else self._child.process.pid
+
+    def hear(self) -> list[Any]:
+        """Return what it said."""
+        return [] if self._child is None else self._child.hear()
+
+    def look(self) -> str:
+        """Start it again if it is gone or silent; return what happened, or an empty text."""
+        child = self._child
+        if child is None:
+            return ""
+        if not child.has_ended and time.monotonic() - child.heard_s > SILENT_S:
+            child.kill()
+        if not child.has_ended:
+            return ""
+        end = child.describe_end()
+        child.close()
+        self._child = None
+        self._start()
+        return f"{end}; {self._given_up or 'started again'}; the run goes on"
+
+    def end(self) -> None:
+        """Let it finish, and end it if it does not."""
+        if self._child is None:
+            return
+        self._child.channel.send(Order.STOP)
+        deadline = time.monotonic() + END_S
+        while not self._child.has_ended and time.monotonic() < deadline:
+            time.sleep(0.01)
+        self.close()
+
+    def close(self) -> None:
+        """End it at once, if it runs."""
+        if self._child is not None:
+            self._child.close()
+            self._child = None
+
+    def _start(self) -> None:
+        self._starts += 1
+        if self._starts > STARTS_MAX:
+            self._given_up = "not started again"
+            return
+        try:
+            self._child = Launched(self.name, self._job)
+        except OSError as error:
+            self._given_up = f"it cannot be started ({error})"
+            logger.error("%s: %s", self.name, self._given_up)
+            return
+        self._child.heard_s += START_S - SILENT_S

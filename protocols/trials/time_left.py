@@ -1,0 +1,93 @@
+"""How long a run still takes: first by its speeds and ways, later by how long its trials took."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from protocols.steps.preflight import TRAVEL_M
+from protocols.trials.trial import PlannedTrial
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.run import JournalEvent
+
+UNKNOWN_DEPTH_M = 0.5e-3
+SETTLE_S = 2.0
+"""What slowing down before the target and settling on it add, about."""
+
+
+class TimeLeft:
+    """Follows a run by its events.
+
+    Args:
+        config: Speeds, ways and windows.
+        plan: Trials of the run.
+        expected: Tells how deep a press goes; None where nobody knows.
+    """
+
+    def __init__(
+        self, config: RigConfig, plan: Sequence[PlannedTrial], expected: ExpectedPress | None
+    ) -> None:
+        self._planned_s = {
+            trial.index: trial_duration_s(config, trial.force_target_n, expected)
+            for trial in plan
+            if not trial.done
+        }
+        self._before_s = _before_trials_s(config)
+        self._begun_ns: int | None = None
+        self._trial = 0
+        self._taken: list[float] = []
+        self._ended = False
+
+    def note(self, event: JournalEvent) -> None:
+        """Take in an event."""
+        match event.name:
+            case "run-start":
+                self._begun_ns = event.stamp_ns
+            case "attempt-start":
+                self._trial, self._begun_ns, self._before_s = event.trial, event.stamp_ns, 0.0
+            case "attempt-end" if event.trial in self._planned_s and self._begun_ns is not None:
+                took_s = (event.stamp_ns - self._begun_ns) * 1e-9
+                self._taken.append(took_s / self._planned_s.pop(event.trial))
+                self._trial, self._begun_ns = 0, event.stamp_ns
+            case "run-end":
+                self._ended = True
+
+    def seconds(self, now_ns: int) -> float | None:
+        """Return the seconds left; None before the run begins."""
+        if self._ended:
+            return 0.0
+        if self._begun_ns is None:
+            return None
+        slower = sum(self._taken) / len(self._taken) if self._taken else 1.0
+        current_s = self._planned_s.get(self._trial, 0.0) * slower + self._before_s
+        later_s = sum(s for trial, s in self._planned_s.items() if trial != self._trial)
+        gone_s = (now_ns - self._begun_ns) * 1e-9
+        return max(current_s - gone_s, 0.0) + later_s * slower
+
+
+def trial_duration_s(config: RigConfig, target_n: float, expected: ExpectedPress | None) -> float:
+    """Return about how long a trial takes from home to its verdict [s]."""
+    robot, protocol = config.robot, config.protocol
+    depth_m = UNKNOWN_DEPTH_M
+    if expected is not None:
+        depth_m = float(np.interp(target_n, expected.force_n, expected.depth_m))
+    above_m = max(robot.home[2] - config.sensor.surface[2] - protocol.approach_height, 0.0)
+    return (
+        2.0 * protocol.tare_duration
+        + protocol.reference_duration
+        + above_m / robot.approach_speed
+        + protocol.approach_height / robot.search_speed
+        + depth_m / robot.press_speed
+        + SETTLE_S
+        + protocol.dwell_duration
+        + (above_m + protocol.approach_height) / robot.retract_speed
+    )
+
+
+def _before_trials_s(config: RigConfig) -> float:
+    robot, protocol = config.robot, config.protocol
+    way_m = abs(robot.home[2] - config.sensor.surface[2] - protocol.air_press_height - TRAVEL_M)
+    there_and_back_s = way_m / robot.approach_speed + way_m / robot.retract_speed
+    return protocol.tare_duration + there_and_back_s + TRAVEL_M / robot.search_speed
