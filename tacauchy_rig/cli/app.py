@@ -42,6 +42,7 @@ COMMANDS = {
     "paper": "tacauchy_rig.cli.studies.paper:paper",
     "doctor": "tacauchy_rig.cli.doctor:doctor",
     "fault-table": "tacauchy_rig.cli.studies.fault_table:fault_table",
+    "page-check": "tacauchy_rig.cli.studies.page_check:page_check",
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
     "mounting-check": "tacauchy_rig.cli.studies.mounting_check:mounting_check",
     "gel-check": "tacauchy_rig.cli.studies.gel_check:gel_check",
