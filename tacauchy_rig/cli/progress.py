@@ -1,13 +1,19 @@
-"""Progress of a session: one live line on a terminal, plain lines elsewhere."""
+"""Progress of a session: a few live lines on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
-from rich.live import Live
-from rich.text import Text
+import time
+from collections.abc import Sequence
 
+from rich.live import Live
+
+from protocols.trials.time_left import TimeLeft
+from protocols.trials.trial import PlannedTrial
+from tacauchy_rig.cli.live_lines import live_lines
 from tacauchy_rig.cli.output import console, say
 from tacauchy_rig.cli.page import open_in_browser
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.expected_press import ExpectedPress
 from tacauchy_rig.run import JournalEvent, Outcome
 
 PROGRESS = "progress"
@@ -34,15 +40,34 @@ _JUDGED = (Outcome.PASSED, Outcome.FAILED)
 
 
 class SessionProgress:
-    """Says what the arm is doing and what the gel feels; a context."""
+    """Says what the arm is doing and what the gel feels; a context.
 
-    def __init__(self, config: RigConfig, *, open_page: bool = False) -> None:
+    Args:
+        config: Targets, limits and speeds.
+        plan: What is left to do.
+        expected: What a press should give; None where nobody knows.
+        open_page: Whether a browser is opened on the operator's page.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        *,
+        plan: Sequence[PlannedTrial],
+        expected: ExpectedPress | None = None,
+        open_page: bool = False,
+    ) -> None:
         self._open_page = open_page
         self._trial_count = len(config.protocol.force_targets)
+        self._tolerance_n = config.protocol.force_tolerance
         self._soft_force_n = config.limits.soft_force
         self._target_n: float | None = None
+        self._trial = 0
+        self._left = TimeLeft(config, plan, expected)
         self._live = Live(console=console, refresh_per_second=8, transient=True)
         self._phase = ""
+        self._force_n: float | None = None
+        self._height_m: float | None = None
 
     def __enter__(self) -> SessionProgress:
         if console.is_terminal:
@@ -56,6 +81,8 @@ class SessionProgress:
     def __call__(self, event: JournalEvent) -> None:
         """Show one event."""
         detail = event.detail
+        self._left.note(event)
+        self._trial = event.trial or self._trial
         match event.name:
             case "phase":
                 self._enter(event)
@@ -93,16 +120,21 @@ class SessionProgress:
         if not console.is_terminal:
             return
         detail = event.detail
-        force, height = detail.get("force_n"), detail.get("height_m", detail.get("z_m"))
-        # What matters most stands first: a narrow terminal cuts the end off.
-        parts = [f"  {self._phase}"]
-        if force is not None:
-            target = "" if self._target_n is None else f"/{self._target_n:.3f}"
-            parts.append(f"{force:.3f}{target} N (limit {self._soft_force_n:g} N)")
-        parts.append("any key stops")
-        if height is not None:
-            parts.append(f"z {height * 1e3:.3f} mm")
-        self._live.update(Text("  ".join(parts)))
+        # An event of another kind says neither; what was said last still stands.
+        self._force_n = detail.get("force_n", self._force_n)
+        self._height_m = detail.get("height_m", self._height_m)
+        lines = live_lines(
+            step=self._phase,
+            trial=f"trial {self._trial} of {self._trial_count}" if self._trial else "",
+            force_n=self._force_n,
+            target_n=self._target_n,
+            tolerance_n=self._tolerance_n,
+            limit_n=self._soft_force_n,
+            height_m=self._height_m,
+            left_s=self._left.seconds(time.monotonic_ns()),
+            width=console.width,
+        )
+        self._live.update(lines)
 
 
 def _ended(event: JournalEvent) -> str:

@@ -285,10 +285,12 @@ def press(
         with_addresses,
     )
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.session import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.cli.emulation import emulated_unit
     from tacauchy_rig.cli.page import page_wish
     from tacauchy_rig.cli.progress import SessionProgress
+    from tacauchy_rig.loop.expected import kept_expectation
     from tacauchy_rig.loop.record import record_run
 
     chosen = emulated_devices(config)
@@ -313,7 +315,13 @@ def press(
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
         watched = watched or Watched(port=None)
-        progress = stack.enter_context(SessionProgress(config, open_page=watched.open_page))
+        progress = SessionProgress(
+            config,
+            plan=plan_session(store, again=again),
+            expected=kept_expectation(store),
+            open_page=watched.open_page,
+        )
+        stack.enter_context(progress)
         page = page_wish(config, port=watched.port)
         return record_run(store, running, on_event=progress, again=again, page=page)
 

@@ -1,0 +1,132 @@
+"""Sessions on mocks in real time, and a real browser to watch them."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from protocols.guard.abort import Abort
+from protocols.processes.messages import ContactOutline, PageWish
+from protocols.session import run_session
+from tacauchy_rig.config.load import default_text, load_config
+from tacauchy_rig.store.run_store import RunStore
+from tests.protocols.conftest import BRISK, MOCKS
+
+OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+WAIT_S = 60.0
+OUTLINE = ContactOutline(
+    image_size_px=(640, 480),
+    centre_px=(320.0, 240.0),
+    scale_px_m=(2e4, 2e4),
+    flat_radius_m=2.4e-3,
+)
+
+
+class Running:
+    """A session in a thread of its own."""
+
+    def __init__(self, folder, *overrides):
+        loaded = load_config(overrides=[*MOCKS, *BRISK, *overrides])
+        self.store = RunStore.create(
+            folder, loaded, config_text=default_text(), simulated=True, versions={}
+        )
+        self.abort, self.events, self.result = Abort(), [], None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self.address = self.wait_for("page")["address"]
+
+    def _run(self):
+        self.result = run_session(
+            self.store,
+            self.store.config,
+            on_event=self.events.append,
+            abort=self.abort,
+            page=PageWish(outline=OUTLINE),
+        )
+
+    def wait_for(self, name, *, seen=0, **detail):
+        """Return the detail of the first such event after ``seen`` earlier ones."""
+        deadline = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline:
+            for event in self.events[seen:]:
+                if event.name == name and detail.items() <= event.detail.items():
+                    return event.detail
+            time.sleep(0.01)
+        raise AssertionError(f"no {name} {detail} within {WAIT_S:g} s")
+
+    def end(self):
+        """Return how it ended."""
+        self._thread.join(WAIT_S)
+        assert not self._thread.is_alive(), "the session does not end"
+        return self.result
+
+
+@contextmanager
+def running(folder, *overrides):
+    """Yield a session, ended whatever happens."""
+    session = Running(folder, *overrides)
+    try:
+        yield session
+    finally:
+        session.abort.request("the test ends")
+        session.end()
+
+
+@pytest.fixture
+def session(tmp_path):
+    """One trial."""
+    with running(tmp_path, 'protocol.force_targets=["1.2 N"]') as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def long_session(tmp_path_factory):
+    """Many trials, for tests that leave them alone."""
+    with running(tmp_path_factory.mktemp("runs")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A real browser; skips where there is none."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
+        pytest.skip("no chromium: `apt-get install chromium`")
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def tab(chromium):
+    """A maker of tabs, each as of a browser of its own; their errors fail the test."""
+    contexts, errors = [], []
+
+    def make(address, **how):
+        context = chromium.new_context(**how)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(address)
+        page.wait_for_function("() => live !== null")
+        return page
+
+    yield make
+    for context in contexts:
+        context.close()
+    assert errors == []

@@ -1,0 +1,157 @@
+"""The page in a real browser, beside a session on mocks."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import time
+
+import pytest
+
+from tacauchy_rig.run import Outcome
+from tests.protocols.processes.page.conftest import running
+
+STALE = "document.querySelector('#image-card .stale')"
+
+
+def newest(page):
+    """Return the time of the trace's newest sample [s]."""
+    return float(page.evaluate("document.getElementById('trace').dataset.newest") or 0.0)
+
+
+def wait_until_it_moves(page):
+    """The trace gets newer."""
+    before = newest(page)
+    page.wait_for_function(
+        "before => Number(document.getElementById('trace').dataset.newest) > before + 0.3",
+        arg=before,
+    )
+
+
+def test_the_trace_moves_and_everything_is_told(long_session, tab):
+    """Force, axes, arm, streams, image with its outline, trials: all of them are filled."""
+    page = tab(long_session.address)
+    wait_until_it_moves(page)
+    page.wait_for_function("() => document.querySelectorAll('#streams tbody tr').length >= 3")
+    page.wait_for_function("() => document.getElementById('image').width !== 300")
+    assert re.fullmatch(r"-?\d+\.\d{3}", page.inner_text("#force"))
+    assert page.locator("#axes tr").count() == 6
+    assert page.locator("#trials figure").count() == 6
+    assert "mm/s" in page.inner_text("#arm")
+    assert page.is_visible("#simulated")
+    drawn = page.evaluate(
+        "[...document.getElementById('trace').getContext('2d')"
+        ".getImageData(0, 0, 400, 200).data].some((value) => value > 0)"
+    )
+    assert drawn
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_without_scrolling_sideways(long_session, tab, scheme):
+    """390 px wide, in both schemes; the stop is in sight and large."""
+    page = tab(long_session.address, viewport={"width": 390, "height": 844}, color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.evaluate("window.scrollTo(0, 800)")
+    box = page.locator("#stop").bounding_box()
+    assert box["y"] >= 0
+    assert min(box["width"], box["height"]) >= 44
+
+
+def test_the_keyboard_alone_reaches_the_stop(long_session, tab):
+    """The first press of Tab."""
+    page = tab(long_session.address)
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "stop"
+
+
+@pytest.mark.parametrize("how", ["button", "space bar"])
+def test_a_stop_halts_the_arm(session, tab, how):
+    """It is the same abort as a key of the terminal: off the gel, exit 3, the record whole."""
+    page = tab(session.address)
+    session.wait_for("phase", phase="press")
+    if how == "button":
+        page.click("#stop")
+    else:
+        page.keyboard.press("Space")
+    result = session.end()
+    assert (result.outcome, result.exit_code) == (Outcome.ABORTED, 3)
+    assert "stop was pressed on the page" in result.reason
+    assert "off the gel" in result.reason
+    page.wait_for_function("() => run.ended")
+    assert "aborted" in page.inner_text("#alert")
+
+
+def test_two_browsers_ask_at_once(session, tab):
+    """One wish, however many ask for it within a moment."""
+    pages = [tab(session.address), tab(session.address)]
+    session.wait_for("phase", phase="press")
+    for page in pages:
+        page.evaluate("void stop()")
+    result = session.end()
+    assert result.outcome is Outcome.ABORTED
+    assert session.abort.count == 1
+
+
+def test_a_stop_works_while_the_page_is_throttled(session, tab):
+    """A line of 2 kB/s, on which the events come late: the stop is not queued behind them."""
+    page = tab(session.address)
+    wire = page.context.new_cdp_session(page)
+    wire.send(
+        "Network.emulateNetworkConditions",
+        {"offline": False, "latency": 50, "downloadThroughput": 2000, "uploadThroughput": 2000},
+    )
+    session.wait_for("phase", phase="press")
+    page.keyboard.press("Space")
+    assert session.end().outcome is Outcome.ABORTED
+
+
+def test_a_frozen_camera_is_marked_within_a_second(tmp_path, tab):
+    """What the mark says when it appears is how old the image is by then."""
+    overrides = ('emulation.faults=["camera:stall@4s"]', 'limits.stale_image="2 s"')
+    with running(tmp_path, *overrides) as session:
+        page = tab(session.address)
+        told = page.wait_for_function(
+            f"() => !{STALE}.hidden && live.streams.camera.age_s !== null && {STALE}.textContent",
+            polling="raf",
+        ).json_value()
+        assert float(re.search(r"for ([\d.]+) s", told)[1]) <= 1.0
+        assert page.locator("#image-card.is-stale").count() == 1
+        assert page.locator("#force-card.is-stale").count() == 0
+
+
+def test_a_killed_server_costs_the_run_nothing(session, tab):
+    """It is started again at the same address, the browser finds it, and the trial passes."""
+    page = tab(session.address)
+    pid = session.wait_for("run-start")["pids"]["page"]
+    session.wait_for("phase", phase="home")
+    os.kill(pid, signal.SIGKILL)
+    told = session.wait_for("process-died", process="page")["how"]
+    assert "started again" in told
+    wait_until_it_moves(page)
+    result = session.end()
+    assert (result.outcome, result.died) == (Outcome.PASSED, {})
+    assert result.records[0].rates["force_lost_count"] == 0
+
+
+def test_a_hung_server_costs_the_run_nothing(session, tab):
+    """Stopped for good: the page says that it hears nothing, the trial passes."""
+    page = tab(session.address)
+    pid = session.wait_for("run-start")["pids"]["page"]
+    session.wait_for("phase", phase="home")
+    os.kill(pid, signal.SIGSTOP)
+    page.wait_for_function("() => document.getElementById('alert').dataset.silent === '1'")
+    assert "in the terminal any key stops it" in page.inner_text("#alert")
+    assert session.end().outcome is Outcome.PASSED
+
+
+def test_the_terminal_stops_while_the_server_hangs(session):
+    """An abort of the terminal takes its own way."""
+    pid = session.wait_for("run-start")["pids"]["page"]
+    session.wait_for("phase", phase="search")
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.2)
+    session.abort.request("a key was pressed")
+    result = session.end()
+    assert result.outcome is Outcome.ABORTED
+    assert "a key was pressed" in result.reason
