@@ -10,6 +10,7 @@ from fnmatch import fnmatch
 from drivers.device.faults import FAULTS_OF_DEVICE, LIES_OF_THE_FORCE, Device, Fault, FaultKind
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.fault_table.crowd import Crowd
 from tacauchy_rig.fault_table.host import Trouble
 from tacauchy_rig.run import Phase
 
@@ -43,18 +44,20 @@ LATER_MOMENTS = (Moment.SEARCH, Moment.PRESS, Moment.DWELL)
 
 
 class Victim(StrEnum):
-    """Processes of a run that can be killed, or get no more memory."""
+    """Processes of a run that can be killed, stopped, or get no more memory."""
 
     SUPERVISOR = "supervisor"
     CONTROL = "control"
     CAMERA = "camera"
     RECORDER = "recorder"
+    PAGE = "page"
 
 
 class BlowKind(StrEnum):
-    """What is done to a process of the run: killed without warning, or refused any more memory."""
+    """What is done to a process of the run: killed, stopped, or refused any more memory."""
 
     KILL = "kill"
+    HANG = "hang"
     MEMORY = "memory"
 
 
@@ -72,7 +75,7 @@ class Rival(StrEnum):
     SECOND_RUN = "second-run"
 
 
-Cause = Fault | Blow | Trouble | Rival
+Cause = Fault | Blow | Trouble | Rival | Crowd
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +99,8 @@ class FaultCase:
                 return f"{device.value}:{kind.value}"
             case Blow(kind=blow, victim=victim):
                 return f"{blow.value}:{victim.value}"
+            case Crowd():
+                return f"page:{self.cause.value}"
             case Trouble() | Rival():
                 return f"host:{self.cause.value}"
 
@@ -127,8 +132,9 @@ def all_cases() -> tuple[FaultCase, ...]:
         for kind in FaultKind
         if kind in FAULTS_OF_DEVICE[device] - {FaultKind.UNLOCK}
     ]
-    causes += [Blow(kind, victim) for kind in BlowKind for victim in Victim]
-    causes += [*Trouble, *Rival]
+    deadly = (BlowKind.KILL, BlowKind.MEMORY)
+    causes += [Blow(kind, victim) for kind in deadly for victim in Victim]
+    causes += [Blow(BlowKind.HANG, Victim.PAGE), *Crowd, *Trouble, *Rival]
     targets_n = load_config().config.protocol.force_targets
     return tuple(
         case

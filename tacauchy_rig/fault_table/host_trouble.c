@@ -2,7 +2,8 @@
  *
  * While the file $HOST_TROUBLE/clock-back or clock-forward exists, the wall clock is wrong by an
  * hour; while $HOST_TROUBLE/read-only exists, nothing below $HOST_TROUBLE_DISK can be written, as
- * when the kernel has remounted a failing disk. Monotonic clocks are left alone, as a jump does.
+ * when the kernel has remounted a failing disk; while $HOST_TROUBLE/disk-full exists, nothing there
+ * can be made or grow. Monotonic clocks are left alone, as a jump does.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -57,7 +58,16 @@ static int is_refused(const char *path) {
     return 1;
 }
 
-static int is_refused_at(int file) {
+/* What needs room: on a full disk a name can still be changed or taken away. */
+static int has_no_room(const char *path) {
+    const char *disk = getenv("HOST_TROUBLE_DISK");
+    if (is_refused(path)) return 1;
+    if (!disk || strncmp(path, disk, strlen(disk)) || !is_on("disk-full")) return 0;
+    errno = ENOSPC;
+    return 1;
+}
+
+static int has_no_room_at(int file) {
     char link[64], path[PATH_MAX];
     snprintf(link, sizeof link, "/proc/self/fd/%d", file);
     int before = errno;
@@ -65,11 +75,13 @@ static int is_refused_at(int file) {
     errno = before;
     if (length < 0) return 0;
     path[length] = 0;
-    return is_refused(path);
+    return has_no_room(path);
 }
 
 static int opened(const char *path, int flags, mode_t mode) {
     if ((flags & (O_WRONLY | O_RDWR | O_CREAT)) && is_refused(path)) return -1;
+    int is_there = syscall(SYS_faccessat, AT_FDCWD, path, F_OK) == 0;
+    if ((flags & O_CREAT) && !is_there && has_no_room(path)) return -1;
     return syscall(SYS_openat, AT_FDCWD, path, flags, mode);
 }
 
@@ -84,19 +96,19 @@ int open(const char *path, int flags, ...) {
 int open64(const char *path, int flags, ...) __attribute__((alias("open")));
 
 ssize_t write(int file, const void *data, size_t size) {
-    return is_refused_at(file) ? -1 : syscall(SYS_write, file, data, size);
+    return has_no_room_at(file) ? -1 : syscall(SYS_write, file, data, size);
 }
 
 ssize_t pwrite64(int file, const void *data, size_t size, off_t at) {
-    return is_refused_at(file) ? -1 : syscall(SYS_pwrite64, file, data, size, at);
+    return has_no_room_at(file) ? -1 : syscall(SYS_pwrite64, file, data, size, at);
 }
 
 int ftruncate64(int file, off_t size) {
-    return is_refused_at(file) ? -1 : syscall(SYS_ftruncate, file, size);
+    return has_no_room_at(file) ? -1 : syscall(SYS_ftruncate, file, size);
 }
 
 int mkdir(const char *path, mode_t mode) {
-    return is_refused(path) ? -1 : syscall(SYS_mkdirat, AT_FDCWD, path, mode);
+    return has_no_room(path) ? -1 : syscall(SYS_mkdirat, AT_FDCWD, path, mode);
 }
 
 int rename(const char *from, const char *to) {

@@ -14,6 +14,7 @@ from drivers.emulators.faults import post_fault
 from tacauchy_rig.errors import DeviceError
 from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
 from tacauchy_rig.fault_table.cases import Blow, Cause, FaultCase, Moment, Rival
+from tacauchy_rig.fault_table.crowd import Crowd, Visitors
 from tacauchy_rig.fault_table.emulated_rig import EmulatedRig
 from tacauchy_rig.fault_table.host import HostTrouble, Trouble
 from tacauchy_rig.fault_table.observation import (
@@ -37,6 +38,7 @@ RESUME_TIMEOUT_S = 180.0
 RESUME_TRIES = 3
 REST_TIMEOUT_S = 5.0
 VERDICT = "passed"
+_DISK = (Trouble.READ_ONLY, Trouble.DISK_FULL)
 FORCE_WINDOW_NS = 60_000_000_000
 
 
@@ -77,12 +79,15 @@ class _Case:
         self._commands: list[CommandProcess] = []
         runs = rig.folder / "runs"
         self._trouble = None
+        self._visitors: Visitors | None = None
         if isinstance(case.cause, Trouble):
             self._trouble = HostTrouble(rig.folder / "host", disk=runs)
         self._run = WatchedRun(self._begun(["run", str(rig.rig_toml)], name="run"), runs)
 
     def close(self) -> None:
-        """End every command that still runs."""
+        """End every command that still runs, and send visitors away."""
+        if self._visitors is not None:
+            self._visitors.close()
         for command in self._commands:
             command.close()
 
@@ -152,6 +157,8 @@ class _Case:
                 self._run.strike(cause)
             case Rival():
                 self._begun(["run", str(self._rig.rig_toml)], name=cause.value)
+            case Crowd():
+                self._visitors = Visitors(self._run.page_address()).come(cause)
             case Trouble() if self._trouble is not None:
                 self._trouble.begin(cause)
 
@@ -215,7 +222,7 @@ class _Case:
     def _resume(self, run: Path) -> tuple[CommandEnd, ...]:
         cause = self._case.cause
         self._rig.mend(cause if isinstance(cause, Fault) else None)
-        if self._trouble is not None and cause is Trouble.READ_ONLY:  # a clock stays as it is
+        if self._trouble is not None and cause in _DISK:  # a clock stays as it is
             self._trouble.end()
         resumed: list[CommandEnd] = []
         while len(resumed) < RESUME_TRIES and not (resumed and resumed[-1].exit_code == 0):

@@ -24,6 +24,8 @@ from tacauchy_rig.store.layout import RunPaths
 
 _LOOK_S = 0.005
 _ORPHANS_S = 40.0
+PAGE = "page "
+"""What stands before the address of a page on a terminal."""
 
 
 class CommandProcess:
@@ -164,13 +166,27 @@ class WatchedRun:
         raise DeviceError(f"the run did not reach its {phase.value} within {timeout_s:g} s")
 
     def strike(self, blow: Blow) -> None:
-        """Kill a process of the run without warning, or let it have no more memory."""
+        """Kill a process of the run without warning, stop it, or let it have no more memory."""
         known = {**self.pids, Victim.SUPERVISOR.value: self.command.process.pid}
         pid = known[blow.victim.value]
         if blow.kind is BlowKind.KILL:
             os.kill(pid, signal.SIGKILL)
+        elif blow.kind is BlowKind.HANG:
+            os.kill(pid, signal.SIGSTOP)
         else:
             resource.prlimit(pid, resource.RLIMIT_AS, (1, 1))
+
+    def page_address(self) -> str:
+        """Return the address of its page, as it was printed.
+
+        Raises:
+            DeviceError: None was.
+        """
+        lines = self.command.output().splitlines()
+        addresses = [line.removeprefix(PAGE) for line in lines if line.startswith(PAGE)]
+        if not addresses:
+            raise DeviceError("the run printed no address of a page")
+        return addresses[-1]
 
     def wait_until_gone(self) -> list[str]:
         """Wait for every process of the run; return those that had to be ended."""

@@ -116,6 +116,18 @@ def test_a_disk_becomes_read_only_under_an_open_file(
     assert set(program.look()[1]) == {"written"}
 
 
+def test_a_full_disk_takes_nothing_new_and_lets_names_change(
+    trouble: HostTrouble, program: Program
+) -> None:
+    """No byte more, no new file or folder; renaming needs no room."""
+    program.look()
+    trouble.begin(Trouble.DISK_FULL)
+    full = "No_space_left_on_device"
+    assert program.look()[1] == [full, full, full, "written", "written"]
+    trouble.end()
+    assert set(program.look()[1]) == {"written"}
+
+
 def test_without_a_compiler_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The cases of the computer need one."""
     monkeypatch.setenv("PATH", str(tmp_path))
