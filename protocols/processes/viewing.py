@@ -39,11 +39,11 @@ class Viewing:
         self._viewers: dict[str, Viewer] = {}
         self._listener: socket.socket | None = None
         self.address = ""
-        self.feeds = FeedLines([] if wish is None else [("control", PAGE), ("camera", PAGE)])
         if wish is not None:
             self._token = secrets.token_urlsafe(TOKEN_BYTES)
             self._listener = _listen(wish.port)
             self.address = f"http://{LOOPBACK}:{self._listener.getsockname()[1]}/{self._token}/"
+        self.feeds = FeedLines([] if wish is None else [("control", PAGE), ("camera", PAGE)])
 
     def start(self) -> None:
         """Start every viewer."""

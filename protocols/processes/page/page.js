@@ -29,8 +29,10 @@ function listen() {
   on("run", (told) => { run = told; showRun(); });
   on("live", (told) => { live = told; showLive(); });
   events.onerror = () => {
-    if (events.readyState === EventSource.CLOSED && !(run && run.ended)) {
-      setTimeout(listen, 1000);  // refused: too many pages watch, or the server is being started
+    if (run && run.ended) {
+      events.close();  // the server has ended with the run
+    } else if (events.readyState === EventSource.CLOSED) {
+      setTimeout(listen, 1000);  // refused: too many pages watch
     }
   };
 }

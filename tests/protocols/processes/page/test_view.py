@@ -1,0 +1,144 @@
+"""What the page is told, put together from feeds and events."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from protocols.processes.feed import Shown
+from protocols.processes.messages import Job, PageJob
+from protocols.processes.page.picture import WIDEST_PX, media_type, reduced
+from protocols.processes.page.stream import StreamView
+from protocols.processes.page.view import TRACE_SAMPLES, View
+from protocols.session import plan_session
+from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.store.journal import append_event
+
+NAME = "any"
+
+
+@pytest.fixture
+def store(make_store):
+    """A run of six trials."""
+    return make_store()
+
+
+@pytest.fixture
+def view(store):
+    """A view of it."""
+    return View(job_of(store))
+
+
+def job_of(store):
+    """Return what the page's process is told."""
+    return Job(
+        root=store.paths.root,
+        config=store.config,
+        plan=plan_session(store),
+        descriptors={},
+        page=PageJob(token=NAME, outline=None),
+    )
+
+
+def event(name, trial=0, **detail):
+    """Return an event."""
+    return JournalEvent(stamp_ns=10**9, name=name, trial=trial, attempt=1, detail=detail)
+
+
+def force(first, count):
+    """Return force samples as control shows them."""
+    counters = list(range(first, first + count))
+    return Shown(
+        stream="force",
+        stamp_ns=counters[-1] * 10_000_000,
+        numbers={
+            "stamp_ns": [n * 10_000_000 for n in counters],
+            "counter": counters,
+            "force_n": [0.001 * n for n in counters],
+            "wrench": [0.0] * 6,
+        },
+    )
+
+
+def test_a_browser_gets_each_sample_once(view):
+    """What is new since the last time; a fresh one gets all that is kept."""
+    view.take(force(1, 5))
+    first, drawn = view.live(0)
+    view.take(force(6, 3))
+    second, drawn = view.live(drawn)
+    third, _ = view.live(drawn)
+    assert [len(live["trace"]) for live in (first, second, third)] == [5, 3, 0]
+    assert (first["from_start"], second["from_start"]) == (True, False)
+    assert len(view.live(0)[0]["trace"]) == 8
+
+
+def test_a_browser_that_was_away_for_long_gets_what_is_kept(view):
+    """No more than the trace holds, however much has passed."""
+    _, drawn = view.live(0)
+    view.take(force(1, 10))
+    _, drawn = view.live(drawn)
+    for first in range(11, 2 * TRACE_SAMPLES, 10):
+        view.take(force(first, 10))
+    assert len(view.live(drawn)[0]["trace"]) == TRACE_SAMPLES
+
+
+def test_everything_told_is_json(view):
+    """Also before the first sample, and with numbers that were never measured."""
+    for told in (view.setup(), view.run(), view.live(0)[0]):
+        json.dumps(told, allow_nan=False)
+
+
+def test_pictures_are_kept_by_what_the_arm_did(view):
+    """The last one without contact, and the last one held of each trial."""
+    frame = Shown(stream="camera", stamp_ns=1, numbers={"counter": 1}, picture=b"before")
+    view.note(event("attempt-start", 2, force_target_n=1.0))
+    view.note(event("phase", 2, phase="reference"))
+    view.take(frame)
+    view.note(event("phase", 2, phase="dwell"))
+    view.take(Shown(stream="camera", stamp_ns=2, numbers={"counter": 2}, picture=b"held"))
+    assert view.picture("reference") == b"before"
+    assert view.picture("trial-2") == view.picture("camera") == b"held"
+    assert view.picture("../rig.toml") is None
+    assert view.run()["trials"][1]["has_picture"]
+
+
+def test_a_view_that_is_made_anew_knows_what_happened(store):
+    """From the journal of the run: the trial, its target, the phase."""
+    for each in (
+        event("run-start"),
+        event("attempt-start", 3, force_target_n=2.6466),
+        event("phase", 3, phase="press"),
+    ):
+        append_event(store.paths.journal, each)
+    told = View(job_of(store)).run()
+    assert (told["trial"], told["target_n"], told["phase"]) == (3, 2.6466, "press")
+
+
+def test_the_end_is_told_with_its_reason(view):
+    """Outcome and reason of the run."""
+    view.note(event("run-end", outcome="aborted", reason="a key was pressed"))
+    assert view.ended
+    assert (view.run()["outcome"], view.run()["reason"]) == ("aborted", "a key was pressed")
+
+
+def test_a_gap_of_counters_is_a_loss():
+    """Counted once; a stream that begins anew is none."""
+    stream = StreamView()
+    stream.take(1, count=3, counters=(1, 2, 3))
+    stream.take(2, count=2, counters=(6, 7))
+    stream.take(3, count=1, counters=(1,))
+    assert stream.summary(3)["lost"] == 2
+
+
+def test_a_large_picture_is_made_smaller_and_others_are_left_alone():
+    """A page needs no camera's full size; what is no JPEG passes as it is."""
+    large = cv2.imencode(".jpg", np.zeros((2464, 3280, 3), np.uint8))[1].tobytes()
+    decoded = cv2.imdecode(np.frombuffer(reduced(large), np.uint8), cv2.IMREAD_COLOR)
+    assert WIDEST_PX / 2 <= decoded.shape[1] <= WIDEST_PX
+    small = cv2.imencode(".jpg", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
+    assert reduced(small) is small
+    assert reduced(b"\x89PNG...") == b"\x89PNG..."
+    assert (media_type(b"\x89PNG"), media_type(small)) == ("image/png", "image/jpeg")

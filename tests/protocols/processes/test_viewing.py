@@ -1,0 +1,90 @@
+"""Viewers that die are started again, and given up in the end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+
+import pytest
+
+from protocols.processes import viewer as viewer_module
+from protocols.processes.messages import Job, PageWish
+from protocols.processes.viewing import Viewing
+from protocols.session import plan_session
+from tacauchy_rig.errors import ConfigError
+
+
+@pytest.fixture
+def job(make_store):
+    """What a viewer is told of a run."""
+    store = make_store()
+    return Job(root=store.paths.root, config=store.config, plan=plan_session(store), descriptors={})
+
+
+def test_without_a_wish_nothing_is_opened(job):
+    """No socket, no process, no address."""
+    viewing = Viewing(None, job)
+    viewing.start()
+    assert (viewing.address, list(viewing.running())) == ("", [])
+    viewing.close()
+
+
+def test_a_port_that_is_taken_is_refused_by_name(job):
+    """Before anything is started."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"--page {port}") as caught:
+            Viewing(PageWish(port=port), job)
+    assert "another port" in caught.value.remedy
+
+
+def test_every_session_has_a_token_of_its_own(job):
+    """Nobody can know the next one."""
+    one, other = Viewing(PageWish(), job), Viewing(PageWish(), job)
+    tokens = {each.address.split("/")[3] for each in (one, other)}
+    assert len(tokens) == 2
+    assert all(len(token) >= 32 for token in tokens)
+    one.close()
+    other.close()
+
+
+def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):
+    """Started as often as is sensible, each time told, and then no more."""
+    monkeypatch.setattr(viewer_module, "STARTS_MAX", 2)
+    viewing = Viewing(PageWish(), job)
+    viewing.start()
+    told = []
+    deadline = time.monotonic() + 60.0
+    while list(viewing.running()) and time.monotonic() < deadline:
+        for page in viewing.running():
+            os.kill(page.pid, signal.SIGKILL)
+        time.sleep(0.05)
+        told += [happened for _, happened in viewing.look()]
+    assert "started again" in told[0]
+    assert "not started again" in told[1]
+    assert list(viewing.look()) == []
+    viewing.end()
+    viewing.close()
+
+
+def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
+    """Stopped, it neither reads nor dies: silence is what shows it."""
+    viewing = Viewing(PageWish(), job)
+    viewing.start()
+    [page] = viewing.running()
+    deadline = time.monotonic() + 60.0
+    while not page.hear():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    os.kill(page.pid, signal.SIGSTOP)
+    monkeypatch.setattr(viewer_module, "SILENT_S", 0.5)
+    happened = []
+    while not happened:
+        assert time.monotonic() < deadline
+        page.hear()
+        happened = list(viewing.look())
+        time.sleep(0.05)
+    assert "had stopped answering" in happened[0][1]
+    viewing.close()
