@@ -66,6 +66,7 @@ class Job:
         descriptors: Sockets that the child inherited, by what they lead to.
         expected: What a press should give; None where nobody knows.
         page: What the operator's page has to know; None for every other process.
+        again: Whether an earlier process had begun it in this session.
     """
 
     root: Path
@@ -74,6 +75,7 @@ class Job:
     descriptors: dict[str, int]
     expected: ExpectedPress | None = None
     page: PageJob | None = None
+    again: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from typing import Any
 
 from protocols.processes.channel import Channel
@@ -96,7 +97,7 @@ class Viewer:
             self._given_up = "not started again"
             return
         try:
-            self._child = Launched(self.name, self._job)
+            self._child = Launched(self.name, replace(self._job, again=self._starts > 1))
         except OSError as error:
             self._given_up = f"it cannot be started ({error})"
             logger.error("%s: %s", self.name, self._given_up)

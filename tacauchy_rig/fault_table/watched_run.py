@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -24,8 +25,8 @@ from tacauchy_rig.store.layout import RunPaths
 
 _LOOK_S = 0.005
 _ORPHANS_S = 40.0
-PAGE = "page "
-"""What stands before the address of a page on a terminal."""
+PAGE = re.compile(r"\bpage (http://\S+)")
+"""How the address of a page is printed, which may be behind the prompt of a confirmation."""
 
 
 class CommandProcess:
@@ -182,11 +183,10 @@ class WatchedRun:
         Raises:
             DeviceError: None was.
         """
-        lines = self.command.output().splitlines()
-        addresses = [line.removeprefix(PAGE) for line in lines if line.startswith(PAGE)]
+        addresses = PAGE.findall(self.command.output())
         if not addresses:
             raise DeviceError("the run printed no address of a page")
-        return addresses[-1]
+        return str(addresses[-1])
 
     def wait_until_gone(self) -> list[str]:
         """Wait for every process of the run; return those that had to be ended."""

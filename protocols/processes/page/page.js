@@ -56,11 +56,11 @@ function showRun() {
   $("host").textContent = free;
   showTrials();
   showChecks();
+  $("stop").disabled = run.ended;
   $("journal").replaceChildren(...run.journal.slice().reverse().map(journalLine));
   if (run.ended) {
     say(`The run has ended: ${run.outcome}. ${run.reason || "Every trial that was planned is done."}`,
       run.outcome === "passed" ? "good" : "");
-    $("stop").disabled = true;
   } else if (run.reason) {
     say(run.reason, "");
   }

@@ -49,7 +49,8 @@ class View:
         self._pictures: dict[str, bytes] = {}
         self._left = TimeLeft(job.config, job.plan, job.expected)
         self._disk: tuple[float, dict[str, int]] = (0.0, {})
-        self._catch_up()
+        if job.again:
+            self._catch_up()
 
     def take(self, shown: Shown) -> None:
         """Take in what a feed shows."""
@@ -85,6 +86,8 @@ class View:
         if event.trial:
             self._trial, self._attempt = event.trial, event.attempt
         match event.name:
+            case "run-start":
+                self.ended, self._phase, self._outcome, self._reason = False, "", "", ""
             case "phase":
                 self._phase = str(event.detail.get("phase", ""))
             case "attempt-start":

@@ -32,7 +32,7 @@ def view(store):
     return View(job_of(store))
 
 
-def job_of(store):
+def job_of(store, *, again=False):
     """Return what the page's process is told."""
     return Job(
         root=store.paths.root,
@@ -40,6 +40,7 @@ def job_of(store):
         plan=plan_session(store),
         descriptors={},
         page=PageJob(token=NAME, outline=None),
+        again=again,
     )
 
 
@@ -113,8 +114,18 @@ def test_a_view_that_is_made_anew_knows_what_happened(store):
         event("phase", 3, phase="press"),
     ):
         append_event(store.paths.journal, each)
-    told = View(job_of(store)).run()
+    told = View(job_of(store, again=True)).run()
     assert (told["trial"], told["target_n"], told["phase"]) == (3, 2.6466, "press")
+
+
+def test_a_resumed_run_does_not_begin_with_the_end_of_an_earlier_session(store):
+    """Its stop would be switched off."""
+    for each in (event("run-start"), event("run-end", outcome="fault", reason="a cable")):
+        append_event(store.paths.journal, each)
+    assert not View(job_of(store)).ended
+    again = View(job_of(store, again=True))
+    again.note(event("run-start"))
+    assert (again.ended, again.run()["outcome"]) == (False, "")
 
 
 def test_the_end_is_told_with_its_reason(view):
