@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 
 from protocols.guard.abort import Abort
-from protocols.processes.messages import PageWish
+from protocols.processes.messages import PageWish, ViewerWish
 from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.trials.programme import fresh_plan
 from protocols.trials.trial import PlannedTrial
@@ -46,6 +46,7 @@ def run_session(
     expected: ExpectedPress | None = None,
     again: Set[int] = frozenset(),
     page: PageWish | None = None,
+    viewers: Sequence[ViewerWish] = (),
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -58,6 +59,7 @@ def run_session(
         expected: What a press should give; None where nobody knows.
         again: Trials to press once more though they have a passed attempt.
         page: The operator's page; None for none. Its address comes as the event ``page``.
+        viewers: Further viewers.
 
     Raises:
         ConfigError: The page's port is taken.
@@ -74,6 +76,7 @@ def run_session(
             abort=abort,
             expected=expected,
             page=page,
+            viewers=viewers,
         ) as parent,
     ):
         return parent.run()

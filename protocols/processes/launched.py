@@ -23,7 +23,7 @@ LOG_FOLDER = "logs"
 
 
 class Launched:
-    """A child that runs ``protocols.processes.NAME``.
+    """A child that runs ``protocols.processes.NAME``, or a module that is given.
 
     Its descriptors are closed here once it has them, so that its end shows as an end of file.
 
@@ -32,7 +32,7 @@ class Launched:
         killed: Whether this supervisor had to kill it.
     """
 
-    def __init__(self, name: str, job: Job) -> None:
+    def __init__(self, name: str, job: Job, *, module: str = "") -> None:
         self.name = name
         self.killed = False
         self.heard_s = time.monotonic()
@@ -43,7 +43,7 @@ class Launched:
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 [
-                    *(sys.executable, "-P", "-m", f"protocols.processes.{name}"),
+                    *(sys.executable, "-P", "-m", module or f"protocols.processes.{name}"),
                     str(theirs.fileno()),
                 ],
                 stdin=subprocess.DEVNULL,

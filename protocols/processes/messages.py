@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from pathlib import Path
 
@@ -47,6 +47,21 @@ class PageWish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ViewerWish:
+    """That a viewer from outside of ``protocols`` is wanted; the page shows what it shows.
+
+    Attributes:
+        name: One of ``feed.VIEWERS``.
+        module: What its process runs, by ``python -m``.
+        options: What it has to know beside the job.
+    """
+
+    name: str
+    module: str
+    options: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PageJob:
     """What the page's process has to know.
 
@@ -67,6 +82,7 @@ class Job:
         expected: What a press should give; None where nobody knows.
         page: What the operator's page has to know; None for every other process.
         again: Whether an earlier process had begun it in this session.
+        options: What a viewer from outside was wished with; empty for every other process.
     """
 
     root: Path
@@ -76,6 +92,7 @@ class Job:
     expected: ExpectedPress | None = None
     page: PageJob | None = None
     again: bool = False
+    options: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

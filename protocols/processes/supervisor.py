@@ -11,7 +11,7 @@ import logging
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -26,6 +26,7 @@ from protocols.processes.messages import (
     Order,
     PageWish,
     Ready,
+    ViewerWish,
 )
 from protocols.processes.record_keeper import complete_results, last_results
 from protocols.processes.viewer import Viewer
@@ -81,6 +82,7 @@ class Supervisor:
         abort: A person's wish to stop.
         expected: What a press should give; None where nobody knows.
         page: The operator's page; None for none.
+        viewers: Further viewers.
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class Supervisor:
         abort: Abort,
         expected: ExpectedPress | None,
         page: PageWish | None = None,
+        viewers: Sequence[ViewerWish] = (),
     ) -> None:
         self._store = store
         self._config = config
@@ -102,7 +105,7 @@ class Supervisor:
         self._expected = expected
         root = store.paths.root.resolve()
         about = Job(root=root, config=config, plan=plan, descriptors={}, expected=expected)
-        self._viewing = Viewing(page, about)
+        self._viewing = Viewing(page, about, viewers)
         self._children: dict[str, Launched] = {}
         self._devices: dict[str, DeviceIdentity] = {}
         self._ready: set[str] = set()

@@ -23,12 +23,14 @@ class Viewer:
     """Started again when it dies or hangs, on the sockets that it had; given up after some times.
 
     Args:
-        name: Module of ``protocols.processes`` that it runs.
+        name: Module of ``protocols.processes`` that it runs, unless one is given.
         job: What it is to do; its descriptors stay open in this process.
+        module: What it runs instead, by its whole name.
     """
 
-    def __init__(self, name: str, job: Job) -> None:
+    def __init__(self, name: str, job: Job, *, module: str = "") -> None:
         self.name = name
+        self._module = module
         self._job = job
         self._starts = 0
         self._given_up = ""
@@ -97,7 +99,8 @@ class Viewer:
             self._given_up = "not started again"
             return
         try:
-            self._child = Launched(self.name, replace(self._job, again=self._starts > 1))
+            job = replace(self._job, again=self._starts > 1)
+            self._child = Launched(self.name, job, module=self._module)
         except OSError as error:
             self._given_up = f"it cannot be started ({error})"
             logger.error("%s: %s", self.name, self._given_up)

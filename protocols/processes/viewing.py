@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import secrets
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from protocols.processes.feed import FeedLines
-from protocols.processes.messages import Job, PageJob, PageWish
+from protocols.processes.messages import Job, PageJob, PageWish, ViewerWish
 from protocols.processes.viewer import Viewer
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import JournalEvent
@@ -17,6 +17,7 @@ LOOPBACK = "127.0.0.1"
 BACKLOG = 256
 TOKEN_BYTES = 24
 PAGE = "page"
+PRODUCERS = ("control", "camera")
 
 
 class Viewing:
@@ -25,6 +26,7 @@ class Viewing:
     Args:
         wish: The operator's page; None for none.
         job: Of the run; each viewer gets it with its own descriptors.
+        others: Further viewers; the page is shown what they show.
 
     Attributes:
         feeds: Lead from the producers to the viewers.
@@ -34,8 +36,8 @@ class Viewing:
         ConfigError: The page's port is taken.
     """
 
-    def __init__(self, wish: PageWish | None, job: Job) -> None:
-        self._wish, self._job = wish, job
+    def __init__(self, wish: PageWish | None, job: Job, others: Sequence[ViewerWish] = ()) -> None:
+        self._wish, self._job, self._others = wish, job, others
         self._viewers: dict[str, Viewer] = {}
         self._listener: socket.socket | None = None
         self.address = ""
@@ -43,10 +45,19 @@ class Viewing:
             self._token = secrets.token_urlsafe(TOKEN_BYTES)
             self._listener = _listen(wish.port)
             self.address = f"http://{LOOPBACK}:{self._listener.getsockname()[1]}/{self._token}/"
-        self.feeds = FeedLines([] if wish is None else [("control", PAGE), ("camera", PAGE)])
+        names = [other.name for other in others]
+        viewers = [*names, *([] if wish is None else [PAGE])]
+        pairs = [(producer, viewer) for viewer in viewers for producer in PRODUCERS]
+        pairs += [] if wish is None else [(name, PAGE) for name in names]
+        self.feeds = FeedLines(pairs)
 
     def start(self) -> None:
         """Start every viewer."""
+        for other in self._others:
+            job = replace(
+                self._job, descriptors=self.feeds.descriptors(other.name), options=other.options
+            )
+            self._viewers[other.name] = Viewer(other.name, job, module=other.module)
         if self._wish is None or self._listener is None:
             return
         descriptors = {"listen": self._listener.fileno(), **self.feeds.descriptors(PAGE)}

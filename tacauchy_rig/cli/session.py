@@ -53,6 +53,14 @@ Page = Annotated[
         help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
     ),
 ]
+Twin = Annotated[
+    str,
+    typer.Option(
+        "--twin",
+        metavar="on|depth|off",
+        help="A simulation that follows the measured force (on) or the arm's depth (depth).",
+    ),
+]
 OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
 
 
@@ -63,6 +71,7 @@ def dry_run(
     check_weight: CheckWeight = None,
     page: Page = "auto",
     open_page: OpenPage = False,
+    twin: Twin = "off",
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
     from tacauchy_rig.config.load import default_text, load_config
@@ -73,7 +82,7 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
     _new_run(loaded, default_text(), asked)
 
 
@@ -85,12 +94,13 @@ def run(
     check_weight: CheckWeight = None,
     page: Page = "auto",
     open_page: OpenPage = False,
+    twin: Twin = "off",
 ) -> None:
     """Press as a configuration says, replay and report."""
     from tacauchy_rig.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
     _new_run(loaded, path.read_text("utf-8"), asked)
 
 
@@ -106,6 +116,7 @@ def resume(
     ] = None,
     page: Page = "auto",
     open_page: OpenPage = False,
+    twin: Twin = "off",
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     from drivers.presence import require_devices
@@ -115,7 +126,7 @@ def resume(
     from tacauchy_rig.store.recovery import recover_run
     from tacauchy_rig.store.run_store import RunStore
 
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page))
+    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
@@ -138,13 +149,16 @@ class Watched:
     Attributes:
         port: Of the page; 0 is a free one, None no page.
         open_page: Whether a browser is opened on it.
+        twin: What a twin follows, ``force`` or ``depth``; empty for no twin.
     """
 
     port: int | None = 0
     open_page: bool = False
+    twin: str = ""
 
 
 PAGE_WORDS = {"off": None, "auto": 0}
+TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,20 +182,23 @@ def _asked(
     return _Asked(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
 
 
-def _watched(page: str, open_page: bool) -> Watched:
+def _watched(page: str, open_page: bool, twin: str) -> Watched:
     """Return how the run is watched.
 
     Raises:
-        ConfigError: ``--page`` is no port.
+        ConfigError: ``--page`` is no port, or ``--twin`` no word for one.
     """
+    if twin not in TWIN_WORDS:
+        raise ConfigError(f"--twin {twin}: no such twin", remedy="give `on`, `depth` or `off`")
+    follows = TWIN_WORDS[twin]
     if page in PAGE_WORDS:
-        return Watched(port=PAGE_WORDS[page], open_page=open_page)
+        return Watched(port=PAGE_WORDS[page], open_page=open_page, twin=follows)
     if not page.isdecimal() or not 1 <= int(page) <= 65535:
         raise ConfigError(
             f"--page {page}: no port, which is a number from 1 to 65535",
             remedy="leave it out for a free port, or give `off`",
         )
-    return Watched(port=int(page), open_page=open_page)
+    return Watched(port=int(page), open_page=open_page, twin=follows)
 
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
@@ -292,6 +309,7 @@ def press(
     from tacauchy_rig.cli.progress import SessionProgress
     from tacauchy_rig.loop.expected import kept_expectation
     from tacauchy_rig.loop.record import record_run
+    from tacauchy_rig.loop.twin.wish import Follows, twin_wish
 
     chosen = emulated_devices(config)
     with ExitStack() as stack:
@@ -323,7 +341,10 @@ def press(
         )
         stack.enter_context(progress)
         page = page_wish(config, port=watched.port)
-        return record_run(store, running, on_event=progress, again=again, page=page)
+        viewers = [twin_wish(Follows(watched.twin))] if watched.twin else []
+        return record_run(
+            store, running, on_event=progress, again=again, page=page, viewers=viewers
+        )
 
 
 def _check_force(

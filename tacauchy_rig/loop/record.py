@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from protocols.guard.abort import AbortWatch
-from protocols.processes.messages import PageWish
+from protocols.processes.messages import PageWish, ViewerWish
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from tacauchy_rig.config.changes import Change
@@ -71,6 +71,7 @@ def record_run(
     on_event: Callable[[JournalEvent], None],
     again: Set[int] = frozenset(),
     page: PageWish | None = None,
+    viewers: Sequence[ViewerWish] = (),
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
@@ -83,6 +84,7 @@ def record_run(
             thread.
         again: Trials to press once more though they have a passed attempt.
         page: The operator's page; None for none. Its address comes as the event ``page``.
+        viewers: Further viewers.
 
     Raises:
         ConfigError: The page's port is taken.
@@ -101,6 +103,7 @@ def record_run(
             expected=expected,
             again=again,
             page=page,
+            viewers=viewers,
         )
 
 

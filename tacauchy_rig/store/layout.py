@@ -25,6 +25,7 @@ class RunPaths:
         optics: Folder of that calibration.
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
+        twin: What the twin beside the run showed, a line a frame; nothing needs it.
         lock: File whose lock says that a program is working on this run.
         trials: Folder of all trials.
         replays: Folder of all replays.
@@ -43,6 +44,7 @@ class RunPaths:
         self.optics = root / "optics"
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
+        self.twin = root / "twin.jsonl"
         self.lock = root / ".lock"
         self.trials = root / "trials"
         self.replays = root / "replay"

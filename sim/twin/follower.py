@@ -1,0 +1,219 @@
+"""A simulated press that follows a real one: to each new force or depth from where it stands."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+
+from sim.arrays import FloatArray
+from sim.device import Device
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
+from sim.optics.colour.pixel_colours import ColourModel
+from sim.optics.surface_images import SurfaceImages
+from sim.scene.scene import Preset, Scene
+from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.sensor import Sensor
+from sim.solve.load_steps.equilibrium import PathPoint
+from sim.twin.frame import Goal, TwinFrame
+from sim.twin.surface_maps import SurfaceMaps
+from sim.twin.worth import ForceWorth, force_worth
+from tacauchy_rig.errors import ConfigError, ConvergenceError
+
+REFINEMENT, COARSER = 0.7, 0.5
+"""Edges of a twin are 1 / 0.7 times as long as those of preset fast, for a third of its time, and
+twice as long where that still leaves too many."""
+TETS_MAX = 500
+"""Of these a frame takes a tenth of a second."""
+LOOSENED = 10.0
+"""A twin's forces balance so many times less closely than a replay's: to 1e-5 of the contact's."""
+# Less is noise of the cell, and no contact.
+NO_FORCE_N = 0.02
+# Where a gel without memory waits for the next contact: the first touch takes the longest.
+_WAITING_N = 0.05
+_MAP_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """How a twin's images are made; None is what the sensor's file says.
+
+    Attributes:
+        width_px: Of its images, at most; they are as high as that makes them.
+        colours: Colour of a surface.
+        geometry: Where the pixels of a whole image look.
+        blur_px: Standard deviation of the camera's blur, in pixels of the whole image.
+        device: Of the kernels: ``cpu`` or ``cuda:0``.
+    """
+
+    width_px: int = 160
+    colours: ColourModel | None = None
+    geometry: CameraGeometry | None = None
+    blur_px: float = 0.0
+    device: str = "cpu"
+
+    def view(self, sensor: Sensor) -> tuple[CameraGeometry, float]:
+        """Return where the pixels of a twin's image look, and how large the blur is there [px]."""
+        whole = self.geometry or sensor.camera
+        share = min(1.0, self.width_px / whole.width)
+        return whole.refined(share), share * self.blur_px
+
+
+def twin_scene(scene: Scene) -> Scene:
+    """Return a press as a twin presses it: preset fast on longer edges, for its force alone."""
+    return replace(
+        scene,
+        preset=Preset.FAST,
+        refinement=REFINEMENT,
+        tolerance=None,
+        output_tolerances=(),
+        outputs=frozenset(),
+    )
+
+
+class Follower:
+    """Presses a scene's indenter to goals as they come, and shows each.
+
+    Warm: each press goes on from the last. Where one fails, and where a gel that remembers lost
+    contact, the next begins with an untouched gel.
+
+    Args:
+        scene: The press; its target is the largest force that will come [N].
+        sensor: Whose gel it is.
+        look: How its images are made.
+
+    Attributes:
+        worth: What its forces are worth.
+        view: Where the pixels of its images look.
+
+    Raises:
+        ConfigError: The scene has no force for a target, or cannot be built.
+        ConvergenceError: Not even the scene itself can be pressed.
+    """
+
+    def __init__(self, scene: Scene, sensor: Sensor, look: Look | None = None) -> None:
+        force_max_n = scene.target.force_n
+        if not force_max_n:
+            raise ConfigError("a twin's scene has no force for a target", remedy="give the largest")
+        self._look = look or Look()
+        self._scene, self._sensor = twin_scene(scene), sensor
+        self._plan = plan_effects(self._scene)
+        self._path = path_for(self._scene, self._plan, device=self._look.device)
+        if len(self._path.model.elements) > TETS_MAX:
+            self._scene = replace(self._scene, refinement=COARSER)
+            self._plan = plan_effects(self._scene)
+            self._path = path_for(self._scene, self._plan, device=self._look.device)
+        self.view, self._blur_px = self._look.view(sensor)
+        self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
+        self.worth: ForceWorth = force_worth(self._scene, self._path, force_max_n)
+        self._begin_anew()
+        self._wait()
+        self._last: PathPoint | None = None
+        self._stamp_s: float | None = None
+        self.unloaded(None)
+
+    def unloaded(self, background: ImageArray | None) -> None:
+        """Take the no-contact frame over which images are drawn from now on.
+
+        Args:
+            background: RGB, uint8, of the size of ``view``; None is evenly grey.
+        """
+        self._images = SurfaceImages(
+            self._path.model,
+            self._scene.indenter,
+            self._sensor,
+            count=1,
+            background=background,
+            colours=self._look.colours,
+            geometry=self.view,
+            blur_px=self._blur_px,
+        )
+        self._untouched = self._drawn(self._path.unloaded, np.array([0.0, 0.0, 1.0]))
+
+    def follow(self, goal: Goal, *, maps: bool = True) -> TwinFrame:
+        """Press on to a goal, or back to it, and show that; a press that fails shows the last.
+
+        Args:
+            goal: What to press to; less than 0.02 N is no contact.
+            maps: Whether pressure and shear are wanted, which take as long as the rest.
+        """
+        started, note = time.perf_counter(), ""
+        if not goal.touches or (goal.force_n is not None and goal.force_n < NO_FORCE_N):
+            if self._last is not None:
+                self._wait()
+            self._last = None
+        else:
+            try:
+                self._last = self._pressed(goal)
+            except ConvergenceError as error:
+                note = f"shows the press before: {error.message}"
+                self._begin_anew()
+        self._stamp_s = goal.stamp_s
+        solved = time.perf_counter()
+        return self._shown(goal, self._last, note, solve_s=solved - started, maps=maps)
+
+    def _pressed(self, goal: Goal) -> PathPoint:
+        remembers = self._path.model.relaxation is not None
+        spent_s = None if self._stamp_s is None else max(0.0, goal.stamp_s - self._stamp_s)
+        duration_s = spent_s if remembers else None
+        if goal.force_n is not None:
+            return self._path.push(goal.force_n, duration_s=duration_s)
+        return self._path.advance(goal.depth_m or 0.0, duration_s=duration_s)
+
+    def _wait(self) -> None:
+        """Make ready for the next contact, while nothing is waited for."""
+        model = self._path.model
+        if model.relaxation is not None or model.contact_options.is_tangential:
+            self._begin_anew()
+            return
+        try:
+            self._path.push(_WAITING_N)
+        except ConvergenceError:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        model = self._path.model
+        self._path = path_for(self._scene, self._plan, model=model)
+        self._path.options = replace(
+            self._path.options,
+            residual_relative=LOOSENED * self._path.options.residual_relative,
+        )
+
+    def _shown(
+        self, goal: Goal, point: PathPoint | None, note: str, *, solve_s: float, maps: bool
+    ) -> TwinFrame:
+        started = time.perf_counter()
+        force = 0.0 if point is None else float(point.force_n[2])
+        pressure = shear = self._maps.none if maps else None
+        image = self._untouched
+        if point is not None:
+            image = self._drawn(point.state.positions, point.state.tip, point.state.rotation)
+            if maps:
+                pressure, shear = self._maps.of(point)
+        return TwinFrame(
+            goal=goal,
+            force_n=force,
+            force_error_n=self.worth.error_n(force),
+            depth_m=0.0 if point is None else point.depth_m,
+            image=image,
+            pressure_pa=pressure,
+            shear_pa=shear,
+            solve_s=solve_s,
+            draw_s=time.perf_counter() - started,
+            note=note,
+        )
+
+    def _drawn(
+        self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray | None = None
+    ) -> ImageArray:
+        device = Device(self._path.model.device)
+        turned = self._path.rotation if rotation is None else rotation
+        images = self._images.images(
+            device.array(nodes[None], wp.vec3d),
+            device.array(np.asarray(tip)[None], wp.vec3d),
+            device.array(np.asarray(turned)[None], wp.mat33d),
+        )
+        return np.array(images.numpy()[0])

@@ -1,0 +1,65 @@
+"""Whether a run has a twin, what it follows, and with what it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from protocols.processes.messages import ViewerWish
+from sim.sensor.sensor import Sensor
+from sim.twin.follower import Follower, Look
+from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.loop.inputs import inputs_of
+from tacauchy_rig.loop.optics import OpticalCalibration, optics_of, say_nothing
+
+NAME, MODULE, FOLLOWS = "twin", "tacauchy_rig.loop.twin", "follows"
+
+
+class Follows(StrEnum):
+    """What a twin is pressed to."""
+
+    FORCE = "force"
+    DEPTH = "depth"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """A twin's simulator, and how frames of the real sensor become images of its size.
+
+    Attributes:
+        crop_fraction: Part of a frame's width and height cut off at each border.
+    """
+
+    follower: Follower
+    crop_fraction: float
+
+
+def twin_wish(follows: Follows) -> ViewerWish:
+    """Return what the supervisor starts."""
+    return ViewerWish(name=NAME, module=MODULE, options={FOLLOWS: follows.value})
+
+
+def twin_of(
+    config: RigConfig, *, optics: OpticalCalibration | None = None, device: str = "cpu"
+) -> Seen:
+    """Return what follows the presses of a configuration.
+
+    Args:
+        config: Of the run.
+        optics: How images are made; None takes the configured calibration, or the nominal lamps.
+        device: Of the kernels.
+
+    Raises:
+        ConfigError: There is no such sensor or indenter, or nothing to render with.
+        ConvergenceError: The largest target cannot be pressed.
+    """
+    inputs = inputs_of(config)
+    found = optics or optics_of(
+        config.sensor.optics_calibration, inputs.sensor, on_progress=say_nothing
+    )
+    look = Look(colours=found.model, geometry=found.geometry, blur_px=found.blur_px, device=device)
+    sensor: Sensor = replace(
+        inputs.sensor, optics=replace(inputs.sensor.optics, shadows=found.shadows)
+    )
+    follower = Follower(inputs.scene(config.protocol.force_targets), sensor, look)
+    return Seen(follower=follower, crop_fraction=found.geometry.crop_fraction)
