@@ -1,4 +1,4 @@
-"""A viewer from outside, the twin: what it leaves of a run, and what its death costs."""
+"""A viewer from outside, the twin: what its death costs a run."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from protocols.session import run_session
 from tacauchy_rig.loop.twin.wish import Follows, twin_wish
 from tacauchy_rig.run import Outcome
 from tacauchy_rig.store.check.run import check_run
-from tacauchy_rig.store.line_log import read_log
 from tacauchy_rig.store.recording.reading import Recording
 
 
-def test_a_run_has_lines_of_its_twin_and_loses_nothing_when_that_is_killed(make_store):
+def test_a_run_loses_nothing_when_its_twin_is_killed(make_store):
     """Killed in the middle of a press: the run passes, every sample is recorded."""
-    store, pids = make_store('protocol.force_targets=["1.2 N", "1.3 N", "1.4 N", "1.5 N"]'), {}
+    store, pids = make_store('protocol.force_targets=["1.2 N", "1.5 N"]'), {}
 
     def on_event(event):
         pids.update(event.detail["pids"] if event.name == "run-start" else {})
-        if event.name == "phase" and event.detail["phase"] == "press" and event.trial == 4:
+        if event.name == "phase" and event.detail["phase"] == "press" and event.trial == 2:
             threading.Timer(0.3, os.kill, [pids["twin"], signal.SIGKILL]).start()
 
     result = run_session(
@@ -32,13 +31,9 @@ def test_a_run_has_lines_of_its_twin_and_loses_nothing_when_that_is_killed(make_
         viewers=[twin_wish(Follows.FORCE)],
     )
     assert (result.outcome, result.died) == (Outcome.PASSED, {})
-    recordings = [Recording.open(store.paths.recording(trial, 1)) for trial in (1, 2, 3, 4)]
+    recordings = [Recording.open(store.paths.recording(trial, 1)) for trial in (1, 2)]
     assert sum(result.acknowledged.values()) == sum(each.message_count for each in recordings)
     for recording in recordings:
         counters = recording.force().counter.tolist()
         assert counters == list(range(counters[0], counters[-1] + 1))
     assert list(check_run(store).missed()) == []
-    lines = read_log(store.paths.twin)
-    pressed = [line for line in lines if line["force_n"] > 0.0]
-    assert pressed
-    assert all(abs(line["force_n"] - line["asked_n"]) < 1e-3 for line in pressed)
