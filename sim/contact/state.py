@@ -19,8 +19,6 @@ class ContactOptions:
         distance_m: d_hat [m]: the gel feels the indenter from here on.
         friction: Coulomb coefficient mu; zero without friction.
         slip_m: Tangential offset at which sticking has become sliding [m].
-        face_splits: How often each face is cut in four for its contact points; a sharp rim that
-            cuts faces is then felt more evenly.
         extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
             altogether, which Newton likes best, and gaps stay positive while the pressure is below
             kappa / d_hat.
@@ -30,7 +28,6 @@ class ContactOptions:
     bonded: bool = False
     friction: float = 0.0
     slip_m: float = 1.0e-6
-    face_splits: int = 0
     extension: float = 0.5
 
     @property

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import expected_depth
-from sim.effects.presets import build_model
+from sim.effects.presets import build_model, felt_indenter
 from sim.material.elastic_body import densities_of
-from sim.scene.scene import Drive, Effect, Output, Scene
+from sim.scene.scene import ContactMode, Drive, Effect, Output, Scene
 from sim.scene.tilted_indenter import tilted
 from sim.solve.dynamics.weight_and_inertia import Inertia, weight
 from sim.solve.equilibrium import SolverOptions
@@ -53,7 +53,7 @@ def path_for(
     step_s = scene.duration_s / TIME_STEPS
     return LoadingPath(
         model,
-        scene.indenter,
+        felt_indenter(scene, refinement=refinement),
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=_longest_step(scene, plan, height_m=model.height_m),
@@ -66,7 +66,8 @@ def path_for(
 def _longest_step(scene: Scene, plan: EffectPlan, *, height_m: float) -> float:
     """Return how far the indenter goes in a step at most [m]."""
     longest, asked = STEP_SHARE * height_m, _OF_THE_WAY & scene.outputs
-    if not asked or not plan.is_on(Effect.FRICTION):
+    holds = scene.contact is ContactMode.BONDED or plan.is_on(Effect.FRICTION)
+    if not asked or not holds:
         return longest
     closest = min(plan.tolerances.get(output, 1.0) for output in asked)
     steps = max(_STEPS_LEAST, _STEPS_BY_TOLERANCE / closest)

@@ -70,7 +70,7 @@ class Discretisation:
         return int(self.face_parents[np.argmax(heights)])
 
 
-def discretise(mesh: TetMesh, *, order: ElementOrder, face_splits: int) -> Discretisation:
+def discretise(mesh: TetMesh, *, order: ElementOrder) -> Discretisation:
     """Clamp a mesh at its base and give it an element type.
 
     Raises:
@@ -94,7 +94,7 @@ def discretise(mesh: TetMesh, *, order: ElementOrder, face_splits: int) -> Discr
             remedy="orient the tetrahedra or mesh the pad again",
         )
     return Discretisation(
-        reference=reference_element(order, face_splits=face_splits),
+        reference=reference_element(order),
         nodes=nodes,
         elements=elements,
         faces=faces[outer],

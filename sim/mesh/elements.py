@@ -78,12 +78,9 @@ class ReferenceElement:
         return np.asarray(0.5 * np.cross(along[0], along[1]) * self.face_weights[:, None])
 
 
-def reference_element(order: ElementOrder, *, face_splits: int = 0) -> ReferenceElement:
-    """Return the tables of an element type.
-
-    Each face is cut in four so many times, each part with a contact rule of its own.
-    """
-    face_points, face_weights = _split_rule(*_triangle_rule(), splits=face_splits)
+def reference_element(order: ElementOrder) -> ReferenceElement:
+    """Return the tables of an element type."""
+    face_points, face_weights = _triangle_rule()
     if order is ElementOrder.P1:
         points, weights = np.full((1, 4), 0.25), np.ones(1)
         face_values = face_points
@@ -192,16 +189,3 @@ def _triangle_rule() -> tuple[FloatArray, FloatArray]:
     weights += [0.082851075618374] * 6
     total = np.array(weights)
     return np.array(points), total / total.sum()
-
-
-def _split_rule(
-    points: FloatArray, weights: FloatArray, *, splits: int
-) -> tuple[FloatArray, FloatArray]:
-    """Repeat a triangle's rule on the parts between its corners and its edges' middles."""
-    corners = np.eye(3)
-    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-    parts = [np.stack([corners[k], middles[k], middles[k - 1]]) for k in range(3)] + [middles]
-    for _ in range(splits):
-        points = np.concatenate([points @ part for part in parts])
-        weights = np.tile(weights, len(parts)) / len(parts)
-    return points, weights

@@ -15,7 +15,6 @@ if TYPE_CHECKING:  # shapes bring NumPy, which the help of a command has no use 
     from sim.scene.pad import Pad
 
 BARRIER_M = 5e-6
-SHARP_BARRIER_M = 1e-6
 # Preset fast's widest; it is no wider than these shares of the roundness and of the depth.
 _WIDE_BARRIER_M = 40e-6
 _ROUND_SHARE, _DEPTH_SHARE = 0.4, 0.1
@@ -188,14 +187,13 @@ class Scene:
     def contact_distance_m(self) -> float:
         """Contact distance d_hat [m], a numerical setting.
 
-        The gel stays about this far from the indenter, and depth counts from there. Under a sharp
-        rim F_z depends on it ten times more than under a round one: there it is smaller.
+        The gel stays about this far from the indenter, and depth counts from there.
         """
         if self.barrier_m is not None:
             return self.barrier_m
         if self.has_wide_barrier:
             return max(BARRIER_M, self._wide_barrier_m())
-        return SHARP_BARRIER_M if self.has_sharp_rim else BARRIER_M
+        return BARRIER_M
 
     def _wide_barrier_m(self) -> float:
         """Return a contact distance that halves Newton's iterations [m].

@@ -52,7 +52,7 @@ class Model:
         self.law = law
         self.device = device
         self.contact_options = contact_options or ContactOptions()
-        pad = discretise(mesh, order=order, face_splits=self.contact_options.face_splits)
+        pad = discretise(mesh, order=order)
         self.discretisation = pad
         self.reference, self.pattern = pad.reference, pad.pattern
         self.nodes, self.elements, self.clamped = pad.nodes, pad.elements, pad.clamped

@@ -11,7 +11,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import Grip
 from sim.effects.plan import plan_effects
-from sim.effects.presets import build_model
+from sim.effects.presets import build_model, felt_indenter
 from sim.fields.contact_traction import surface_traction
 from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
@@ -301,14 +301,15 @@ def sampled(case: Case, scene: Scene) -> Sampled:
 
 def _pressed(scene: Scene, *, starts_free: bool) -> tuple[LoadingPath, PathPoint]:
     plan = plan_effects(scene)
-    path = LoadingPath(build_model(scene, plan=plan), scene.indenter)
+    felt = felt_indenter(scene)
+    path = LoadingPath(build_model(scene, plan=plan), felt)
     if not starts_free:
         return path, path.advance(_depth(scene))
     smooth = replace(
         scene, contact=ContactMode.FRICTIONLESS, effects=((Effect.LOCKING_FREE_ELEMENT, True),)
     )
     free = build_model(smooth, plan=plan_effects(smooth), mesh=path.model.mesh)
-    point = LoadingPath(free, scene.indenter).advance(_depth(scene))
+    point = LoadingPath(free, felt).advance(_depth(scene))
     state, contact = point.state.copy(), point.equilibrium.contact
     state.grip = Grip(
         held=np.any(contact.forces != 0.0, axis=2).astype(np.int32),

@@ -22,7 +22,7 @@ def quarter(order: ElementOrder) -> tuple[TetMesh, Discretisation]:
     """Return a quarter of a box."""
     grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3)
     mesh = revolved_mesh(PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="box")
-    return mesh, discretise(mesh, order=order, face_splits=0)
+    return mesh, discretise(mesh, order=order)
 
 
 @pytest.mark.parametrize("order", list(ElementOrder))
@@ -70,5 +70,4 @@ def test_flat_tetrahedra_are_refused() -> None:
         discretise(
             oriented(TetMesh(vertices=vertices, tets=np.array([[0, 1, 2, 3]]), name="flat")),
             order=ElementOrder.P1,
-            face_splits=0,
         )
