@@ -29,9 +29,6 @@ from tacauchy_rig.versions import installed
 
 Progress = Callable[[int, str], None]
 
-_NO_FORCE_N = 1e-5
-"""Less is first touch: the depth of a gel there is nanometres."""
-
 
 def replay_scene(
     sensor: Sensor,
@@ -124,36 +121,6 @@ def replay_forces(
         versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
     )
     return replay, [fields for _, fields in ordered]
-
-
-def forces_at(
-    scene: Scene, depths_m: Sequence[float], *, contact_force_n: float = 0.0
-) -> list[float]:
-    """Return F_z at depths [N], of presses whose force nobody measured.
-
-    Args:
-        scene: As ``replay_scene`` makes it; its target is not looked at.
-        depths_m: Below where depths are counted from [m].
-        contact_force_n: Where that is; next to nothing is first touch [N].
-
-    Raises:
-        ConvergenceError: A depth cannot be reached.
-    """
-    scene = replace(scene, target=Target(depth_m=max(depths_m)))
-    plan = plan_effects(scene)
-    relaxes = plan.is_on(Effect.VISCOELASTICITY)
-    path = path_for(scene, plan)
-    touched_m = 0.0
-    if contact_force_n > _NO_FORCE_N:
-        touched_m = path.push(contact_force_n).depth_m
-    forces_n = {}
-    for position in sorted(range(len(depths_m)), key=lambda k: depths_m[k]):
-        if relaxes:
-            path = path_for(scene, plan, model=path.model)
-        duration_s = scene.duration_s if relaxes else None
-        point = path.advance(touched_m + depths_m[position], duration_s=duration_s)
-        forces_n[position] = float(point.force_n[2])
-    return [forces_n[position] for position in range(len(depths_m))]
 
 
 def force_history(scene: Scene, forces_n: Sequence[float]) -> tuple[tuple[float, float], ...]:

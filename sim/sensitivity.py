@@ -9,8 +9,9 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.called_for import everything
+from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Effect, Preset, Scene, Target
 
 # What an input changes of a 5 mm punch's force, 0.5 mm deep in a GelSight Mini, fillet 0.1 mm, mu
 # 0.5; edges of preset fast so many times shorter (the seconds are of all of them):
@@ -22,6 +23,8 @@ from sim.scene.scene import Preset, Scene, Target
 # tilt 1.6 deg      -6.9       -6.5       -6.4           -
 # Longer edges stay too stiff at a fillet and where a gel hardly changes its volume.
 COARSE, FINER = 0.7, 1.0
+# Less is first touch [N]: the depth of a gel there is nanometres.
+_NO_FORCE_N = 1e-5
 
 
 def coarse_forces(
@@ -52,10 +55,28 @@ def coarse_forces(
 
 
 def forces_at(
-    scene: Scene, depths_m: Sequence[float], *, contact_force_n: float = 0.0
+    scene: Scene,
+    depths_m: Sequence[float],
+    *,
+    contact_force_n: float = 0.0,
+    planned: bool = False,
 ) -> FloatArray:
-    """Press a scene's indenter, as it is, to rising depths; the rest is as of ``coarse_forces``."""
+    """Press a scene's indenter, as it is, to depths; the rest is as of ``coarse_forces``.
+
+    A gel that relaxes is pressed anew for each depth, in the scene's time.
+
+    Args:
+        planned: With the effects that its plan calls for; else with all that it has.
+    """
     scene = replace(scene, target=Target(depth_m=max(depths_m)))
-    path = path_for(scene, everything(scene))
-    touched_m = path.push(contact_force_n).depth_m if contact_force_n else 0.0
-    return np.array([float(path.advance(touched_m + by_m).force_n[2]) for by_m in depths_m])
+    plan = plan_effects(scene) if planned else everything(scene)
+    duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
+    path = path_for(scene, plan)
+    touched_m = path.push(contact_force_n).depth_m if contact_force_n > _NO_FORCE_N else 0.0
+    forces_n = np.zeros(len(depths_m))
+    for position in np.argsort(depths_m):
+        if duration_s is not None:
+            path = path_for(scene, plan, model=path.model)
+        point = path.advance(touched_m + depths_m[position], duration_s=duration_s)
+        forces_n[position] = point.force_n[2]
+    return forces_n

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sim.contact.state import ContactOptions
 from sim.effects.called_for import everything
 from sim.effects.effect_plan import EffectPlan
@@ -29,10 +27,6 @@ from sim.solve.model import Model
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
-# What a sharp edge happens to cut decides F_z there. With the rim's nodes on a polygon in it, a
-# flat punch on an elastic layer comes out 3.5 % too soft to 2.5 % too stiff by chance as the mesh
-# is refined; with the polygon around it, as near as ``_resolution`` has it, always too stiff.
-_SAGITTA_SHARE = 0.48
 # Of an edge at a sharp rim: the radius that the rim is felt with. A mesh follows no corner, and
 # what it catches of one hangs on chance. F_z of the 5 mm punch in a GelSight Mini, 0.5 mm deep, on
 # edges 0.9, 1 and 1.1 times as short as preset balanced's, is 3.11, 3.08 and 3.12 N without, 2.99,
@@ -223,7 +217,6 @@ def mesh_for(
         name=f"revolved, {scene.preset.value}",
         interface_shares=shares,
         symmetry=symmetry,
-        circumscribed=scene.has_sharp_rim,
     )
 
 
@@ -260,11 +253,7 @@ def _scene_resolution(scene: Scene, given: Resolution | None) -> Resolution:
 
 
 def _resolution(scene: Scene) -> Resolution:
-    """Return a scene's resolution, with sectors enough for a sharp rim.
-
-    A circle leaves its polygon by half the square of half a sector's angle: that is kept below the
-    rim's edges.
-    """
+    """Return a scene's resolution, finer where shear is asked for and points may slide."""
     if scene.is_light:
         return LIGHT
     resolution = RESOLUTIONS[scene.preset]
@@ -275,10 +264,7 @@ def _resolution(scene: Scene) -> Resolution:
             smooth_share=resolution.smooth_share / shorter,
             sector_count=4 * round(0.25 * shorter * resolution.sector_count),
         )
-    if not scene.has_sharp_rim:
-        return resolution
-    sectors = np.pi / np.sqrt(2.0 * _SAGITTA_SHARE * resolution.edge_share)
-    return replace(resolution, sector_count=max(resolution.sector_count, 4 * round(0.25 * sectors)))
+    return resolution
 
 
 def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:

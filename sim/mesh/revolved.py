@@ -33,7 +33,6 @@ def revolved_mesh(
     name: str,
     symmetry: MirrorSymmetry | None = None,
     interface_shares: tuple[float, ...] = (),
-    circumscribed: bool = False,
 ) -> TetMesh:
     """Mesh a pad.
 
@@ -42,8 +41,6 @@ def revolved_mesh(
         symmetry: Planes through the axis that mirror pad and press, of which half or a quarter is
             meshed; None for all on which the axis lies.
         interface_shares: Rising shares of the local height at which layers meet, with nodes there.
-        circumscribed: Let the ring of nodes on the rim be a polygon around the rim instead of in
-            it, so that no face outside it is touched.
 
     Raises:
         ConfigError: The axis stands outside the pad.
@@ -53,11 +50,6 @@ def revolved_mesh(
     if symmetry is None:
         symmetry = MirrorSymmetry(mirror_x=centre_m[0] == 0.0, mirror_y=centre_m[1] == 0.0)
     angles, reaches, mean_reach = _sectors(pad, centre, sector_count, symmetry)
-    if circumscribed:
-        outwards = 1.0 / np.cos(0.5 * float(np.diff(angles).max()))
-        grading = replace(
-            grading, start_m=outwards * grading.start_m, end_m=outwards * grading.end_m
-        )
     if symmetry.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
     levels = tuple(share * pad.height_m for share in interface_shares)

@@ -11,7 +11,8 @@ from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.settings import setting_of
 from sim.fields.press_fields import TrialFields
-from sim.replay import force_history, forces_at, replay_forces
+from sim.replay import force_history, replay_forces
+from sim.sensitivity import forces_at
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.loop.mounting import (
@@ -136,8 +137,8 @@ def _forces(
         on_progress(f"  no force of {len(without)} trials was measured: pressing to the depths")
         scene = replace(inputs, tolerance=None).scene([])
         depths_m = [record.depth_measured_m or 0.0 for record in without]
-        forces_n = forces_at(scene, depths_m, contact_force_n=contact_force_n)
-        found = {record.index: force for record, force in zip(without, forces_n, strict=True)}
+        forces_n = forces_at(scene, depths_m, contact_force_n=contact_force_n, planned=True)
+        found = {r.index: force for r, force in zip(without, forces_n.tolist(), strict=True)}
     return [found.get(record.index, _measured_n(record)) for record in records]
 
 
