@@ -54,6 +54,11 @@ class ForceGuard:
         self._liveness.set_noise()
         self._recent.clear()
 
+    @property
+    def is_tared(self) -> bool:
+        """Whether the zero is known."""
+        return self._zero is not None
+
     def tared(self, sample: ForceSample) -> Vector6:
         """Return force [N] and moment [N m] of a sample against the zero; zeros before it."""
         if self._zero is None:

@@ -60,6 +60,7 @@ class Broadcast:
                 "counter": [sample.counter for sample in self._force],
                 "force_n": [cycle.force_guard.pressing(wrench) for wrench in wrenches],
                 "wrench": wrenches[-1],
+                "is_tared": cycle.force_guard.is_tared,
                 "record_lag_s": self._sink.lag_s(),
             }
             self._feeds.show("force", self._force[-1].stamp_ns, numbers)

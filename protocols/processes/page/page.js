@@ -3,7 +3,7 @@
 // from anywhere but the address that the page came from.
 
 const $ = (id) => document.getElementById(id);
-const SPAN_S = 30, SILENT_S = 0.9, GAIN = 4, STOP_TIMEOUT_MS = 1500;
+const SPAN_S = 30, SILENT_S = 0.9, GAIN = 4, STOP_TIMEOUT_MS = 1500, DIFFERENCE_MS = 250;
 const PHASES = {
   "preflight": "checking that everything answers", "air-press": "pressing the air above the gel",
   "home": "going home", "tare": "weighing nothing, to find zero",
@@ -16,6 +16,7 @@ const PHASES = {
 let setup = null, run = null, live = null, heardMs = performance.now(), stopped = false;
 let trace = [], depthM = 0, referenceOf = null, reference = null;
 const picturesShown = {};
+let colours = {}, differedMs = 0;
 
 // ---- what the server tells -------------------------------------------------------------------
 
@@ -139,6 +140,11 @@ function showLive() {
 }
 
 function showForce(numbers) {
+  if (!numbers.is_tared) {
+    $("force").textContent = "–";
+    $("axes").tBodies[0].replaceChildren(row(["not tared yet"]));
+    return;
+  }
   const newest = numbers.force_n[numbers.force_n.length - 1];
   $("force").textContent = newest.toFixed(3);
   const most = setup.soft_force_n;
@@ -273,7 +279,8 @@ async function fetchReference() {
 }
 
 function drawDifference(bitmap) {
-  if (!reference) return;
+  if (!reference || performance.now() - differedMs < DIFFERENCE_MS) return;
+  differedMs = performance.now();
   const now = pixels(bitmap), before = reference.data;
   if (before.length !== now.data.length) return;
   for (let place = 0; place < now.data.length; place++) {
@@ -420,7 +427,7 @@ function row(cells, kind = "") {
   return line;
 }
 
-function colour(name) { return getComputedStyle(document.documentElement).getPropertyValue(name); }
+function colour(name) { return colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue(name); }
 function age(seconds) { return seconds === null ? "–" : `${(seconds * 1e3).toFixed(0)} ms`; }
 function short(value) { return typeof value === "number" ? Number(value.toPrecision(4)) : value; }
 function clock(seconds) {
@@ -428,5 +435,7 @@ function clock(seconds) {
   return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
 }
 
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { colours = {}; });
+addEventListener("resize", () => { if (live) drawTrace(); });
 setInterval(showAges, 100);
 listen();

@@ -61,7 +61,7 @@ class View:
         each = tuple(counters) if isinstance(counters, list) else (counters,)
         count = len(numbers["stamp_ns"]) if "stamp_ns" in numbers else numbers.get("count", 1)
         stream.take(shown.stamp_ns, count=count, counters=each if counters != () else ())
-        if shown.stream == "force":
+        if shown.stream == "force" and numbers["is_tared"]:
             self._trace.extend(zip(numbers["stamp_ns"], numbers["force_n"], strict=True))
             self._traced += count
         if shown.picture is not None:

@@ -35,6 +35,7 @@ def test_the_trace_moves_and_everything_is_told(long_session, tab):
     wait_until_it_moves(page)
     page.wait_for_function("() => document.querySelectorAll('#streams tbody tr').length >= 3")
     page.wait_for_function("() => document.getElementById('image').width !== 300")
+    page.wait_for_function("() => document.querySelectorAll('#axes tr').length === 6")
     assert re.fullmatch(r"-?\d+\.\d{3}", page.inner_text("#force"))
     assert page.locator("#axes tr").count() == 6
     assert page.locator("#trials figure").count() == 6

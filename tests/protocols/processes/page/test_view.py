@@ -49,7 +49,7 @@ def event(name, trial=0, **detail):
     return JournalEvent(stamp_ns=10**9, name=name, trial=trial, attempt=1, detail=detail)
 
 
-def force(first, count):
+def force(first, count, *, is_tared=True):
     """Return force samples as control shows them."""
     counters = list(range(first, first + count))
     return Shown(
@@ -60,6 +60,7 @@ def force(first, count):
             "counter": counters,
             "force_n": [0.001 * n for n in counters],
             "wrench": [0.0] * 6,
+            "is_tared": is_tared,
         },
     )
 
@@ -74,6 +75,12 @@ def test_a_browser_gets_each_sample_once(view):
     assert [len(live["trace"]) for live in (first, second, third)] == [5, 3, 0]
     assert (first["from_start"], second["from_start"]) == (True, False)
     assert len(view.live(0)[0]["trace"]) == 8
+
+
+def test_forces_without_a_zero_are_not_drawn(view):
+    """Before the first tare nobody knows them."""
+    view.take(force(1, 5, is_tared=False))
+    assert view.live(0)[0]["trace"] == []
 
 
 def test_a_browser_that_was_away_for_long_gets_what_is_kept(view):
