@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from skimage.metrics import structural_similarity
 
 from reports.arrays import FloatArray, check_image_pair
+from tacauchy_rig.errors import RecordError
 
 HISTOGRAM_BINS = 256
-SSIM_SIGMA_PX = 1.5
+SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
 PEAK = 255.0
 
 
@@ -89,19 +89,36 @@ class ImageScores:
 
 
 def structural_similarity_index(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
-    """Compute SSIM as defined by Wang et al., IEEE TIP 13(4), 2004."""
+    """Compute SSIM as defined by Wang et al., IEEE TIP 13(4), 2004, eq. 13; channels are averaged.
+
+    A report compares every press with every other: OpenCV's filter takes a third of the time of
+    SciPy's, at values that are the same to rounding.
+
+    Raises:
+        RecordError: The images differ in shape, are not 8-bit, or are smaller than the window.
+    """
     check_image_pair(first, second)
-    return float(
-        structural_similarity(  # type: ignore[no-untyped-call]
-            first,
-            second,
-            gaussian_weights=True,
-            sigma=SSIM_SIGMA_PX,
-            use_sample_covariance=False,
-            data_range=PEAK,
-            channel_axis=2 if first.ndim == 3 else None,
+    if min(first.shape[:2]) < SSIM_WINDOW_PX:
+        raise RecordError(
+            f"images of {first.shape[1]} x {first.shape[0]} px have no SSIM",
+            remedy=f"its window is {SSIM_WINDOW_PX} px wide: score larger images",
         )
-    )
+    x, y = first.astype(np.float64), second.astype(np.float64)
+    mean_x, mean_y = _windowed(x), _windowed(y)
+    square_x, square_y, product = mean_x * mean_x, mean_y * mean_y, mean_x * mean_y
+    variances = _windowed(x * x) - square_x + _windowed(y * y) - square_y
+    covariance = _windowed(x * y) - product
+    steady_mean, steady_variance = (0.01 * PEAK) ** 2, (0.03 * PEAK) ** 2
+    likeness = (2.0 * product + steady_mean) * (2.0 * covariance + steady_variance)
+    likeness /= (square_x + square_y + steady_mean) * (variances + steady_variance)
+    border = SSIM_WINDOW_PX // 2
+    return float(likeness[border:-border, border:-border].mean())
+
+
+def _windowed(values: FloatArray) -> FloatArray:
+    """Return means in a Gaussian window."""
+    size = (SSIM_WINDOW_PX, SSIM_WINDOW_PX)
+    return np.asarray(cv2.GaussianBlur(values, size, SSIM_SIGMA_PX), np.float64)
 
 
 def zero_mean_correlation(first: FloatArray, second: FloatArray) -> float:

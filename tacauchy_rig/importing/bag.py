@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from tacauchy_rig.config.fields import Length, Section
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.importing.mcap_chunks import check_chunks
 from tacauchy_rig.importing.press import Frame, Press, Recorded, Samples
 from tacauchy_rig.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.importing.streams import PressFinding, S, Streams, cut, find_presses
@@ -34,7 +35,8 @@ FRAMES_BYTES = 4096 * MIB
 """Of all images together, which are held while they are cut into presses."""
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 WRENCH, POSE = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
-STORAGES = (".mcap", ".db3")
+MCAP = ".mcap"
+STORAGES = (MCAP, ".db3")
 METADATA = "metadata.yaml"
 # Of what a broken file makes the reader say.
 _BROKEN = (
@@ -110,7 +112,7 @@ _FOUND = (
 def _checked(source: Source, name: str) -> Path:
     """Return the bag; every file of a folder lies within the source and is no pack of its own."""
     if Path(name).suffix in STORAGES:
-        return source.path(name, field="data.file", most_bytes=LARGE_BYTES)
+        return _bounded(source.path(name, field="data.file", most_bytes=LARGE_BYTES))
     folder = source.folder(name, field="data.file")
     inside = "" if folder == source.root else f"{folder.relative_to(source.root)}/"
     source.path(f"{inside}{METADATA}", field="data.file", most_bytes=MIB)
@@ -120,8 +122,16 @@ def _checked(source: Source, name: str) -> Path:
                 f"data.file: {path.name} is packed as a whole", remedy="unpack it: `zstd -d`"
             )
         if path.suffix in STORAGES:
-            source.path(f"{inside}{path.name}", field="data.file", most_bytes=LARGE_BYTES)
+            stored = source.path(f"{inside}{path.name}", field="data.file", most_bytes=LARGE_BYTES)
+            _bounded(stored)
     return folder
+
+
+def _bounded(path: Path) -> Path:
+    """Return a file whose parts are none too large; SQLite's are within the file."""
+    if path.suffix == MCAP:
+        check_chunks(path, name=f"data.file: {path.name}")
+    return path
 
 
 def _unknown(data: BagData, streams: Streams) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate, correlation_lags
+from scipy.signal import correlate, correlation_lags, lfilter
 
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.importing.press import FloatArray
@@ -26,6 +26,9 @@ LIKE = 0.6
 ALONE = 0.97
 """Of the best correlation: another offset, a press apart, has to have less."""
 APART_S = 1.0
+MEMORY_SHARE, MEMORY_S = 0.13, 0.2
+"""Of a gel's force that fades after it was pressed, and how fast: more than gels of such sensors
+are taken to, so that the truth lies between this and none."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a uniform distribution of width 1."""
 
@@ -48,7 +51,8 @@ class Offset:
 
     Attributes:
         seconds: The offset [s].
-        uncertainty_s: Standard uncertainty: scatter between presses, and the coarser interval [s].
+        uncertainty_s: Standard uncertainty: scatter between presses, the coarser interval, and how
+            far apart what the second may follow lies [s].
         correlation: Of both signals, with it [1].
     """
 
@@ -57,28 +61,58 @@ class Offset:
     correlation: float
 
 
-def find_offset(first: Signal, second: Signal, presses_s: Sequence[tuple[float, float]]) -> Offset:
+def find_offset(
+    first: Signal,
+    second: Signal,
+    presses_s: Sequence[tuple[float, float]],
+    *,
+    followed: Sequence[Signal] = (),
+) -> Offset:
     """Find the offset with which two signals of the same presses fit best.
 
     Args:
-        first: Of the clock that is kept.
+        first: Of the clock that is kept; rises and falls as the second does.
         second: Of the clock that is to be moved.
         presses_s: Start and end of each press in the first clock [s].
+        followed: What the second is a function of, in the first clock: one, or two that bound it;
+            left out, it is ``first``.
 
     Raises:
         RecordError: They do not show the same presses, or fit with several offsets.
     """
     interval_s = float(np.median(np.diff(second.time_s)))
     coarse_s, likeness = _coarse(first, second, interval_s / FINER)
-    found = [_near(first, second, press, coarse_s) for press in presses_s]
-    offset_s = float(np.median(found))
-    scatter_s = float(np.std(found, ddof=1)) / math.sqrt(len(found)) if len(found) > 1 else 0.0
-    single_s = interval_s if len(found) == 1 else 0.0  # one press shows no scatter
+    found = np.array(
+        [
+            [_near(each, second, press, coarse_s) for press in presses_s]
+            for each in followed or (first,)
+        ]
+    )
+    bounds_s = np.median(found, axis=1)
+    count = found.shape[1]
+    scatter_s = float(found.std(axis=1, ddof=1).max()) / math.sqrt(count) if count > 1 else 0.0
+    single_s = interval_s if count == 1 else 0.0  # one press shows no scatter
+    apart_s = UNIFORM * float(np.ptp(bounds_s))
     return Offset(
-        seconds=offset_s,
-        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s),
+        seconds=float(bounds_s.mean()),
+        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, apart_s),
         correlation=likeness,
     )
+
+
+def without_memory(force: Signal) -> Signal:
+    """Return a force as of a gel that remembers, without what it remembers.
+
+    A gel's force fades after it was pressed and its shape does not, so that coming down and letting
+    go differ in force where they look alike. F = R + m with m' = -m / MEMORY_S + MEMORY_SHARE R',
+    R the force that is left, sampled evenly.
+    """
+    step_s = float(np.median(np.diff(force.time_s)))
+    time_s = np.arange(force.time_s[0], force.time_s[-1] + step_s, step_s)
+    kept = math.exp(-step_s / MEMORY_S)
+    new = MEMORY_SHARE * (1.0 - kept) * MEMORY_S / step_s
+    left = lfilter([1.0, -kept], [1.0 + new, -(kept + new)], force.at(time_s))
+    return Signal(time_s=time_s, value=np.asarray(left))
 
 
 def _coarse(first: Signal, second: Signal, step_s: float) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pydantic import Field
 
 from tacauchy_rig.config.fields import Frequency, Section
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.importing.onset import Offset, Signal, find_offset
+from tacauchy_rig.importing.onset import Offset, Signal, find_offset, without_memory
 from tacauchy_rig.importing.press import FloatArray, Frame, Recorded, Samples, Window
 from tacauchy_rig.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.importing.spec import Column
@@ -31,6 +31,7 @@ SMALL = (32, 24)
 """To which frames are scaled down to see when something changes [px]."""
 WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
 POSE = ("x", "y", "z")
+Z = 2
 
 
 class LogColumns(Section):
@@ -77,10 +78,13 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
     path = source.path(data.video, field="data.video", most_bytes=LARGE_BYTES)
     seen_s, change = _changes(path, data)
-    log = Signal(time_s=force.stamp_ns / S, value=np.sqrt(felt_along(force)))
+    felt = Signal(time_s=force.stamp_ns / S, value=felt_along(force))
+    log = Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
     found = find_presses(force, data.presses)
     spans_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
-    offset = find_offset(log, Signal(time_s=seen_s, value=change), spans_s)
+    seen = Signal(time_s=seen_s, value=change)
+    height = None if pose is None else Signal(time_s=pose.stamp_ns / S, value=pose.value[:, Z])
+    offset = find_offset(log, seen, spans_s, followed=followed(felt, height))
     frame_ns = np.asarray(np.rint((seen_s + offset.seconds) * S), dtype=np.int64)
     windows = [window for each in found for window in (each.rest, each.held)]
     frames = _kept(path, data, frame_ns, windows)
@@ -96,6 +100,13 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     )
 
 
+def followed(felt: Signal, height: Signal | None) -> tuple[Signal, ...]:
+    """Return what an image follows: how deep the tip is, or forces that bound a gel's memory."""
+    if height is None:
+        return felt, without_memory(felt)
+    return (Signal(time_s=height.time_s, value=-height.value),)
+
+
 def _unknown(columns: LogColumns) -> Iterator[str]:
     if columns.z is None:
         yield "The depth is not known."
@@ -106,8 +117,9 @@ def _told(offset: Offset, count: int) -> str:
     return (
         f"The video's clock is {offset.seconds - 1.0:+.4f} s from the log's, found by when contact "
         f"shows in both ({count} presses, correlation {offset.correlation:.2f}); standard "
-        f"uncertainty {offset.uncertainty_s * 1e3:.0f} ms, from the scatter between presses and "
-        "the interval of the frames."
+        f"uncertainty {offset.uncertainty_s * 1e3:.0f} ms, from the scatter between presses, the "
+        "interval of the frames and, where the tip's height is not known, what a gel remembers. "
+        "How late a frame shows the gel is part of it."
     )
 
 
@@ -166,19 +178,26 @@ def _changes(path: Path, data: VideoData) -> tuple[FloatArray, FloatArray]:
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     rate_hz = data.frame_rate or float(video.get(cv2.CAP_PROP_FPS))
     video.release()
-    small = [
-        cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
-        for frame in video_frames(path, data.video)
-    ]
-    if len(small) < 3 or not 0.0 < rate_hz < 1e4:  # frames a second that any camera has
+    change = image_change(video_frames(path, data.video), rate_hz)
+    if len(change) < 3 or not 0.0 < rate_hz < 1e4:  # frames a second that any camera has
         raise RecordError(
-            f"data.video: {data.video!r} gives {len(small)} frames at {rate_hz:g} Hz",
+            f"data.video: {data.video!r} gives {len(change)} frames at {rate_hz:g} Hz",
             remedy="give a whole video that ffmpeg reads, and data.frame_rate if it says none",
         )
+    return np.arange(len(change)) / rate_hz, change
+
+
+def image_change(frames: Iterable[NDArray[np.uint8]], rate_hz: float) -> FloatArray:
+    """Return how far each frame is from those of the first second [grey level]."""
+    small = [
+        cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
+        for frame in frames
+    ]
+    if not small:
+        return np.empty(0)
     stacked = np.stack(small)
-    rest = np.median(stacked[: max(1, round(rate_hz))], axis=0)
-    change = np.sqrt(np.mean((stacked - rest) ** 2, axis=(1, 2, 3)))
-    return np.arange(len(small)) / rate_hz, change
+    rest = np.median(stacked[: max(1, round(min(rate_hz, len(small))))], axis=0)
+    return np.asarray(np.sqrt(np.mean((stacked - rest) ** 2, axis=(1, 2, 3))))
 
 
 def _kept(
