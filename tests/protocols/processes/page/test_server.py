@@ -11,7 +11,7 @@ import pytest
 from starlette.datastructures import Headers
 
 from protocols.processes.page.door import Door
-from protocols.processes.page.server import WATCHERS_MAX
+from protocols.processes.page.server import CONNECTIONS_MAX, WATCHERS_MAX
 from tacauchy_rig.run import Outcome
 
 HOST, ORIGIN = "127.0.0.1:8000", "http://127.0.0.1:8000"
@@ -113,11 +113,12 @@ def test_one_more_page_than_allowed_is_refused_the_events(long_session):
             connection.close()
 
 
-def test_two_hundred_idle_connections_leave_room_for_a_stop(session):
+@pytest.mark.parametrize("count", [200, CONNECTIONS_MAX + 100])
+def test_idle_connections_leave_room_for_a_stop(session, count):
     """Flooded, the server still hears the button, and the arm comes off the gel."""
     parts = urlsplit(session.address)
     session.wait_for("phase", phase="home")
-    flood = [socket.create_connection((parts.hostname, parts.port)) for _ in range(200)]
+    flood = [socket.create_connection((parts.hostname, parts.port)) for _ in range(count)]
     try:
         headers = {"Origin": session.address.rsplit("/", 2)[0]}
         session.wait_for("phase", phase="press")
