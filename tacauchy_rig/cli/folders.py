@@ -32,6 +32,14 @@ def replay(
             help="Take the cheapest preset that keeps F_z within it.",
         ),
     ] = None,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help="Instead, have a twin follow the recorded forces, and write a page with a time "
+            "slider: camera and twin, pressure, shear, residual.",
+        ),
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the trials of a run again and write its report."""
@@ -44,8 +52,28 @@ def replay(
     with run.store.lock():  # told before the simulation, not after it
         pass
     complain_of(check_run(run.store))
+    if watch:
+        _watch(run)
+        return
     replay_and_show(run, tolerance=kept)
     report_and_exit(run, json_file)
+
+
+def _watch(run: RunReading) -> None:
+    """Write the page of a run and its twin."""
+    from tacauchy_rig.cli.emulation import emulated_calibration
+    from tacauchy_rig.loop.optics import optics_of
+    from tacauchy_rig.loop.settings import sensor_of
+    from tacauchy_rig.loop.twin.watch import watch_run
+
+    config = run.store.config
+    optics = optics_of(
+        config.sensor.optics_calibration,
+        sensor_of(config),
+        calibrate=emulated_calibration(run.store),
+        on_progress=say,
+    )
+    say(f"page {watch_run(run, optics=optics, on_progress=say).resolve()}")
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:

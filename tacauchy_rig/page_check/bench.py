@@ -8,14 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 from protocols.guard.abort import AbortWatch
-from protocols.processes.messages import PageWish
+from protocols.processes.messages import PageWish, ViewerWish
 from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from tacauchy_rig.config.load import load_config
@@ -73,7 +73,12 @@ class Bench:
         self.rig.devices.stop()
 
     def cut_off(
-        self, strike: Callable[[Session], None], *, phase: Phase, page: bool = True
+        self,
+        strike: Callable[[Session], None],
+        *,
+        phase: Phase,
+        page: bool = True,
+        viewers: Sequence[ViewerWish] = (),
     ) -> Session:
         """Run a session, strike it while the arm moves in ``phase``, and wait for its end."""
         store = RunStore.create(
@@ -94,6 +99,7 @@ class Bench:
                     on_event=begin,
                     abort=watch.abort,
                     page=PageWish() if page else None,
+                    viewers=viewers,
                 )
         if not session.struck_ns:
             raise DeviceError(f"the session ended before it was struck: {session.result.reason}")

@@ -16,10 +16,11 @@ from drivers.device.faults import Device
 from drivers.emulators.faults import hang_weight
 from drivers.emulators.launch import Emulation, with_addresses
 from protocols.guard.abort import Abort
-from protocols.processes.messages import PageWish
+from protocols.processes.messages import PageWish, ViewerWish
 from protocols.session import run_session
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.loop.twin.wish import Follows, twin_wish
 from tacauchy_rig.page_check.bench import Bench, Session, busy_processor, watched
 from tacauchy_rig.run import FZ, JournalEvent, Phase
 from tacauchy_rig.store.recording.reading import Recording
@@ -79,18 +80,29 @@ def stops(folder: Path, count: int, say: Say) -> Pairs:
 def reactions(folder: Path, count: int, say: Say) -> Pairs:
     """Hang a weight on the cell of a moving arm, with a watched page and without one."""
     with Bench(folder) as bench:
+        return _pairs(
+            lambda: _hang_ms(bench, page=True), lambda: _hang_ms(bench, page=False), count, say
+        )
 
-        def hang(_session: Session) -> None:
-            hang_weight(bench.rig.devices.folder, WEIGHT_KG)
 
-        def time_ms(page: bool) -> float:
-            try:
-                session = bench.cut_off(hang, phase=Phase.APPROACH, page=page)
-            finally:
-                hang_weight(bench.rig.devices.folder, 0.0)
-            return _reaction_ms(bench, session)
+def twin_reactions(folder: Path, count: int, say: Say) -> Pairs:
+    """Hang a weight on the cell of a moving arm, with a page and a twin, and with a page alone."""
+    twin = [twin_wish(Follows.FORCE)]
+    with Bench(folder) as bench:
+        return _pairs(lambda: _hang_ms(bench, viewers=twin), lambda: _hang_ms(bench), count, say)
 
-        return _pairs(lambda: time_ms(True), lambda: time_ms(False), count, say)
+
+def _hang_ms(bench: Bench, *, page: bool = True, viewers: Sequence[ViewerWish] = ()) -> float:
+    """Return how quickly the guard reacts to a weight that is hung on the cell [ms]."""
+
+    def hang(_session: Session) -> None:
+        hang_weight(bench.rig.devices.folder, WEIGHT_KG)
+
+    try:
+        session = bench.cut_off(hang, phase=Phase.APPROACH, page=page, viewers=viewers)
+    finally:
+        hang_weight(bench.rig.devices.folder, 0.0)
+    return _reaction_ms(bench, session)
 
 
 def _pairs(one: Callable[[], float], other: Callable[[], float], count: int, say: Say) -> Pairs:
@@ -168,14 +180,23 @@ def stop_table(pairs: Pairs) -> Table:
 
 
 def reaction_table(pairs: Pairs) -> Table:
-    """Return how quickly the guard reacted."""
+    """Return how quickly the guard reacted with a page and without."""
+    return _reactions(pairs, "with a watched page", "without a page")
+
+
+def twin_reaction_table(pairs: Pairs) -> Table:
+    """Return how quickly the guard reacted with a twin and without."""
+    return _reactions(pairs, "with a twin and a watched page", "with the page alone")
+
+
+def _reactions(pairs: Pairs, one: str, other: str) -> Table:
     more_ms, half_ms = pairs.more_ms
     return table_of_rows(
-        [_row("with a watched page", pairs.one_ms), _row("without a page", pairs.other_ms)],
+        [_row(one, pairs.one_ms), _row(other, pairs.other_ms)],
         title="Guard, from the sample beyond its limit until the arm slowed down",
         criterion=f"the means differ by at most {REACTION_MORE_MS:g} ms",
         passed=abs(more_ms) <= REACTION_MORE_MS,
-        note=f"With a page it took {more_ms:+.2f} ± {half_ms:.2f} ms more (95 %).",
+        note=f"{one[0].upper()}{one[1:]} it took {more_ms:+.2f} ± {half_ms:.2f} ms more (95 %).",
     )
 
 

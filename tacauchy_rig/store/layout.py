@@ -26,6 +26,7 @@ class RunPaths:
         truth: What the emulated world really was; dry runs only.
         emulation: Folder of the emulators.
         twin: What the twin beside the run showed, a line a frame; nothing needs it.
+        watch: The recorded run beside a twin of it, with a time slider.
         lock: File whose lock says that a program is working on this run.
         trials: Folder of all trials.
         replays: Folder of all replays.
@@ -45,6 +46,7 @@ class RunPaths:
         self.truth = root / "truth.json"
         self.emulation = root / "emulation"
         self.twin = root / "twin.jsonl"
+        self.watch = root / "watch.html"
         self.lock = root / ".lock"
         self.trials = root / "trials"
         self.replays = root / "replay"

@@ -14,6 +14,7 @@ class Part(StrEnum):
     SCENES = "scenes"
     START = "start"
     THREADS = "threads"
+    TWIN = "twin"
 
 
 class Peer(StrEnum):

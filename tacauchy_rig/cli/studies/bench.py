@@ -39,7 +39,10 @@ _Peer = Annotated[
     ),
 ]
 _Only = Annotated[
-    str, typer.Option("--only", metavar="PATTERN", help="Of the scenes: those named so.")
+    str,
+    typer.Option(
+        "--only", metavar="PATTERN", help="Of the scenes, and the twin's: those named so."
+    ),
 ]
 _Tolerances = Annotated[
     list[str] | None,
@@ -49,7 +52,9 @@ _Tolerances = Annotated[
         help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
     ),
 ]
-_Device = Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")]
+_Device = Annotated[
+    str, typer.Option("--device", help="Of the scenes, and the twin: cpu or cuda:0.")
+]
 _Environments = Annotated[
     list[int] | None,
     typer.Option(
@@ -128,9 +133,9 @@ def bench(
     limit_s: _Limit = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time images, a replay, growth, scenes, start-up and threads; minutes."""
+    """Time images, a replay, growth, scenes, start-up and threads; minutes. Only if asked: twin."""
     writable_folder(out)
-    wanted = parts or list(Part)
+    wanted = parts or [part for part in Part if part is not Part.TWIN]
     if Part.SCENES in wanted:
         from tacauchy_rig.cli.studies.bench_scenes import ScenesAsked, bench_scenes
 
@@ -148,7 +153,12 @@ def bench(
             limit_s=limit_s,
         )
         bench_scenes(asked, out=out, json_file=json_file if wanted == [Part.SCENES] else None)
-    others = [part for part in wanted if part is not Part.SCENES]
+    if Part.TWIN in wanted:
+        from tacauchy_rig.cli.studies.bench_twin import bench_twin
+
+        own_json = json_file if wanted == [Part.TWIN] else None
+        bench_twin(out=out, only=only, device=device, json_file=own_json)
+    others = [part for part in wanted if part not in (Part.SCENES, Part.TWIN)]
     if others:
         _bench_parts(out, sensor, indenter, others, json_file, is_all=parts is None)
 

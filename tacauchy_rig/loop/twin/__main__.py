@@ -16,7 +16,7 @@ from protocols.processes.feed import FeedReader, FeedWriters
 from protocols.processes.messages import Job, Order
 from protocols.processes.viewing import PAGE, PRODUCERS
 from tacauchy_rig.loop.twin.accompany import Accompaniment
-from tacauchy_rig.loop.twin.wish import FOLLOWS, Follows, twin_of
+from tacauchy_rig.loop.twin.wish import DEVICE, FOLLOWS, Follows, twin_of
 from tacauchy_rig.run import JournalEvent
 from tacauchy_rig.store.line_log import LineLog
 
@@ -37,7 +37,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     ignore_signals()
     os.nice(NICENESS)
     pulse = _Pulse(supervisor)
-    seen = twin_of(job.config)
+    seen = twin_of(job.config, device=job.options[DEVICE])
     logger.info("ready; its force error: %s", seen.follower.worth.basis)
     twin = Accompaniment(seen, Follows(job.options[FOLLOWS]), job.config.camera.width)
     found = (FeedReader.inherited(job.descriptors, source=source) for source in PRODUCERS)

@@ -12,7 +12,8 @@ from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.loop.inputs import inputs_of
 from tacauchy_rig.loop.optics import OpticalCalibration, optics_of, say_nothing
 
-NAME, MODULE, FOLLOWS = "twin", "tacauchy_rig.loop.twin", "follows"
+NAME, MODULE = "twin", "tacauchy_rig.loop.twin"
+FOLLOWS, DEVICE = "follows", "device"
 
 
 class Follows(StrEnum):
@@ -34,9 +35,10 @@ class Seen:
     crop_fraction: float
 
 
-def twin_wish(follows: Follows) -> ViewerWish:
-    """Return what the supervisor starts."""
-    return ViewerWish(name=NAME, module=MODULE, options={FOLLOWS: follows.value})
+def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerWish:
+    """Return what the supervisor starts; its kernels run on a device of Warp."""
+    options = {FOLLOWS: follows.value, DEVICE: device}
+    return ViewerWish(name=NAME, module=MODULE, options=options)
 
 
 def twin_of(

@@ -13,7 +13,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
-from sim.twin.follower import Follower, twin_scene
+from sim.twin.follower import Follower, Look, twin_scene
 from sim.twin.frame import Goal
 from tacauchy_rig.errors import ConfigError, ConvergenceError
 
@@ -122,3 +122,12 @@ def test_a_scene_without_a_force_is_refused() -> None:
     """What a twin's forces are worth is found at the largest."""
     with pytest.raises(ConfigError, match="no force for a target"):
         Follower(replace(SCENE, target=Target(depth_m=1e-4)), SENSOR)
+
+
+@pytest.mark.gpu
+def test_a_follower_on_a_gpu_shows_what_one_on_a_processor_shows(follower: Follower) -> None:
+    """The same depth, and the same image within a level or two."""
+    on_gpu = Follower(SCENE, SENSOR, Look(device="cuda:0"))
+    theirs, ours = (each.follow(Goal(stamp_s=0.0, force_n=1.3)) for each in (on_gpu, follower))
+    assert theirs.depth_m == pytest.approx(ours.depth_m, rel=1e-3)
+    assert np.abs(theirs.image.astype(int) - ours.image.astype(int)).max() <= 2

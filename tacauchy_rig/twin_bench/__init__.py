@@ -1,0 +1,1 @@
+"""How a twin keeps up with emulated runs, and what it costs them."""
