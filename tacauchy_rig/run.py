@@ -122,6 +122,7 @@ class Phase(StrEnum):
     SEARCH = "search"
     PRESS = "press"
     DWELL = "dwell"
+    SWAY = "sway"
     RETRACT = "retract"
     DRIFT_CHECK = "drift-check"
     VERDICT = "verdict"

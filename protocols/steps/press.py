@@ -112,13 +112,23 @@ class PressDrive:
         Raises:
             BreachError: Deeper than the target justifies or ``limits.max_depth``, or another limit.
         """
+        reading = self.watch()
+        depth_m = self.depth(reading)
+        if reading.presses:
+            speeds = [self._servo.update(p.force_n, depth_m=depth_m) for p in reading.presses]
+            self._cycle.set_velocity(downward(speeds[-1]))
+        return reading
+
+    def watch(self) -> Reading:
+        """Do one turn of the control loop without steering.
+
+        Raises:
+            BreachError: As for ``turn``.
+        """
         reading = self._cycle.turn()
         depth_m = self.depth(reading)
         if depth_m > self._deepest_m:
             raise self._too_deep(depth_m)
-        if reading.presses:
-            speeds = [self._servo.update(p.force_n, depth_m=depth_m) for p in reading.presses]
-            self._cycle.set_velocity(downward(speeds[-1]))
         return reading
 
     def _too_deep(self, depth_m: float) -> BreachError:

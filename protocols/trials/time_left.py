@@ -82,6 +82,7 @@ def trial_duration_s(config: RigConfig, target_n: float, expected: ExpectedPress
         + depth_m / robot.press_speed
         + SETTLE_S
         + protocol.dwell_duration
+        + protocol.sway
         + (above_m + protocol.approach_height) / robot.retract_speed
     )
 

@@ -17,6 +17,7 @@ from protocols.steps.make_safe import make_safe
 from protocols.steps.motion import approach, home_pose, move_to, retract
 from protocols.steps.press import PressDrive, hold, press_to_target, settle
 from protocols.steps.search import search_contact
+from protocols.steps.sway import sway
 from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
 from protocols.trials.verdict import Findings, judge
 from tacauchy_rig.errors import AbortedError, RecordError, RigError
@@ -138,6 +139,9 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     findings.repeated_frame_count = cycle.rates.repeated_frame_count(
         (start_ns, end_ns), (force.start_ns, force.end_ns)
     )
+    if config.protocol.sway > 0.0:
+        journal.enter(Phase.SWAY)
+        sway(cycle, drive)
     journal.enter(Phase.RETRACT, force_mean_n=force.mean_n)
     retract(cycle, contact_z_m=contact_z_m)
     journal.enter(Phase.DRIFT_CHECK)

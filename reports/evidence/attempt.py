@@ -68,13 +68,18 @@ class AttemptReading:
     @cached_property
     def reference(self) -> ColorImage | None:
         """Pixelwise median of the no-contact frames; None when none is readable."""
-        unloaded = self._frames(self.record.reference_start_ns, self.record.reference_end_ns)
+        start_ns, end_ns = self.record.reference_start_ns, self.record.reference_end_ns
+        unloaded = self._frames(start_ns, end_ns, late_ns=self._camera_late_ns)
         return median_image(unloaded) if unloaded else None
 
     @cached_property
     def images(self) -> TrialImages | None:
         """Medians of the dwell beside the reference; None where either has no readable frame."""
-        pressed = self._frames(self.record.dwell_start_ns, self.record.dwell_end_ns)
+        # A dwell begins and ends with force samples, which were stamped late themselves.
+        late_ns = self._camera_late_ns - self._force_late_ns
+        pressed = self._frames(
+            self.record.dwell_start_ns, self.record.dwell_end_ns, late_ns=late_ns
+        )
         if not pressed or self.reference is None:
             return None
         half = len(pressed) // 2
@@ -100,7 +105,8 @@ class AttemptReading:
         tare, sign = self.record.tare_before, self.store.config.force_sensor.compression_sign
         if tare is None:
             return None
-        return self._curve(self.force.stamp_ns, sign * (self.force.wrench[:, FZ] - tare.mean[FZ]))
+        stamp_ns = self.force.stamp_ns - self._force_late_ns
+        return self._curve(stamp_ns, sign * (self.force.wrench[:, FZ] - tare.mean[FZ]))
 
     @property
     def dwell_wrench(self) -> tuple[FloatArray, FloatArray] | None:
@@ -161,15 +167,29 @@ class AttemptReading:
             stream_timing("arm", self.arm.stamp_ns),
         )
 
-    def _frames(self, start_ns: int | None, end_ns: int | None) -> list[ColorImage]:
+    @property
+    def _force_late_ns(self) -> int:
+        """How much later than the arm's state of the same moment a force sample is stamped."""
+        return round(self.store.config.force_sensor.delay * 1e9)
+
+    @property
+    def _camera_late_ns(self) -> int:
+        """How much later than the arm's state of the same moment a frame is stamped."""
+        return round(self.store.config.camera.delay * 1e9)
+
+    def _frames(
+        self, start_ns: int | None, end_ns: int | None, *, late_ns: int
+    ) -> list[ColorImage]:
+        """Return the images from ``start_ns`` to ``end_ns``, stamped ``late_ns`` later."""
         if start_ns is None or end_ns is None:
             return []
-        decoded = map(decode_frame, self.recording.frames(start_ns, end_ns))
+        decoded = map(decode_frame, self.recording.frames(start_ns + late_ns, end_ns + late_ns))
         return [crop_and_resize(image, self.geometry) for image in decoded if image is not None]
 
     def _curve(self, stamp_ns: IntArray, value: FloatArray) -> Curve:
         dwell_start_ns = self.record.dwell_start_ns
-        zero_ns = self.recording.start_ns if dwell_start_ns is None else dwell_start_ns
+        start_ns = self.recording.start_ns if dwell_start_ns is None else dwell_start_ns
+        zero_ns = start_ns - self._force_late_ns
         return Curve(time_s=_seconds(stamp_ns - zero_ns), value=value)
 
 

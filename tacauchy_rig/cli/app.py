@@ -66,11 +66,12 @@ app.add_typer(
                 "scale": "tacauchy_rig.cli.calibrate.scale:scale",
                 "markers": "tacauchy_rig.cli.calibrate.markers:markers",
                 "optics": "tacauchy_rig.cli.calibrate.optics:optics",
+                "latency": "tacauchy_rig.cli.calibrate.latency:latency",
                 "material": "tacauchy_rig.cli.calibrate.material:material",
             }
         ),
         no_args_is_help=True,
-        help="Calibrate a sensor's optics, scale, markers, or the material of its gel.",
+        help="Calibrate optics, scale, markers, the gel's material, or the delays of streams.",
     ),
     name="calibrate",
 )

@@ -212,6 +212,25 @@ def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
     _press_and_report(store, store.config, asked)
 
 
+def press_new(loaded: LoadedConfig, text: str) -> RunStore:
+    """Press what a configuration says into a new run, without replay and report; return the run.
+
+    Raises:
+        RecordError: It could not be pressed; also where a trial missed what it must keep.
+    """
+    from drivers.presence import require_devices
+    from tacauchy_rig.loop.record import create_run
+
+    _check_before(loaded.config, press_only=True)
+    require_devices(loaded.config)
+    store = create_run(loaded, text)
+    say(f"run folder {store.paths.root}")
+    result = _press_confirmed(store, store.config, _asked(True, None, None, Watched(port=None)))
+    if result.exit_code:
+        raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
+    return store
+
+
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.doctor.host import descriptor_check
@@ -246,11 +265,23 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     from tacauchy_rig.cli.folders import replay_and_show, report_and_exit
+    from tacauchy_rig.loop.opening import open_run
+
+    result = _press_confirmed(store, config, asked)
+    if asked.press_only:
+        say(f"recorded in {store.paths.root}")
+        raise typer.Exit(result.exit_code or int(not asked.is_whole))
+    recorded = open_run(store.paths.root)
+    replay_and_show(recorded)
+    report_and_exit(recorded, asked.json_file)
+
+
+def _press_confirmed(store: RunStore, config: RigConfig, asked: _Asked) -> SessionResult:
+    """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.cli.operator import confirm
     from tacauchy_rig.force_check import parse_weight
     from tacauchy_rig.loop.cell import needs_weight, require_bounded_force, standing_check
     from tacauchy_rig.loop.expected import kept_expectation
-    from tacauchy_rig.loop.opening import open_run
     from tacauchy_rig.run import Outcome
 
     if asked.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
@@ -270,12 +301,7 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
-    if asked.press_only:
-        say(f"recorded in {store.paths.root}")
-        raise typer.Exit(result.exit_code or int(not asked.is_whole))
-    recorded = open_run(store.paths.root)
-    replay_and_show(recorded)
-    report_and_exit(recorded, asked.json_file)
+    return result
 
 
 def press(

@@ -137,7 +137,8 @@ class ForceSensorSection(DeviceSection):
 
     ``compression_sign`` times the raw Fz is positive while the indenter is pressed. ``to_tip`` is
     how far the indenter's tip lies from the point that the moments refer to, along the tool's axis;
-    without it no real cell's moments tell how the tool leans.
+    without it no real cell's moments tell how the tool leans. ``delay`` is how much later than the
+    arm's state of the same moment a sample is stamped; reports correct it.
     """
 
     ceilings = CEILINGS["force_sensor"]
@@ -152,10 +153,17 @@ class ForceSensorSection(DeviceSection):
     calibration_sheet: str
     connect_timeout: Time = Field(gt=0, le=60)
     to_tip: Length | None = None
+    delay: Time
 
 
 class CameraSection(DeviceSection):
-    """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order."""
+    """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order.
+
+    ``delay`` is how much later than the arm's state of the same moment a frame is stamped; reports
+    correct it.
+    """
+
+    ceilings = CEILINGS["camera"]
 
     driver: Annotated[str, _driver(Kind.CAMERA)]
     device: str
@@ -166,3 +174,4 @@ class CameraSection(DeviceSection):
     gain: int | None = None
     white_balance: int | None = None
     connect_timeout: Time = Field(gt=0, le=60)
+    delay: Time

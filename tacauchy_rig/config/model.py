@@ -135,7 +135,10 @@ class LimitsSection(Section):
 
 
 class ProtocolSection(Section):
-    """The six presses: targets, tolerances, windows and gates."""
+    """The six presses: targets, tolerances, windows and gates.
+
+    After its dwell a press sways up and down for ``sway``, which tells how late the streams are.
+    """
 
     ceilings = CEILINGS["protocol"]
 
@@ -154,6 +157,7 @@ class ProtocolSection(Section):
     dwell_force_rate: ForceRate = Field(gt=0)
     drift: Force = Field(gt=0)
     press_timeout: Time = Field(gt=0)
+    sway: Time = Field(ge=0)
     attempts: int = Field(ge=1)
     min_force_rate: Frequency = Field(gt=0)
     min_image_rate: Frequency = Field(gt=0)

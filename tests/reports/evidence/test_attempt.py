@@ -185,3 +185,41 @@ def test_losses_are_counted_from_the_native_counter() -> None:
     assert timing.lost_count == 2
     assert timing.intervals_s == pytest.approx([0.01, 0.03])
     assert stream_timing("arm", stamps).lost_count is None
+
+
+def test_frames_of_the_dwell_are_chosen_at_corrected_times(
+    store: RunStore, press: SimpleNamespace
+) -> None:
+    """A camera 0.5 s late shows the dwell 0.5 s later; force stamps that are late shift it back."""
+    frames = [frame(flat((0, 0, 0)), press.at(0.5))] + [
+        frame(flat((level, level, level)), press.at(2.05 + 0.1 * k))
+        for k, level in enumerate((50, 50, 50, 50, 50, *[150] * 10))
+    ]
+    seen = []
+    for camera_s, force_s in ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5)):
+        config = store.config
+        late = {
+            "camera": config.camera.model_copy(update={"delay": camera_s}),
+            "force_sensor": config.force_sensor.model_copy(update={"delay": force_s}),
+        }
+        shifted = RunStore.open(store.paths.root)
+        shifted.config = config.model_copy(update=late)
+        images = read(shifted, press, frames).images
+        assert images is not None
+        assert images.first_half is not None
+        seen.append(int(images.first_half.mean().round(-1)))
+    assert seen == [50, 150, 50]
+
+
+def test_curves_of_force_and_depth_lie_at_corrected_times(
+    store: RunStore, press: SimpleNamespace
+) -> None:
+    """Time zero is when the dwell began: force stays where it is, the arm's depth comes later."""
+    config = store.config.force_sensor.model_copy(update={"delay": 0.04})
+    before = read(store, press, [], force_n=[1.0] * 20, z_m=[0.2] * 20)
+    depth_s, force_s = before.depth_curve.time_s[0], before.force_curve.time_s[0]
+    store.config = store.config.model_copy(update={"force_sensor": config})
+    after = read(store, press, [], force_n=[1.0] * 20, z_m=[0.2] * 20)
+    assert abs(after.force_curve.time_s[0] - force_s) < 1e-9
+    assert abs(after.depth_curve.time_s[0] - depth_s - 0.04) < 1e-9
+    assert (after.force.stamp_ns == before.force.stamp_ns).all()

@@ -1,0 +1,1 @@
+"""How late force and image are against the arm, from a press that sways."""
