@@ -21,6 +21,7 @@ from tacauchy_rig.threads import take_one_thread
 COMMANDS = {
     "dry-run": "tacauchy_rig.cli.session:dry_run",
     "run": "tacauchy_rig.cli.session:run",
+    "check-press": "tacauchy_rig.cli.check_press:check_press",
     "resume": "tacauchy_rig.cli.session:resume",
     "recover": "tacauchy_rig.cli.folders:recover",
     "import": "tacauchy_rig.cli.importing:import_",
@@ -46,6 +47,7 @@ COMMANDS = {
     "tamper-table": "tacauchy_rig.cli.studies.tamper_table:tamper_table",
     "mounting-check": "tacauchy_rig.cli.studies.mounting_check:mounting_check",
     "gel-check": "tacauchy_rig.cli.studies.gel_check:gel_check",
+    "press-check": "tacauchy_rig.cli.studies.press_check:press_check",
     "budget-check": "tacauchy_rig.cli.studies.budget_check:budget_check",
     "verdict-check": "tacauchy_rig.cli.studies.verdict_check:verdict_check",
     "residual-check": "tacauchy_rig.cli.studies.residual_check:residual_check",
