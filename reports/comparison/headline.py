@@ -66,13 +66,13 @@ def worst_of(criteria: Sequence[Criterion]) -> Criterion:
 
 
 def _row(criteria: Sequence[Criterion]) -> HeadlineRow:
-    first = criteria[0]
-    worst = worst_of(criteria).measured
+    worst = worst_of(criteria)
+    alike = len({c.limit for c in criteria}) == 1
     return HeadlineRow(
-        name=first.name,
-        worst=None if math.isnan(worst) else worst,
-        unit=first.unit,
-        limit=first.limit if len({c.limit for c in criteria}) == 1 else "",
+        name=worst.name,
+        worst=None if math.isnan(worst.measured) else worst.measured,
+        unit=worst.unit,
+        limit=worst.limit if alike else f"{worst.limit} (of that trial)",
         met=sum(c.passed for c in criteria),
         trials=len(criteria),
     )
