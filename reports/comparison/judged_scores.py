@@ -100,7 +100,15 @@ MECHANICS = (
         unit="um",
         factor=1e6,
     ),
+    Score(
+        key="pressure_apart_relative",
+        label="Pressure, apart from our replay's",
+        digits=1,
+        larger_is_better=None,
+        unit="%",
+        factor=100.0,
+    ),
 )
-"""Of forces and surfaces."""
+"""Of forces, surfaces and pressures."""
 
 ALL = (*FRAME, *CONTACT, *MECHANICS)

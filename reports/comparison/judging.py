@@ -43,6 +43,8 @@ class JudgedPress:
         depth_error_m: Its depth at the measured force minus the measured one [m].
         height_apart_rms_m: Of its surface from our replay's, which is no truth [m].
         height_apart_largest_m: Likewise the largest [m].
+        pressure_apart_relative: Of its pressure from our replay's, which is no truth either: the
+            norm of the difference over that of ours, of all pixels.
         pressure_force_n: Its pressure, summed over the image [N]: its own force, or they disagree.
     """
 
@@ -59,6 +61,7 @@ class JudgedPress:
     depth_error_m: float | None
     height_apart_rms_m: float | None
     height_apart_largest_m: float | None
+    pressure_apart_relative: float | None
     pressure_force_n: float | None
 
     @property
@@ -158,8 +161,7 @@ def judge(
     Raises:
         RecordError: Images of one trial differ in shape.
     """
-    heights = {} if ours is None else {i: press.height_m for i, press in ours.presses.items()}
-    known = {k: h for k, h in heights.items() if h is not None}
+    known = {} if ours is None else ours.presses
     entries = ([] if ours is None else [ours]) + list(others)
     judged = tuple(_judged(evidence, entry, known, is_ours=entry is ours) for entry in entries)
     return Judgement(
@@ -171,7 +173,10 @@ def judge(
 
 
 def outputs_of_replay(
-    evidence: RunEvidence, simulator: Simulator, heights_m: Mapping[int, FloatArray]
+    evidence: RunEvidence,
+    simulator: Simulator,
+    heights_m: Mapping[int, FloatArray],
+    pressures_pa: Mapping[int, FloatArray] | None = None,
 ) -> Outputs:
     """Return what the run's own replay gives, as any other simulator's outputs.
 
@@ -181,6 +186,7 @@ def outputs_of_replay(
     Args:
         simulator: Who we are.
         heights_m: Height of the surface over itself at rest, by trial.
+        pressures_pa: Normal pressure, likewise.
     """
     presses = {}
     for trial in evidence.trials:
@@ -189,6 +195,7 @@ def outputs_of_replay(
                 image=trial.simulated_image,
                 force_n=predict(trial, evidence.contact_force_n)[0],
                 height_m=heights_m.get(trial.index),
+                pressure_pa=(pressures_pa or {}).get(trial.index),
             )
     missing = tuple(t.index for t in evidence.trials if t.index not in presses)
     return Outputs(
@@ -197,7 +204,7 @@ def outputs_of_replay(
 
 
 def _judged(
-    evidence: RunEvidence, entry: Outputs, heights: Mapping[int, FloatArray], *, is_ours: bool
+    evidence: RunEvidence, entry: Outputs, ours: Mapping[int, PressOutput], *, is_ours: bool
 ) -> JudgedSimulator:
     trials = tuple(
         replace(trial, simulated_image=_of(entry, trial).image) for trial in evidence.trials
@@ -217,7 +224,7 @@ def _judged(
                 force_n=output.force_n,
                 **{name: seen[name] for name in _SEEN},
                 **_force(trial, output, entry.simulator.driven_by),
-                **_fields(output, None if is_ours else heights.get(trial.index), evidence),
+                **_fields(output, ours.get(trial.index), evidence, is_ours=is_ours),
             )
         )
     won = [press.wins for press in presses if press.wins is not None]
@@ -255,21 +262,31 @@ def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> 
     return {"force_error_n": error, "force_error_relative": relative, "depth_error_m": off}
 
 
+_FIELDS = (
+    "height_apart_rms_m",
+    "height_apart_largest_m",
+    "pressure_apart_relative",
+    "pressure_force_n",
+)
+
+
 def _fields(
-    output: PressOutput, ours_m: FloatArray | None, evidence: RunEvidence
+    output: PressOutput, ours: PressOutput | None, evidence: RunEvidence, *, is_ours: bool
 ) -> dict[str, Any]:
-    rms = largest = total = None
-    if output.height_m is not None and ours_m is not None:
-        apart = output.height_m - ours_m
+    if is_ours:  # its pressure is of the measured force, its force of the measured depth
+        return dict.fromkeys(_FIELDS)
+    rms = largest = pressure = total = None
+    if output.height_m is not None and ours is not None and ours.height_m is not None:
+        apart = output.height_m - ours.height_m
         rms, largest = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
     x_m, y_m = evidence.geometry.scale_x_m_px, evidence.geometry.scale_y_m_px
     if output.pressure_pa is not None and x_m is not None and y_m is not None:
         total = float(output.pressure_pa.sum()) * x_m * y_m
-    return {
-        "height_apart_rms_m": rms,
-        "height_apart_largest_m": largest,
-        "pressure_force_n": total,
-    }
+    if output.pressure_pa is not None and ours is not None and ours.pressure_pa is not None:
+        size = float(np.linalg.norm(ours.pressure_pa))
+        off = float(np.linalg.norm(output.pressure_pa - ours.pressure_pa))
+        pressure = off / size if size > 0.0 else None
+    return dict(zip(_FIELDS, (rms, largest, pressure, total), strict=True))
 
 
 def _means(presses: Sequence[JudgedPress]) -> dict[str, MeanInterval]:

@@ -1,4 +1,4 @@
-"""The simulated contact pressure along two lines through the indenter's tip."""
+"""The simulated contact pressure, along two lines through the indenter's tip and at places."""
 
 from __future__ import annotations
 
@@ -44,3 +44,14 @@ def pressure_profile(fields: Mapping[str, NDArray[Any]]) -> PressureProfile | No
     at = LinearNDInterpolator(places, pressure, fill_value=0.0)
     none = np.zeros_like(along)
     return PressureProfile(along_m=along, on_x_pa=at(along, none), on_y_pa=at(none, along))
+
+
+def pressure_at(
+    fields: Mapping[str, NDArray[Any]], x_m: FloatArray, y_m: FloatArray
+) -> FloatArray | None:
+    """Return a replayed trial's contact pressure at places of the pad [Pa]; None without one."""
+    if not {"node_m", "contact_pressure_pa"} <= fields.keys():
+        return None
+    nodes = fields["node_m"][:, :2]
+    at = LinearNDInterpolator(nodes, fields["contact_pressure_pa"], fill_value=0.0)
+    return np.asarray(at(x_m, y_m), dtype=np.float64)

@@ -11,6 +11,7 @@ from reports.arrays import ColorImage, FloatArray
 from reports.comparison.judging import outputs_of_replay
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
+from reports.evidence.pressure import pressure_at
 from sim.scene.indenter import describe
 from tacauchy_rig import __version__
 from tacauchy_rig.loop.inputs import inputs_of
@@ -74,11 +75,16 @@ def our_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
     if replay is None:
         return None
     heights: dict[int, FloatArray] = {}
+    pressures: dict[int, FloatArray] = {}
+    x_m, y_m = sensor_of(store.config).camera.pad_grid()
     for trial in replay.trials:
         kept = readable(partial(store.load_replay_fields, REPLAY_NAME, trial.index))
         if kept is not None and {"loaded_m", "rest_m"} <= set(kept.height):
             heights[trial.index] = np.asarray(kept.height["loaded_m"] - kept.height["rest_m"])
-    return outputs_of_replay(evidence, _who(replay), heights)
+        pressure = None if kept is None else pressure_at(kept.fields, x_m, y_m)
+        if pressure is not None:
+            pressures[trial.index] = pressure
+    return outputs_of_replay(evidence, _who(replay), heights, pressures)
 
 
 def _who(replay: Replay) -> Simulator:

@@ -1,4 +1,4 @@
-"""The first table of a report says what was asked, also where each trial was asked another thing."""
+"""The first table of a report says what was asked, also where trials were asked other things."""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ def judged(two: RunEvidence, made: SimpleNamespace) -> Judgement:
     """Ours and another that shows too weak a contact and twice the force."""
     shape = two.trials[0].images.real.shape[:2]
     heights = {trial.index: np.zeros(shape) for trial in two.trials}
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), heights)
+    pressures = {trial.index: np.full(shape, 2.0 * PRESSURE_PA) for trial in two.trials}
+    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), heights, pressures)
     return judge(two, [_others(two, made, force=2.0, part=WEAK)], ours=ours)
 
 
@@ -101,12 +102,15 @@ def test_floors_and_ceiling_are_the_reports(judged: Judgement) -> None:
 
 
 def test_surface_and_pressure_are_compared(judged: Judgement, two: RunEvidence) -> None:
-    """A surface 0.1 mm below ours is 0.1 mm apart; a pressure sums up to a force."""
+    """A surface 0.1 mm below ours is 0.1 mm apart; a pressure sums up to a force, and
+    is half of ours.
+    """
     ours, other = judged.simulators
     area_m2 = 240 * 320 * two.geometry.scale_x_m_px * two.geometry.scale_y_m_px
     for press in other.presses:
         assert press.height_apart_rms_m == pytest.approx(-HEIGHT_M)
         assert press.pressure_force_n == pytest.approx(PRESSURE_PA * area_m2)
+        assert press.pressure_apart_relative == pytest.approx(0.5)
     assert all(press.height_apart_rms_m is None for press in ours.presses)
 
 
