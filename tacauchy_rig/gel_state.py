@@ -148,7 +148,7 @@ def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tupl
     if zero.counts:
         return (
             Advice.RECALIBRATE,
-            f"the cell's zero moved by {zero.value:+.2f} N: see to its gain by `run --check-weight`",
+            f"the cell's zero moved by {zero.value:+.2f} N: see its gain by `run --check-weight`",
         )
     return Advice.KEEP, "nothing changed beyond its limit"
 
