@@ -59,9 +59,10 @@ def replay_run(
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    parts = _with_presses(run, parts_of(run, tolerance=tolerance))
+    parts = parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
+    parts = _with_presses(run, parts)
     with beside() as other:
         seen = other.submit(_optics, config.sensor.optics_calibration, sensor, calibrate)
         mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
