@@ -10,7 +10,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
-from sim.effects.presets import RESOLUTIONS, build_model, felt_indenter, mesh_for
+from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
@@ -87,8 +87,7 @@ def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
     for share in shares:
         resolution = replace(RESOLUTIONS[_RIM.preset], edge_share=share, sector_count=_SECTORS)
         mesh = mesh_for(_RIM, resolution=resolution)
-        felt = felt_indenter(_RIM, refinement=RESOLUTIONS[_RIM.preset].edge_share / share)
-        path = LoadingPath(build_model(_RIM, plan=plan, mesh=mesh), felt)
+        path = LoadingPath(build_model(_RIM, plan=plan, mesh=mesh), _RIM.indenter)
         point = path.advance(0.1e-3)
         forces.append(float(mesh.symmetry.whole_force(point.force_n)[2]))
     return tuple(forces)

@@ -15,14 +15,14 @@ from tacauchy_rig.errors import ConfigError
 )
 def test_a_page_is_left_out_or_has_a_port(said, port):
     """A number is a port."""
-    assert _watched(said, open_page=True) == Watched(port=port, open_page=True)
+    assert _watched(said, open_page=True, twin="off") == Watched(port=port, open_page=True)
 
 
 @pytest.mark.parametrize("said", ["0", "65536", "on", "-1", "80.5", ""])
 def test_what_is_no_port_is_refused(said):
     """With what to give instead."""
     with pytest.raises(ConfigError, match="no port") as caught:
-        _watched(said, open_page=False)
+        _watched(said, open_page=False, twin="off")
     assert "off" in caught.value.remedy
 
 
