@@ -21,8 +21,9 @@ from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.force_search import find_force, push_to_force
+from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.load_steps.path import LoadingPath
+from sim.walk import Walk
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.replayed import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.versions import installed
@@ -80,6 +81,8 @@ def replay_forces(
     tolerance: Tolerance | None = None,
     on_progress: Progress | None = None,
     name: str = "force-matched",
+    walk: Walk | None = None,
+    stiffer: float = 1.0,
 ) -> tuple[Replay, list[TrialFields]]:
     """Press until F_z agrees with each measured force, the smallest first, on one path.
 
@@ -93,6 +96,9 @@ def replay_forces(
         forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
         tolerance: What the scene's preset was chosen by, for the record.
         on_progress: Called with the trial's number (from 1) and a line of text.
+        walk: A walk to these forces with another gel: where it serves, each force is gone on to
+            from there.
+        stiffer: How many times as stiff as that gel this one is.
 
     Returns:
         The replay, and the fields of each trial in the order of ``forces_n``.
@@ -103,48 +109,33 @@ def replay_forces(
     say = on_progress or (lambda _index, _text: None)
     started = time.perf_counter()
     plan = plan_effects(scene)
-    path = path_for(scene, plan)
-    worth = _Worth(scene, plan)
+    if walk is not None and not walk.serves(scene, plan):
+        walk = None
+    path = path_for(scene, plan) if walk is None else walk.path.stiffer(stiffer)
+    worth, last_n = _Worth(scene, plan), 0.0
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
         if plan.is_on(Effect.VISCOELASTICITY):
             path = path_for(scene, plan, model=path.model)
-        trials[position] = _trial(scene, plan, path, worth, position, forces_n[position])
+        force_n, solving = forces_n[position], time.perf_counter()
+        if walk is None:
+            match = _met(scene, plan, path, force_n)
+        else:
+            match = walk.on_from(path, force_n, stiffer=stiffer, above_n=last_n)
+        solve_s, last_n = time.perf_counter() - solving, force_n
+        trials[position] = _trial(scene, plan, path, worth, (position, force_n), match, solve_s)
         done = trials[position][0]
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)
+    wall_s = time.perf_counter() - started + (0.0 if walk is None else walk.wall_s)
     replay = Replay(
         name=name,
         trials=replayed,
-        model=_replay_model(scene, plan, path, replayed, tolerance, time.perf_counter() - started),
+        model=_replay_model(scene, plan, path, replayed, tolerance, wall_s),
         versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
     )
     return replay, [fields for _, fields in ordered]
-
-
-def force_history(scene: Scene, forces_n: Sequence[float]) -> tuple[tuple[float, float], ...]:
-    """Return (depth [m], F_z [N]) on the way to forces [N] and at each, without any fields.
-
-    Steps are as long as the force allows: what shear and markers would ask of them is not asked.
-
-    Args:
-        scene: As ``replay_scene`` makes it; its plan is kept.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
-    """
-    plan = plan_effects(scene)
-    scene = replace(scene, outputs=frozenset({Output.FORCE}))
-    relaxes = plan.is_on(Effect.VISCOELASTICITY)
-    path, history = path_for(scene, plan), list[tuple[float, float]]()
-    for force_n in sorted(forces_n):
-        if relaxes:
-            path = path_for(scene, plan, model=path.model)
-        match = push_to_force(path, force_n, duration_s=scene.duration_s if relaxes else None)
-        # On its way a gel that relaxes is pressed quicker than at its end.
-        history += match.history[-1:] if relaxes else match.history
-    return tuple(history)
 
 
 class _Worth:
@@ -173,23 +164,30 @@ class _Worth:
         return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
 
 
+def _met(scene: Scene, plan: EffectPlan, path: LoadingPath, force_n: float) -> ForceMatch:
+    """Go on to a force [N] in the way that the scene is driven."""
+    if plan.is_on(Effect.VISCOELASTICITY):
+        match = push_to_force(path, force_n, duration_s=scene.duration_s)
+        # On its way a gel that relaxes is pressed quicker than at its end.
+        return replace(match, history=match.history[-1:])
+    if scene.drive is Drive.LOAD:
+        return push_to_force(path, force_n)
+    return find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
+
+
 def _trial(
     scene: Scene,
     plan: EffectPlan,
     path: LoadingPath,
     worth: _Worth,
-    position: int,
-    force_n: float,
+    asked: tuple[int, float],
+    match: ForceMatch,
+    solve_s: float,
 ) -> tuple[ReplayTrial, TrialFields]:
-    started = time.perf_counter()
-    relaxes = plan.is_on(Effect.VISCOELASTICITY)
-    if scene.drive is Drive.LOAD or relaxes:
-        match = push_to_force(path, force_n, duration_s=scene.duration_s if relaxes else None)
-    else:
-        match = find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
+    position, force_n = asked
     solved = time.perf_counter()
     fields = trial_fields(path, match.point)
-    wall = {"solve_s": solved - started, "fields_s": time.perf_counter() - solved}
+    wall = {"solve_s": solve_s, "fields_s": time.perf_counter() - solved}
     estimated = time.perf_counter()
     error = worth.of(path, match.point)
     wall["estimate_s"] = time.perf_counter() - estimated
@@ -207,8 +205,7 @@ def _trial(
         balance_relative=result.force_balance_relative,
         gap_min_m=result.gap_min_m,
         min_jacobian=result.min_jacobian,
-        # On its way a gel that relaxes is pressed quicker than at its end.
-        force_history=match.history[-1:] if relaxes else match.history,
+        force_history=match.history,
     )
     return trial, fields
 

@@ -37,6 +37,7 @@ def path_for(
     *,
     model: Model | None = None,
     refinement: float = 1.0,
+    keeps_all: bool = False,
     device: str = "cpu",
 ) -> LoadingPath:
     """Return the path that a scene's indenter will go, with the planned effects.
@@ -45,6 +46,7 @@ def path_for(
         model: Reuse this model instead of meshing and assembling anew.
         device: Warp device of a new model.
         refinement: Make every edge this many times shorter than the scene does.
+        keeps_all: Keep every equilibrium on the way.
 
     Raises:
         ConfigError: The scene cannot be built.
@@ -61,6 +63,7 @@ def path_for(
         potentials=(weight(model, density),) if plan.is_on(Effect.GRAVITY) else (),
         inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
         options=_options(scene),
+        keeps_all=keeps_all,
     )
 
 

@@ -76,15 +76,19 @@ class Model:
 
     def on(self, device: str) -> Model:
         """Return the same model on another device."""
-        if device == self.device:
-            return self
-        young, ratio = self.materials
+        return self if device == self.device else self._again(self.materials[0], device)
+
+    def stiffer(self, factor: float) -> Model:
+        """Return the same pad of a gel, all of its layers, that is so many times as stiff."""
+        return self._again(factor * self.materials[0], self.device)
+
+    def _again(self, young_pa: FloatArray, device: str) -> Model:
         return Model(
             self.mesh,
             order=self.reference.order,
             law=self.law,
-            young_pa=young,
-            poisson=ratio,
+            young_pa=young_pa,
+            poisson=self.materials[1],
             contact_options=self.contact_options,
             prony=self._prony,
             device=device,

@@ -11,8 +11,9 @@ from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.error.settings import setting_of
 from sim.fields.press_fields import TrialFields
-from sim.replay import force_history, replay_forces
+from sim.replay import replay_forces
 from sim.sensitivity import forces_at
+from sim.walk import History, Walk, walked
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.loop.mounting import (
@@ -29,8 +30,6 @@ from tacauchy_rig.replayed import Replay, ReplayModel
 from tacauchy_rig.run import TrialRecord
 
 REPLAY_NAME = "force-matched"
-History = tuple[tuple[float, float], ...]
-"""(depth [m], F_z [N])."""
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""
 
@@ -86,16 +85,13 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
     on_progress(f"replaying {sum(counts)} trials{at}")
     fit: ModulusFit | None = None
-    stated: list[History] = [()] * len(parts)
+    walks: list[Walk | None] = [None] * len(parts)
     if tells_modulus(parts[0].run.store.config):
-        fit, stated = _told(parts, on_progress)
-    return [
-        _pressed(part, fit, history, on_progress)
-        for part, history in zip(parts, stated, strict=True)
-    ]
+        fit, walks = _told(parts, on_progress)
+    return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, walks, strict=True)]
 
 
-def _pressed(part: Part, fit: ModulusFit | None, stated: History, on_progress: Say) -> Pressed:
+def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress: Say) -> Pressed:
     inputs = part.inputs
     if fit is not None:
         inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
@@ -109,12 +105,14 @@ def _pressed(part: Part, fit: ModulusFit | None, stated: History, on_progress: S
         tolerance=inputs.tolerance,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
+        walk=walk,
+        stiffer=1.0 if fit is None else fit.factor,
     )
     trials = tuple(
         replace(trial, index=record.index, force_measured_n=_measured_n(record))
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    model = _with_modulus(replay.model, fit, stated)
+    model = _with_modulus(replay.model, fit, () if walk is None else walk.history)
     by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
     return replace(replay, trials=trials, model=model), by_trial
 
@@ -142,35 +140,35 @@ def _forces(
     return [found.get(record.index, _measured_n(record)) for record in records]
 
 
-def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[History]]:
+def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
     """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
 
     Returns:
-        The factor, and of each part (depth [m], F_z [N]) of the stated gel; empty where the
-        indenter leans, or no force was measured.
+        The factor, and of each part the stated gel's walk to the forces; None where the indenter
+        leans, or no force was measured.
     """
     contact_force_n = parts[0].run.store.config.protocol.contact_force
-    simulated, histories = [], []
+    simulated, walks = [], list[Walk | None]()
     for part in parts:
         inputs = part.inputs
         records = [each.record for each in measured_attempts(part.run)]
         forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
         leans = any(inputs.mounting.lean_rad)
-        history: History = ()
+        walk: Walk | None = None
         if forces_n:
-            history = force_history(upright(inputs).scene(forces_n), forces_n)
-        curve = merge_histories([history])
+            walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=not leans)
+        curve = merge_histories([() if walk is None else walk.history])
         simulated.append((records, leaned(curve, inputs) if leans else curve))
-        histories.append(() if leans else history)
+        walks.append(None if leans else walk)
     fit = fit_modulus(simulated, contact_force_n=contact_force_n)
     if fit is None:
         on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
-        return None, [()] * len(parts)
+        return None, walks
     on_progress(
         f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
         f"modulus (+-{fit.factor_deviation:.3f} between them)"
     )
-    return fit, histories
+    return fit, walks
 
 
 def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:

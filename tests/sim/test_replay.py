@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,22 @@ import pyvista
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
-from sim.replay import force_history, replay_forces, replay_scene
+from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.material import RelaxationTerm
-from sim.scene.scene import ContactMode, Preset
+from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.walk import walked
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.replayed import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
 FORCES = (0.9, 0.4)
+
+
+def _scene(friction: float, stiffer: float = 1.0) -> Scene:
+    sensor = load_sensor("gelsight-mini").stiffer(stiffer)
+    return replay_scene(sensor, PUNCH, FORCES, preset=Preset.FAST, friction=friction)
 
 
 @pytest.fixture(scope="module")
@@ -53,18 +59,55 @@ def test_every_force_is_met_in_its_own_place(
     assert replay.versions["warp-lang"] != "absent"
 
 
-def test_forces_on_the_way_are_those_of_a_replay_without_its_fields() -> None:
-    """Steps as long as the force allows lead to the depths of a replay, friction included."""
-    scene = replay_scene(load_sensor("gelsight-mini"), PUNCH, FORCES, preset=Preset.FAST)
-    ways = [
-        (force_history(each, FORCES), replay_forces(each, FORCES)[0].trials)
-        for each in (scene, replace(scene, contact=ContactMode.FRICTION, friction=0.5))
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_walk_tells_the_depths_of_a_replay(friction: float) -> None:
+    """Steps as long as the force allows lead to the same depths."""
+    scene = _scene(friction)
+    walk, (replay, _) = walked(scene, FORCES, to_go_on=False), replay_forces(scene, FORCES)
+    depths, forces = zip(*walk.history, strict=True)
+    for trial in replay.trials:
+        told = np.interp(trial.force_measured_n, forces, depths)
+        assert told == pytest.approx(trial.depth_simulated_m, rel=2e-3)
+    assert len(walk.history) <= sum(len(trial.force_history) for trial in replay.trials)
+
+
+@pytest.mark.parametrize(("friction", "stiffer"), [(0.0, 0.8), (0.5, 1.1)])
+def test_a_stiffer_gel_goes_on_from_where_another_passed(friction: float, stiffer: float) -> None:
+    """Depths, shear and the way of its force are those of a press from the start."""
+    scene, other = (_scene(friction, factor) for factor in (1.0, stiffer))
+    walk = walked(scene, FORCES, to_go_on=True)
+    gone_on = replay_forces(other, FORCES, walk=walk, stiffer=stiffer)
+    anew = replay_forces(other, FORCES)
+    for trial, known in zip(gone_on[0].trials, anew[0].trials, strict=True):
+        assert trial.force_simulated_n == pytest.approx(known.force_simulated_n, rel=1e-6)
+        assert trial.depth_simulated_m == pytest.approx(known.depth_simulated_m, rel=2e-4)
+        assert trial.force_history[-1][1] == trial.force_simulated_n
+        forces = [force for _, force in trial.force_history]
+        assert forces == sorted(forces)
+    for found, known_fields in zip(gone_on[1], anew[1], strict=True):
+        pressure = known_fields.arrays["contact_pressure_pa"].max()
+        shear = (each.arrays["contact_shear_pa"] for each in (found, known_fields))
+        assert np.abs(np.subtract(*shear)).max() < 5e-3 * pressure
+    assert gone_on[0].model.young_pa == other.material.young_pa
+    assert gone_on[0].model.wall_s > walk.wall_s
+
+
+def test_a_gel_that_relaxes_is_pressed_anew_whatever_was_walked() -> None:
+    """Its stress does not scale with stiffness at the same time."""
+    term = RelaxationTerm(share=0.2, time_s=1.0)
+    sensors = [load_sensor("gelsight-mini").stiffer(k).relaxing((term,)) for k in (1.0, 1.1)]
+    scene, other = (
+        replay_scene(sensor, PUNCH, FORCES[1:], preset=Preset.FAST) for sensor in sensors
+    )
+    walk = walked(scene, FORCES[1:], to_go_on=True)
+    assert not walk.serves(other, walk.plan)
+    with pytest.raises(ConfigError, match="another way"):
+        walk.path.stiffer(1.1)
+    replays = [
+        replay_forces(other, FORCES[1:], walk=given, stiffer=1.1)[0] for given in (walk, None)
     ]
-    for history, trials in ways:
-        for trial in trials:
-            depth = next(d for d, f in history if f == pytest.approx(trial.force_measured_n))
-            assert depth == pytest.approx(trial.depth_simulated_m, rel=2e-3)
-        assert len(history) <= sum(len(trial.force_history) for trial in trials)
+    depths = [replay.trials[0].depth_simulated_m for replay in replays]
+    assert depths[0] == depths[1]
 
 
 def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(

@@ -40,18 +40,23 @@ class ForceMatch:
 
 
 def push_to_force(
-    path: LoadingPath, force_n: float, *, duration_s: float | None = None
+    path: LoadingPath,
+    force_n: float,
+    *,
+    start: PathPoint | None = None,
+    duration_s: float | None = None,
 ) -> ForceMatch:
     """Solve for the depth at which the indenter carries ``force_n`` [N].
 
     Args:
+        start: Continue from here instead of from the last point.
         duration_s: Time that it takes [s], for a gel that relaxes; None is for ever.
 
     Raises:
         ConvergenceError: The force was not reached.
     """
     before, passed = path.counts.newton_iterations, len(path.history)
-    point = path.push(force_n, duration_s=duration_s)
+    point = path.push(force_n, start=start, duration_s=duration_s)
     return ForceMatch(
         point=point,
         history=tuple(path.history[passed:]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -33,9 +33,9 @@ STEP_SHARE = 0.0125
 
 Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
 """
-# Of the longest step: the first one where points take hold. Under a flat punch 0.05 mm take 872
-# evaluations in one step, 347 in two.
-_GRIPPING_SHARE = 0.25
+# Of the pad's height: the first step where points take hold, at most. Under a flat punch 0.05 mm
+# take 872 evaluations in one step, 347 in two.
+_GRIPPING_SHARE = 0.25 * STEP_SHARE
 # Differences from a depth, over the pad's height, and from a force, over it, that rounding leaves.
 _DEPTH_EXACT_SHARE, _FORCE_EXACT_SHARE = 2.5e-12, 1e-12
 # Of a push's time, until its force has a tangent to go by: a guess.
@@ -61,7 +61,8 @@ class LoadingPath:
         step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes, such as weight.
         inertia: Mass of the nodes, for a path in time.
-        reuse: What the solver keeps from step to step.
+        reuse: What the solver keeps from step to step; None is what the size calls for.
+        keeps_all: Keep every equilibrium on the way, for ``taken_over``.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -76,7 +77,8 @@ class LoadingPath:
     options: SolverOptions = field(default_factory=SolverOptions)
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
-    reuse: Reuse = field(default_factory=Reuse)
+    reuse: Reuse | None = None
+    keeps_all: bool = False
     counts: PathCounts = field(default_factory=PathCounts)
     solver: EquilibriumSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
@@ -108,7 +110,10 @@ class LoadingPath:
         )
         self._settling = Settling(solver=self.solver, touch_m=self.touch_m, counts=self.counts)
         self._stepping = Stepping(
-            settling=self._settling, potentials=self.potentials, inertia=self.inertia
+            settling=self._settling,
+            potentials=self.potentials,
+            inertia=self.inertia,
+            keeps_all=self.keeps_all,
         )
         self.setup_s = time.perf_counter() - started
 
@@ -121,6 +126,39 @@ class LoadingPath:
     def history(self) -> Sequence[tuple[float, float]]:
         """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
         return self._stepping.history
+
+    @property
+    def points(self) -> Sequence[PathPoint]:
+        """The equilibria on the way: all, or the last ones."""
+        return tuple(self._stepping.known)
+
+    def stiffer(self, factor: float) -> LoadingPath:
+        """Return the same path, at its start, through a gel that is so many times as stiff.
+
+        Raises:
+            ConfigError: Weight, mass or relaxation is modelled: they do not scale with stiffness.
+        """
+        if self.potentials or self.inertia is not None or self.model.relaxation is not None:
+            raise ConfigError(
+                "a gel with weight, mass or relaxation goes another way if it is stiffer",
+                remedy="press the stiffer gel from the start",
+            )
+        model = self.model.stiffer(factor)
+        return replace(self, model=model, counts=PathCounts(), keeps_all=False)
+
+    def taken_over(self, point: PathPoint, *, stiffer: float) -> PathPoint:
+        """Return a point of another path in the same gel, so many times less stiff, as one of this.
+
+        At forces as many times larger, a stiffer gel stands where the other did.
+
+        Raises:
+            ConvergenceError: It does not.
+        """
+        state = point.state.copy()
+        if state.grip is not None:
+            state.grip.loads = stiffer * state.grip.loads
+        found = self._settle(state, passing=True)
+        return replace(found, stiffness_n_m=stiffer * point.stiffness_n_m)
 
     def advance(
         self,
@@ -152,14 +190,20 @@ class LoadingPath:
         )
         return self._go(point, phase, duration_s)
 
-    def push(self, force_n: float, *, duration_s: float | None = None) -> PathPoint:
+    def push(
+        self,
+        force_n: float,
+        *,
+        start: PathPoint | None = None,
+        duration_s: float | None = None,
+    ) -> PathPoint:
         """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
 
-        ``duration_s`` and what is raised are as for ``advance``.
+        ``start``, ``duration_s`` and what is raised are as for ``advance``.
         """
         if not force_n > 0.0:
-            return self.advance(0.0)
-        point = self.last
+            return self.advance(0.0, start=start)
+        point = start or self.last
         if point is None or not point.force_n[2] > 0.0:
             touching = self._touching_share(point, force_n, duration_s)
             depth = OVERLAP_SHARE * self.model.height_m
@@ -262,7 +306,7 @@ class LoadingPath:
         """How deep a first step goes: a barrier that is a parabola throughout forgives overlap."""
         options = self.model.contact_options
         if options.is_tangential:
-            return _GRIPPING_SHARE * self.step_max_m
+            return min(self.step_max_m, _GRIPPING_SHARE * self.model.height_m)
         return self.step_max_m if options.extension >= 1.0 else OVERLAP_SHARE * self.model.height_m
 
     def _touching_share(

@@ -56,19 +56,24 @@ class Stepping:
         potentials: Further energies of the nodes besides inertia, such as weight.
         last: The equilibrium that was reached last, also when a phase ended in an error.
         history: (depth [m], F_z [N]) of every equilibrium on the way.
+        known: The last of these; all of them if ``keeps_all``.
     """
 
     settling: Settling
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
+    keeps_all: bool = False
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
-    _known: deque[PathPoint] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    known: deque[PathPoint] = field(init=False)
     # Points of the phases that led the same way, with their places along it.
     _trail: deque[tuple[float, PathPoint]] = field(
         default_factory=lambda: deque(maxlen=_REMEMBERED)
     )
     _direction: tuple[object, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -81,7 +86,7 @@ class Stepping:
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
         self.last = point
-        self._known.append(point)
+        self.known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
         for memory in self._memories:
             memory.commit(point.state.positions)
@@ -211,7 +216,7 @@ class Stepping:
         held = phase.load_at(phase.end) is None
         known = [
             (each.depth_m if held else float(each.force_n[2]), each)
-            for each in self._known
+            for each in self.known
             if np.array_equal(each.state.tip[:2], point.state.tip[:2])
             and np.array_equal(each.state.rotation, point.state.rotation)
         ]
