@@ -26,10 +26,8 @@ _BARRIER_SCENE, _SHIFT_SCENE = (
     for pad, depth in (("box:20x24x4mm", "0.2mm"), ("box:16x16x4mm", "0.1mm"))
 )
 # Relative changes of F_z that are allowed, and of the depth between both drives.
-# Preset fast's barrier is wide, and takes a part of its 5 %. At a sharp rim that is free to slide a
-# node hangs on or slips off: F_z over d_hat has steps, of 0.7 % between 0.1 um and 1.5 um.
+# Preset fast's barrier is wide, and takes a part of its 5 %.
 _BARRIER_ALLOWED = {Preset.BALANCED: 0.003, Preset.FAST: 0.02}
-_BARRIER_ALLOWED_SHARP = 0.01
 _SHIFT_ALLOWED = {Preset.BALANCED: 0.03, Preset.ACCURATE: 0.01}
 _DRIVE_ALLOWED = 1e-3
 
@@ -69,10 +67,8 @@ def measure_barrier() -> Table:
         press_of = replace(_BARRIER_SCENE, preset=preset)
         scenes = [replace(press_of, indenter=indenter) for indenter in _INDENTERS]
         scenes.append(replace(press_of, contact=ContactMode.BONDED))
-        sharp = [max(allowed, _BARRIER_ALLOWED_SHARP), *[allowed] * (len(scenes) - 1)]
         rows += [
-            {"preset": preset.value, **barrier_row(scene), "allowed": most}
-            for scene, most in zip(scenes, sharp, strict=True)
+            {"preset": preset.value, **barrier_row(scene), "allowed": allowed} for scene in scenes
         ]
     return table_of_rows(
         rows,
