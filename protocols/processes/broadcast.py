@@ -7,12 +7,12 @@ from protocols.control.record import Arm, Entry, Force, Sink
 from protocols.processes.feed import FeedWriters
 from tacauchy_rig.run import ArmSample, ForceSample
 
-PERIOD_NS = 50_000_000
+PERIOD_NS = 25_000_000
 PENDING_MAX = 1000
 
 
 class Broadcast:
-    """A ``Sink`` that hands everything on and, twenty times a second, shows what passed.
+    """A ``Sink`` that hands everything on and, forty times a second, shows what passed.
 
     Args:
         sink: Keeps the record.

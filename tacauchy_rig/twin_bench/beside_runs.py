@@ -153,7 +153,7 @@ def twin_table(rows: Sequence[TwinRow]) -> Table:
         "the run's own included, over the processors there are; where that is far above 1, others "
         "worked on the machine, and a twin of the lowest priority has what they leave. Processor "
         "time is what a frame costs whoever else works there; an idle processor gives a frame in "
-        "that, and at most 20 a second, as often as the force is shown.",
+        "that, and at most 40 a second, as often as the force is shown.",
     )
 
 
