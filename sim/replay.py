@@ -14,6 +14,7 @@ from sim.effects.scene_path import path_for
 from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
 from sim.error.settings import setting_of
 from sim.error.tolerance import Tolerance, alternatives, keeping
+from sim.fields.passed import PassedStates, passed_state
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
@@ -111,20 +112,28 @@ def replay_forces(
     plan = plan_effects(scene)
     if walk is not None and not walk.serves(scene, plan):
         walk = None
-    path = path_for(scene, plan) if walk is None else walk.path.stiffer(stiffer)
+    largest_n = max(forces_n, default=0.0)
+    if walk is None:
+        path = path_for(scene, plan, keeps_all=True)
+        passed = PassedStates(path, largest_n)
+    else:
+        path = walk.path.stiffer(stiffer)
+        passed = PassedStates(walk.path, largest_n, stiffer=stiffer)
     worth, last_n = _Worth(scene, plan), 0.0
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
         if plan.is_on(Effect.VISCOELASTICITY):
-            path = path_for(scene, plan, model=path.model)
+            path = path_for(scene, plan, model=path.model, keeps_all=True)
+            passed = PassedStates(path, forces_n[position])
         force_n, solving = forces_n[position], time.perf_counter()
         if walk is None:
             match = _met(scene, plan, path, force_n)
         else:
             match = walk.on_from(path, force_n, stiffer=stiffer, above_n=last_n)
         solve_s, last_n = time.perf_counter() - solving, force_n
-        trials[position] = _trial(scene, plan, path, worth, (position, force_n), match, solve_s)
-        done = trials[position][0]
+        done, fields = _trial(scene, plan, path, worth, (position, force_n), match, solve_s)
+        way = (*passed.before(done.force_simulated_n), passed_state(path, match.point))
+        trials[position] = done, replace(fields, passed=way)
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)

@@ -27,6 +27,12 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
     return bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1])
 
 
+def encode_jpeg(image: NDArray[np.uint8], *, quality: int) -> bytes:
+    """Return an RGB image as JPEG of a quality from 0 to 100."""
+    setting = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), setting)[1])
+
+
 def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the luminance (ITU-R BT.601 weights), shape [height, width]; grey stays as it is."""
     if image.ndim == 2:

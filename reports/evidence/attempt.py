@@ -138,6 +138,12 @@ class AttemptReading:
         return self._curve(self.arm.stamp_ns, contact_z_m - self.arm.pose[:, Z])
 
     @property
+    def frame_stamps(self) -> Curve:
+        """The arrival stamps of all frames [ns], over when they were taken."""
+        stamp_ns, _ = self.recording.frame_stamps()
+        return self._curve(stamp_ns - self._camera_late_ns, stamp_ns.astype(np.float64))
+
+    @property
     def press_duration_s(self) -> float | None:
         """Time from the first touch to the middle of the dwell [s]; None where one is not known."""
         curve, dwell = self.depth_curve, self.dwell_s

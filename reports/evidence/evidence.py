@@ -73,6 +73,40 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PassingFrame:
+    """What the camera showed at one force of a press.
+
+    Attributes:
+        force_n: Measured then; None where nobody measured it.
+        depth_m: The arm's, from where contact was felt; None likewise.
+    """
+
+    image: ColorImage
+    force_n: float | None
+    depth_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassingState:
+    """A press at one force on its way, or at its end.
+
+    Attributes:
+        force_n: Simulated [N]; ``depth_m`` likewise, from first touch.
+        image: Simulated, shape [height, width, 3].
+        dent_m: How far the gel's surface is pushed in, shape [height, width].
+        pressure_pa: On the gel that lies where a pixel looks, same shape.
+        frame: The recorded frame nearest in force; None where none is near.
+    """
+
+    force_n: float
+    depth_m: float
+    image: ColorImage
+    dent_m: FloatArray
+    pressure_pa: FloatArray
+    frame: PassingFrame | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StreamTiming:
     """When the samples of one stream arrived, measured from the recording.
 
@@ -144,6 +178,7 @@ class TrialEvidence:
         force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
             stated, shape [n, 2], sorted.
         pressure: Simulated contact pressure.
+        passing: On the way to its force and there, ascending; empty where no replay kept it.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
         kind: Equal for presses of one indenter at one place, whose simulated images and forces are
             compared with one another.
@@ -163,6 +198,7 @@ class TrialEvidence:
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
     pressure: PressureProfile | None = None
+    passing: tuple[PassingState, ...] = ()
     kind: int = 0
 
     @property

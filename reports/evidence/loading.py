@@ -21,6 +21,7 @@ from reports.evidence.evidence import (
     TrueDwell,
 )
 from reports.evidence.force_depth import merge_histories
+from reports.evidence.passing import passing_states
 from reports.evidence.pressure import pressure_profile
 from tacauchy_rig.config.model import ReportSection, RigConfig
 from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
@@ -63,7 +64,7 @@ def load_evidence(
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curves = {} if replay is None else {i: stated_curve(replay, i) for i in replayed}
-    seen, damaged = _simulated(store, replay)
+    seen, damaged = _simulated(run, replay if simulated_images is None else None)
     if simulated_images is not None:
         seen = {index: {"simulated_image": image} for index, image in simulated_images.items()}
     trials = tuple(
@@ -228,7 +229,7 @@ def _kind(replay: Replay, trial: int) -> int:
 
 
 def _simulated(
-    store: RunStore, replay: Replay | None
+    run: RunReading, replay: Replay | None
 ) -> tuple[dict[int, dict[str, Any]], dict[int, tuple[Criterion, ...]]]:
     """Return what was simulated of a replay, and what is damaged of it, by trial."""
     seen: dict[int, dict[str, Any]] = {}
@@ -237,7 +238,7 @@ def _simulated(
         return seen, damaged
     for trial in replay.trials:
         try:
-            kept = store.load_replay_fields(replay.name, trial.index)
+            kept = run.store.load_replay_fields(replay.name, trial.index)
         except RecordError as error:
             promise = f"what was simulated of trial {trial.index} is readable"
             lost = agreement("replay_whole", promise, [error.message], remedy=error.remedy)
@@ -246,6 +247,7 @@ def _simulated(
             seen[trial.index] = {
                 "simulated_image": kept.image,
                 "pressure": pressure_profile(kept.fields),
+                "passing": passing_states(kept.passed, run.attempt(trial.index)),
             }
     return seen, damaged
 

@@ -16,18 +16,18 @@ MAX_COLUMNS = 6
 Trial = TypeVar("Trial", TrialResult, TrialEvidence)
 
 
-def shown(trials: Sequence[Trial]) -> list[Trial]:
-    """Pick at most six trials, evenly spread over the target forces, first and last included.
+def shown(trials: Sequence[Trial], *, most: int = MAX_COLUMNS) -> list[Trial]:
+    """Pick some trials, evenly spread over the target forces, first and last included.
 
     Imported ones without a force come last.
     """
     ordered = sorted(
         trials, key=lambda t: (math.isnan(t.force_target_n), t.force_target_n, t.index)
     )
-    if len(ordered) <= MAX_COLUMNS:
+    if len(ordered) <= most:
         return ordered
-    step = (len(ordered) - 1) / (MAX_COLUMNS - 1)
-    return [ordered[round(k * step)] for k in range(MAX_COLUMNS)]
+    step = (len(ordered) - 1) / (most - 1)
+    return [ordered[round(k * step)] for k in range(most)]
 
 
 def force_label(trial: TrialResult | TrialEvidence) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.comparison.sentences import MINUS
 from reports.evidence.evidence import camera_of
+from reports.page.passing import DENT_COLORS, PRESSURE_COLORS, gradient
 from reports.scores.metrics import Metric
 
 ABSENT = "\u2013"
@@ -26,18 +29,31 @@ KEY_UNITS = {
 }
 
 
-def render_html(summary: Mapping[str, Any], *, figures: Path, images: Path) -> str:
+def render_html(
+    summary: Mapping[str, Any],
+    *,
+    figures: Path,
+    images: Path,
+    passing: Mapping[int, Sequence[Mapping[str, str]]],
+) -> str:
     """Render the page.
 
     Args:
         summary: The value of ``summary.json``.
         figures: Folder of the figures' PNG files, which are put into the page.
         images: Folder of the trials' images, which are put into the page.
+        passing: Of the trials on their way, the pictures of each state as data URLs, by kind.
     """
+    script = files("reports").joinpath("templates/passing.js").read_text("utf-8")
     environment = page_environment(summary)
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
         "image_data": lambda name: png_data(images / name),
+        "passing": passing,
+        "script": script,
+        "script_hash": base64.b64encode(sha256(script.encode()).digest()).decode(),
+        "dent_bar": gradient(DENT_COLORS),
+        "pressure_bar": gradient(PRESSURE_COLORS),
     }
     return environment.get_template("report.html.jinja").render(summary=summary)
 

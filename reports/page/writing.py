@@ -15,6 +15,7 @@ from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
 from reports.page.html import render_html
+from reports.page.passing import passing_numbers, passing_pictures
 from reports.page.summary import build_summary, junit_xml, metrics_csv
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.rgb import encode_png
@@ -58,8 +59,10 @@ def _write(report: ValidationReport, paths: ReportPaths) -> None:
         (paths.images / OPTICS_PICTURE).write_bytes(picture)
     summary = build_summary(report)
     summary["figures"] = figures
+    passing = passing_numbers(report.evidence)
     for trial in summary["trials"]:
         trial["images"] = pictures.get(trial["index"], {})
+        trial["passing"] = passing.get(trial["index"], [])
     # allow_nan=False: a NaN that slipped through is a bug of ours and must not reach a reader.
     summary["optics_picture"] = OPTICS_PICTURE if picture else None
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
@@ -67,7 +70,13 @@ def _write(report: ValidationReport, paths: ReportPaths) -> None:
     paths.metrics.write_text(metrics_csv(summary), encoding="utf-8")
     paths.junit.write_text(junit_xml(summary), encoding="utf-8")
     paths.html.write_text(
-        render_html(summary, figures=paths.figures, images=paths.images), encoding="utf-8"
+        render_html(
+            summary,
+            figures=paths.figures,
+            images=paths.images,
+            passing=passing_pictures(report.evidence),
+        ),
+        encoding="utf-8",
     )
 
 

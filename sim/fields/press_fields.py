@@ -12,7 +12,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import surface_stress
 from sim.fields.stress_field import cauchy_stress, components
-from sim.fields.surface import SurfaceState, TopSurface
+from sim.fields.surface import PassedState, SurfaceState, TopSurface
 from sim.fields.vtu import vtu
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
@@ -28,12 +28,15 @@ class TrialFields:
     Attributes:
         shape: Nodes and faces of the deformed surface, and the indenter's tip.
         surface: The deformed contact surface, for the optics.
+        passed: The surface on the way there and at the end, the smallest force first; empty where
+            nobody watched.
     """
 
     shape: dict[str, NDArray[Any]]
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
     surface: SurfaceState
+    passed: tuple[PassedState, ...] = ()
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -77,3 +77,17 @@ class SurfaceState:
             signs=np.ones_like(self.positions_rest),
             mesh_axis_m=self.mesh_axis_m,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassedState:
+    """The surface at one force of a press.
+
+    Attributes:
+        pressure_pa: Contact pressure at the surface's nodes, shape [node_count].
+    """
+
+    force_n: float
+    depth_m: float
+    surface: SurfaceState
+    pressure_pa: FloatArray

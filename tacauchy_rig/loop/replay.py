@@ -16,6 +16,7 @@ from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.mounting import find_offset, offset_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.parts import Part, parts_of
+from tacauchy_rig.loop.passed import passed_arrays
 from tacauchy_rig.loop.pressing import (
     Pressed,
     is_measured,
@@ -76,7 +77,13 @@ def replay_run(
         rendered = _rendered(parts, pressed, optics)
         places: tuple[FoundValue, ...] = ()
         if config.replay.pose is PoseSource.FOUND:
-            places, parts, rendered = _where_seen(parts, rendered, optics, on_progress)
+            places, parts, again = _where_seen(parts, rendered, optics, on_progress)
+            if again is not None:
+                pressed, rendered = again
+        rendered = [
+            _with_passed(part, each, fields, optics)
+            for part, each, (_, fields) in zip(parts, rendered, pressed, strict=True)
+        ]
         on_progress("trying what uncertain inputs change of the force")
         values = [(*found.values, *places) for found in mountings]
         tried = [
@@ -139,7 +146,7 @@ def _where_seen(
     rendered: list[Rendered],
     optics: OpticalCalibration,
     on_progress: Say,
-) -> tuple[tuple[FoundValue, ...], list[Part], list[Rendered]]:
+) -> tuple[tuple[FoundValue, ...], list[Part], tuple[list[Pressed], list[Rendered]] | None]:
     """Press again where images show the contact, if that is beside the stated place.
 
     All stated places are beside by as much: what lies there is the pad. Places that are not stated
@@ -151,18 +158,27 @@ def _where_seen(
     values = find_offset(attempts, _images(rendered), optics.geometry, config)
     at = offset_of(values)
     if at is None:
-        return values, list(parts), rendered
+        return values, list(parts), None
     on_progress("  the contact is seen beside its place: again there")
     moved = [part.moved(at) for part in parts]
-    again = _rendered(moved, press_parts(moved, on_progress=on_progress), optics)
-    return (
-        values,
-        moved,
-        [
-            (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
-            for replay, kept in again
-        ],
-    )
+    pressed = press_parts(moved, on_progress=on_progress)
+    again = [
+        (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
+        for replay, kept in _rendered(moved, pressed, optics)
+    ]
+    return values, moved, (pressed, again)
+
+
+def _with_passed(
+    part: Part,
+    rendered: Rendered,
+    fields: Mapping[int, TrialFields],
+    optics: OpticalCalibration,
+) -> Rendered:
+    """Add what is seen on the way to each force."""
+    replay, kept = rendered
+    passed = passed_arrays(measured_attempts(part.run), part.inputs.sensor, fields, optics)
+    return replay, {i: replace(each, passed=passed.get(i, {})) for i, each in kept.items()}
 
 
 def _residual(

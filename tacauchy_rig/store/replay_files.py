@@ -25,12 +25,15 @@ class ReplayFields:
         height: Named arrays of the deformed surface seen by the camera (SI), into ``height.npz``.
         image: Rendered tactile image, RGB uint8, shape [height, width, 3], into ``image.png``.
         surface_vtu: The deformed surface for ParaView, the whole file, into ``surface.vtu``.
+        passed: Small images and maps on the way to the force, into ``passed.npz``; empty where
+            the replay is from before they were kept.
     """
 
     fields: dict[str, NDArray[Any]] = field(default_factory=dict)
     height: dict[str, NDArray[Any]] = field(default_factory=dict)
     image: NDArray[np.uint8] | None = None
     surface_vtu: bytes | None = None
+    passed: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def write_fields(folder: Path, fields: ReplayFields) -> None:
@@ -47,6 +50,8 @@ def write_fields(folder: Path, fields: ReplayFields) -> None:
         write_atomically(folder / "image.png", encode_png(fields.image))
     if fields.surface_vtu is not None:
         write_atomically(folder / "surface.vtu", fields.surface_vtu)
+    if fields.passed:
+        write_atomically(folder / "passed.npz", _pack(fields.passed))
 
 
 def read_fields(folder: Path) -> ReplayFields:
@@ -66,6 +71,7 @@ def read_fields(folder: Path) -> ReplayFields:
         height=_unpack(folder / "height.npz"),
         image=_read_png(image) if image.exists() else None,
         surface_vtu=read_bytes(surface, what="the surface") if surface.exists() else None,
+        passed=_unpack(folder / "passed.npz"),
     )
 
 

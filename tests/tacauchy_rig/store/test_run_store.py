@@ -144,13 +144,14 @@ def test_a_replay_comes_back(store: RunStore) -> None:
         height={"height_m": rng.normal(size=(4, 4))},
         image=rng.integers(0, 255, size=(24, 32, 3), dtype=np.uint8),
         surface_vtu=b"<VTKFile/>",
+        passed={"force_n": np.arange(3.0)},
     )
     store.save_replay(_replay(), {1: fields})
     opened = RunStore.open(store.paths.root)
     assert opened.replays() == ["balanced"]
     loaded = opened.load_replay("balanced")
     assert replace(loaded, made_from={}, files={}) == _replay()
-    names = ("fields.npz", "height.npz", "image.png", "surface.vtu")
+    names = ("fields.npz", "height.npz", "image.png", "passed.npz", "surface.vtu")
     assert sorted(loaded.files) == [f"trials/01/{name}" for name in names]
     back = opened.load_replay_fields("balanced", 1)
     assert np.array_equal(back.fields["displacement"], fields.fields["displacement"])
@@ -160,6 +161,7 @@ def test_a_replay_comes_back(store: RunStore) -> None:
     assert fields.image is not None
     assert np.array_equal(back.image, fields.image)
     assert back.surface_vtu == b"<VTKFile/>"
+    assert np.array_equal(back.passed["force_n"], fields.passed["force_n"])
 
 
 def test_a_replay_that_is_not_there(store: RunStore) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from contextlib import contextmanager
@@ -16,16 +15,6 @@ from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.store.run_store import RunStore
 from tests.protocols.conftest import BRISK, MOCKS
 
-OPTIONS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 WAIT_S = 60.0
 OUTLINE = ContactOutline(
     image_size_px=(640, 480),
@@ -97,19 +86,6 @@ def long_session(tmp_path_factory):
     """Many trials, for tests that leave them alone."""
     with running(tmp_path_factory.mktemp("runs")) as made:
         yield made
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    """A real browser; skips where there is none."""
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
-    if path is None:
-        pytest.skip("no chromium: `apt-get install chromium`")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
