@@ -250,11 +250,11 @@ def camera_of(provenance: Mapping[str, Any], *, simulated: bool) -> str:
 
     Args:
         provenance: Of the run; its ``devices`` say what the camera was, ``imported`` that nobody
-            here knows.
+            here knows, unless its source says that it is simulated.
         simulated: What counts where they do not say.
     """
     if provenance.get("imported"):
-        return "imported"
+        return "emulated" if simulated else "imported"
     camera = provenance.get("devices", {}).get("camera", {})
     return "emulated" if camera.get("simulated", simulated) else "real"
 

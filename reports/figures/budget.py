@@ -43,13 +43,17 @@ def draw_budget(report: ValidationReport) -> Figure:
 
 
 def _rows(trials: list[TrialResult]) -> list[tuple[str, list[float]]]:
-    """Return name and per cent of each trial: terms by size, then their sum, then the error."""
+    """Return name and per cent of each trial: terms by size, then their sum, then the error.
+
+    Trials of several indenters have terms of their own.
+    """
     terms = []
-    for number, term in enumerate(trials[0].force.budget):
-        values = [_percent(t, t.force.budget[number].value_n) for t in trials]
+    known = [{term.name: term.value_n for term in t.force.budget} for t in trials]
+    for name in dict.fromkeys(name for own in known for name in own):
+        values = [_percent(t, own.get(name)) for t, own in zip(trials, known, strict=True)]
         sums = [_percent(t, t.force.known_uncertainty_n) for t in trials]
         if any(v > SMALL_SHARE * s for v, s in zip(values, sums, strict=True)):
-            terms.append((term.name, values))
+            terms.append((name, values))
     terms.sort(key=lambda row: -max(row[1]))
     together = [_percent(t, t.force.known_uncertainty_n) for t in trials]
     error = [_percent(t, abs(t.force.prediction_error_n or 0.0)) for t in trials]

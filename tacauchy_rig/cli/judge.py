@@ -59,11 +59,11 @@ def judge(
         write_task(writable_folder(out), *task_of(reading, evidence), references_of(evidence))
         say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
         return
-    others = _read(folders or [], evidence)
+    others = read_folders(folders or [], evidence)
     if ours_folder is None:
         ours = our_outputs(reading, evidence)
     else:
-        (ours,) = _read([ours_folder], evidence)
+        (ours,) = read_folders([ours_folder], evidence)
     writable_folder(out)
     if ours is None:
         complain(f"{run} has no replay: `tacauchy-rig replay {run}`, or give --ours")
@@ -80,7 +80,7 @@ def judge(
     write_json(json_file, json.loads(paths.json.read_text("utf-8")))
 
 
-def _read(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
+def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
     """Return what simulators give of a run's presses.
 
     Raises:

@@ -1,0 +1,41 @@
+"""The budget of presses whose indenters have terms of their own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from reports.comparison.results import ValidationReport
+from reports.figures.budget import draw_budget
+from reports.page.writing import write_report
+
+
+def without_a_term(report: ValidationReport, name: str) -> ValidationReport:
+    """Return a report whose first press, of the smallest force, lacks a term of its budget."""
+    first, *others = report.trials
+    budget = tuple(term for term in first.force.budget if term.name != name)
+    assert len(budget) == len(first.force.budget) - 1
+    trials = (replace(first, force=replace(first.force, budget=budget)), *others)
+    return replace(report, trials=trials)
+
+
+def test_a_term_of_some_presses_stands_in_its_own_row(
+    report: ValidationReport, tmp_path: Path
+) -> None:
+    """A ball has no fillet: what comes after it in a punch's budget is not taken for it."""
+    last = report.trials[-1].force
+    known = [term for term in last.budget if term.value_n]
+    name, value_n = max(((term.name, term.value_n) for term in known), key=lambda t: t[1] or 0.0)
+    lacking = without_a_term(report, name)
+    axes = draw_budget(lacking).axes[0]
+    row = [label.get_text() for label in axes.get_yticklabels()].index(name)
+    bars = [container[row].get_width() for container in axes.containers]
+    assert bars[0] == 0.0
+    assert value_n is not None
+    assert last.force_predicted_n is not None
+    assert abs(bars[1] - 100.0 * value_n / last.force_predicted_n) < 1e-9
+    page = write_report(lacking, tmp_path).html.read_text("utf-8")
+    (cells,) = re.findall(rf"<th>[a-z]+: {re.escape(name)}</th>(.*?)</tr>", page)
+    assert cells.startswith("<td>&ndash;</td>")
+    assert cells.endswith(f"<td>{value_n:.4f}</td>")
