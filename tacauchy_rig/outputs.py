@@ -54,6 +54,8 @@ class PressOutput:
         height_m: Height of the gel's surface over itself at rest [m], negative where it is pressed
             in, a value a pixel of the scored image, shape [height, width].
         pressure_pa: Normal pressure on the gel, likewise [Pa].
+        shear_pa: Tangential traction on the gel along the pad's x and y [Pa], shape
+            [height, width, 2].
     """
 
     image: NDArray[np.uint8] | None = None
@@ -61,6 +63,7 @@ class PressOutput:
     depth_m: float | None = None
     height_m: NDArray[np.float64] | None = None
     pressure_pa: NDArray[np.float64] | None = None
+    shear_pa: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

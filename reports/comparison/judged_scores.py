@@ -108,7 +108,15 @@ MECHANICS = (
         unit="%",
         factor=100.0,
     ),
+    Score(
+        key="shear_apart_relative",
+        label="Shear, apart from our replay's",
+        digits=1,
+        larger_is_better=None,
+        unit="%",
+        factor=100.0,
+    ),
 )
-"""Of forces, surfaces and pressures."""
+"""Of forces, surfaces, pressures and shear."""
 
 ALL = (*FRAME, *CONTACT, *MECHANICS)

@@ -45,6 +45,7 @@ class JudgedPress:
         height_apart_largest_m: Likewise the largest [m].
         pressure_apart_relative: Of its pressure from our replay's, which is no truth either: the
             norm of the difference over that of ours, of all pixels.
+        shear_apart_relative: Of its shear, likewise; 1 is what no shear at all would be.
         pressure_force_n: Its pressure, summed over the image [N]: its own force, or they disagree.
     """
 
@@ -62,6 +63,7 @@ class JudgedPress:
     height_apart_rms_m: float | None
     height_apart_largest_m: float | None
     pressure_apart_relative: float | None
+    shear_apart_relative: float | None
     pressure_force_n: float | None
 
     @property
@@ -177,6 +179,7 @@ def outputs_of_replay(
     simulator: Simulator,
     heights_m: Mapping[int, FloatArray],
     pressures_pa: Mapping[int, FloatArray] | None = None,
+    shears_pa: Mapping[int, FloatArray] | None = None,
 ) -> Outputs:
     """Return what the run's own replay gives, as any other simulator's outputs.
 
@@ -187,6 +190,7 @@ def outputs_of_replay(
         simulator: Who we are.
         heights_m: Height of the surface over itself at rest, by trial.
         pressures_pa: Normal pressure, likewise.
+        shears_pa: Shear on the gel along x and y, likewise.
     """
     presses = {}
     for trial in evidence.trials:
@@ -196,6 +200,7 @@ def outputs_of_replay(
                 force_n=predict(trial, evidence.contact_force_n)[0],
                 height_m=heights_m.get(trial.index),
                 pressure_pa=(pressures_pa or {}).get(trial.index),
+                shear_pa=(shears_pa or {}).get(trial.index),
             )
     missing = tuple(t.index for t in evidence.trials if t.index not in presses)
     return Outputs(
@@ -266,6 +271,7 @@ _FIELDS = (
     "height_apart_rms_m",
     "height_apart_largest_m",
     "pressure_apart_relative",
+    "shear_apart_relative",
     "pressure_force_n",
 )
 
@@ -275,18 +281,23 @@ def _fields(
 ) -> dict[str, Any]:
     if is_ours:  # its pressure is of the measured force, its force of the measured depth
         return dict.fromkeys(_FIELDS)
-    rms = largest = pressure = total = None
+    rms = largest = total = None
     if output.height_m is not None and ours is not None and ours.height_m is not None:
         apart = output.height_m - ours.height_m
         rms, largest = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
     x_m, y_m = evidence.geometry.scale_x_m_px, evidence.geometry.scale_y_m_px
     if output.pressure_pa is not None and x_m is not None and y_m is not None:
         total = float(output.pressure_pa.sum()) * x_m * y_m
-    if output.pressure_pa is not None and ours is not None and ours.pressure_pa is not None:
-        size = float(np.linalg.norm(ours.pressure_pa))
-        off = float(np.linalg.norm(output.pressure_pa - ours.pressure_pa))
-        pressure = off / size if size > 0.0 else None
-    return dict(zip(_FIELDS, (rms, largest, pressure, total), strict=True))
+    pressure = _apart(output.pressure_pa, None if ours is None else ours.pressure_pa)
+    shear = _apart(output.shear_pa, None if ours is None else ours.shear_pa)
+    return dict(zip(_FIELDS, (rms, largest, pressure, shear, total), strict=True))
+
+
+def _apart(theirs: FloatArray | None, ours: FloatArray | None) -> float | None:
+    """Return the norm of the difference over that of ours; None where ours is nothing."""
+    if theirs is None or ours is None or not ours.any():
+        return None
+    return float(np.linalg.norm(theirs - ours) / np.linalg.norm(ours))
 
 
 def _means(presses: Sequence[JudgedPress]) -> dict[str, MeanInterval]:

@@ -50,8 +50,21 @@ def pressure_at(
     fields: Mapping[str, NDArray[Any]], x_m: FloatArray, y_m: FloatArray
 ) -> FloatArray | None:
     """Return a replayed trial's contact pressure at places of the pad [Pa]; None without one."""
-    if not {"node_m", "contact_pressure_pa"} <= fields.keys():
+    return _at(fields, "contact_pressure_pa", x_m, y_m)
+
+
+def shear_at(
+    fields: Mapping[str, NDArray[Any]], x_m: FloatArray, y_m: FloatArray
+) -> FloatArray | None:
+    """Return the shear on the gel along x and y there [Pa], a last axis of 2; None likewise."""
+    shear = _at(fields, "contact_shear_pa", x_m, y_m)
+    return None if shear is None else shear[..., :2]
+
+
+def _at(
+    fields: Mapping[str, NDArray[Any]], name: str, x_m: FloatArray, y_m: FloatArray
+) -> FloatArray | None:
+    if not {"node_m", name} <= fields.keys():
         return None
-    nodes = fields["node_m"][:, :2]
-    at = LinearNDInterpolator(nodes, fields["contact_pressure_pa"], fill_value=0.0)
+    at = LinearNDInterpolator(fields["node_m"][:, :2], fields[name], fill_value=0.0)
     return np.asarray(at(x_m, y_m), dtype=np.float64)

@@ -11,7 +11,7 @@ from reports.arrays import ColorImage, FloatArray
 from reports.comparison.judging import outputs_of_replay
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.pressure import pressure_at
+from reports.evidence.pressure import pressure_at, shear_at
 from sim.scene.indenter import describe
 from tacauchy_rig import __version__
 from tacauchy_rig.loop.inputs import inputs_of
@@ -76,6 +76,7 @@ def our_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
         return None
     heights: dict[int, FloatArray] = {}
     pressures: dict[int, FloatArray] = {}
+    shears: dict[int, FloatArray] = {}
     x_m, y_m = sensor_of(store.config).camera.pad_grid()
     for trial in replay.trials:
         kept = readable(partial(store.load_replay_fields, REPLAY_NAME, trial.index))
@@ -84,7 +85,10 @@ def our_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
         pressure = None if kept is None else pressure_at(kept.fields, x_m, y_m)
         if pressure is not None:
             pressures[trial.index] = pressure
-    return outputs_of_replay(evidence, _who(replay), heights, pressures)
+        shear = None if kept is None else shear_at(kept.fields, x_m, y_m)
+        if shear is not None:
+            shears[trial.index] = shear
+    return outputs_of_replay(evidence, _who(replay), heights, pressures, shears)
 
 
 def _who(replay: Replay) -> Simulator:

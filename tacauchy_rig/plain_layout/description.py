@@ -17,7 +17,7 @@ from tacauchy_rig.rgb import ColourOrder
 DESCRIPTION = "simulator.toml"
 FORCES = "forces.csv"
 IMAGE, HEIGHT, FIELDS = "image.png", "height.npy", "fields.npz"
-PRESSURE = "pressure"
+PRESSURE, SHEAR = "pressure", ("shear_x", "shear_y")
 
 
 class Units(Section):
@@ -26,7 +26,7 @@ class Units(Section):
     Attributes:
         force: Of ``forces.csv``; so is ``depth``.
         height: Of ``height.npy``.
-        pressure: Of ``fields.npz``.
+        pressure: Of ``fields.npz``, shear too.
     """
 
     force: str | None = None

@@ -23,6 +23,7 @@ from tacauchy_rig.plain_layout.description import (
     HEIGHT,
     IMAGE,
     PRESSURE,
+    SHEAR,
     Description,
     read_description,
 )
@@ -142,7 +143,7 @@ def _forces(
 
 
 def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict[str, Any]:
-    """Return image, heights and pressure of a press, as far as they are there."""
+    """Return image, heights, pressure and shear of a press, as far as they are there."""
     found: dict[str, Any] = {}
     width, height = asked.size_px
     root = source.root / folder
@@ -157,8 +158,16 @@ def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict
         name = f"{folder}/{FIELDS}"
         unit = told.units.column(PRESSURE, file=name)
         factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
-        arrays = read_fields(source, name, (height, width), known=(PRESSURE,))
-        found["pressure_pa"] = factor * arrays[PRESSURE]
+        arrays = read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
+        if PRESSURE in arrays:
+            found["pressure_pa"] = factor * arrays[PRESSURE]
+        if along := [arrays[key] for key in SHEAR if key in arrays]:
+            if len(along) < len(SHEAR):
+                raise RecordError(
+                    f"{name}: holds one of {' and '.join(SHEAR)} without the other",
+                    remedy="give the shear on the gel along the pad's x and along its y",
+                )
+            found["shear_pa"] = factor * np.stack(along, axis=-1)
     if not found:
         raise RecordError(
             f"{folder}: holds none of {IMAGE}, {HEIGHT} and {FIELDS}",
@@ -192,7 +201,8 @@ def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
     for name, what in (
         ("image", IMAGE),
         ("height_m", HEIGHT),
-        ("pressure_pa", FIELDS),
+        ("pressure_pa", f"{PRESSURE} in {FIELDS}"),
+        ("shear_pa", f"shear in {FIELDS}"),
         ("force_n", f"a force in {FORCES}"),
         ("depth_m", f"a depth in {FORCES}"),
     ):

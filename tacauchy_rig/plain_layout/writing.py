@@ -18,6 +18,7 @@ from tacauchy_rig.plain_layout.description import (
     HEIGHT,
     IMAGE,
     PRESSURE,
+    SHEAR,
 )
 from tacauchy_rig.rgb import ColourOrder, encode_png
 from tacauchy_rig.store.durable import write_atomically
@@ -54,8 +55,11 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
             write_atomically(place / IMAGE, encode_png(press.image))
         if press.height_m is not None:
             write_atomically(place / HEIGHT, _saved(press.height_m))
-        if press.pressure_pa is not None:
-            write_atomically(place / FIELDS, _saved(**{PRESSURE: press.pressure_pa}))
+        fields = {} if press.pressure_pa is None else {PRESSURE: press.pressure_pa}
+        if press.shear_pa is not None:
+            fields |= dict(zip(SHEAR, np.moveaxis(press.shear_pa, -1, 0), strict=True))
+        if fields:
+            write_atomically(place / FIELDS, _saved(**fields))
 
 
 def _description(outputs: Outputs) -> str:

@@ -36,6 +36,7 @@ def _others(evidence: RunEvidence, made: SimpleNamespace, *, force: float, part:
             force_n=force * trial.record.force_measured_n,
             height_m=np.full(shape, HEIGHT_M),
             pressure_pa=np.full(shape, PRESSURE_PA),
+            shear_pa=np.full((*shape, 2), (PRESSURE_PA, 0.0)),
         )
     who = Simulator(name="Other", version="2", driven_by=Driven.DEPTH)
     return Outputs(simulator=who, presses=presses)
@@ -47,7 +48,8 @@ def judged(two: RunEvidence, made: SimpleNamespace) -> Judgement:
     shape = two.trials[0].images.real.shape[:2]
     heights = {trial.index: np.zeros(shape) for trial in two.trials}
     pressures = {trial.index: np.full(shape, 2.0 * PRESSURE_PA) for trial in two.trials}
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), heights, pressures)
+    shears = {trial.index: np.full((*shape, 2), (0.0, PRESSURE_PA)) for trial in two.trials}
+    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), heights, pressures, shears)
     return judge(two, [_others(two, made, force=2.0, part=WEAK)], ours=ours)
 
 
@@ -103,7 +105,7 @@ def test_floors_and_ceiling_are_the_reports(judged: Judgement) -> None:
 
 def test_surface_and_pressure_are_compared(judged: Judgement, two: RunEvidence) -> None:
     """A surface 0.1 mm below ours is 0.1 mm apart; a pressure sums up to a force, and
-    is half of ours.
+    is half of ours; shear that goes across ours is apart by the root of two.
     """
     ours, other = judged.simulators
     area_m2 = 240 * 320 * two.geometry.scale_x_m_px * two.geometry.scale_y_m_px
@@ -111,6 +113,7 @@ def test_surface_and_pressure_are_compared(judged: Judgement, two: RunEvidence) 
         assert press.height_apart_rms_m == pytest.approx(-HEIGHT_M)
         assert press.pressure_force_n == pytest.approx(PRESSURE_PA * area_m2)
         assert press.pressure_apart_relative == pytest.approx(0.5)
+        assert press.shear_apart_relative == pytest.approx(2**0.5)
     assert all(press.height_apart_rms_m is None for press in ours.presses)
 
 

@@ -47,7 +47,11 @@ def _outputs() -> Outputs:
         simulator=SIMULATOR,
         presses={
             i: PressOutput(
-                image=_image(i), force_n=0.5 * i, height_m=-1e-6 * grid, pressure_pa=10.0 * grid
+                image=_image(i),
+                force_n=0.5 * i,
+                height_m=-1e-6 * grid,
+                pressure_pa=10.0 * grid,
+                shear_pa=np.stack([grid, -2.0 * grid], axis=-1),
             )
             for i in (1, 3)
         },
@@ -64,7 +68,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_what_was_written_is_read(folder: Path) -> None:
-    """All of it comes back, heights and pressures to single precision."""
+    """All of it comes back, heights, pressures and shear to single precision."""
     found, wanted = read_outputs(folder, ASKED), _outputs()
     assert found.simulator == SIMULATOR
     assert found.left_out == (2,)
@@ -73,6 +77,7 @@ def test_what_was_written_is_read(folder: Path) -> None:
         np.testing.assert_array_equal(other.image, press.image)
         np.testing.assert_allclose(other.height_m, press.height_m, rtol=1e-6)
         np.testing.assert_allclose(other.pressure_pa, press.pressure_pa, rtol=1e-6)
+        np.testing.assert_allclose(other.shear_pa, press.shear_pa, rtol=1e-6)
         assert (other.force_n, other.depth_m) == (press.force_n, None)
 
 
@@ -207,6 +212,7 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
     "no array": (lambda f: (f / "01/height.npy").write_bytes(b"no"), "no array of NumPy"),
     "no archive": (lambda f: (f / "01/fields.npz").write_bytes(b"no"), "no whole zip archive"),
     "other fields": (lambda f: _archive(f, stress=_npy(PLAIN)), "stress"),
+    "half a shear": (lambda f: _archive(f, shear_y=_npy(PLAIN)), "without the other"),
     "an empty archive": (_archive, "holds nothing"),
     "a link out": (
         lambda f: [(f / "01/image.png").unlink(), (f / "01/image.png").symlink_to("/dev/zero")],
