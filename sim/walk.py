@@ -22,6 +22,8 @@ from sim.solve.load_steps.path import LoadingPath
 
 History = tuple[tuple[float, float], ...]
 """(depth [m], F_z [N])."""
+# Of a force: so much at least is left to be pushed.
+_FORCE_LEFT_SHARE = 1e-3
 # With these a stiffer gel goes another way.
 _OWN_WAY = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
 
@@ -71,7 +73,9 @@ class Walk:
         return replace(match, history=passed + match.history[-1:])
 
     def _below(self, force_n: float) -> PathPoint | None:
-        known = [point for point in self.path.points if 0.0 < point.force_n[2] <= force_n]
+        # From the very force there would be no way to go but what rounding leaves.
+        most_n = (1.0 - _FORCE_LEFT_SHARE) * force_n
+        known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
         return max(known, key=lambda point: float(point.force_n[2]), default=None)
 
 

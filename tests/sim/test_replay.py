@@ -92,6 +92,18 @@ def test_a_stiffer_gel_goes_on_from_where_another_passed(friction: float, stiffe
     assert gone_on[0].model.wall_s > walk.wall_s
 
 
+@pytest.mark.parametrize("beyond", [0.0, 1e-11, 1e-9])
+def test_the_same_gel_goes_on_to_where_it_was_walked_to(beyond: float) -> None:
+    """Where nothing tells the modulus, the last force is the walk's own end, or that rounded."""
+    walked_n = 0.9
+    force_n = (1.0 + beyond) * walked_n
+    scene = _scene(0.5)
+    walk = walked(scene, [walked_n], to_go_on=True)
+    replay, _ = replay_forces(scene, [force_n], walk=walk)
+    assert replay.trials[0].force_simulated_n == pytest.approx(force_n, rel=1e-6)
+    assert replay.trials[0].depth_simulated_m == pytest.approx(walk.history[-1][0], rel=2e-4)
+
+
 def test_a_gel_that_relaxes_is_pressed_anew_whatever_was_walked() -> None:
     """Its stress does not scale with stiffness at the same time."""
     term = RelaxationTerm(share=0.2, time_s=1.0)
