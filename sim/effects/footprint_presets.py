@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arrays import FloatArray
-from sim.effects.mesh_choice import footprint_depth, has_brick
+from sim.effects.mesh_choice import has_brick, mesh_depth
 from sim.mesh.bisection import bisected
 from sim.mesh.brick import brick_mesh
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
@@ -94,7 +94,7 @@ def footprint_mesh(
     if scene.is_light:
         resolution = FOOTPRINT_LIGHT
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
-    touched = _scene_footprint(scene, depth_m=footprint_depth(scene))
+    touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
     coarse_m = _coarse_m(scene, resolution)
     if isinstance(pad, BoxPad) and has_brick(scene):
         base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())

@@ -94,12 +94,7 @@ def contact_reach(scene: Scene) -> float:
 
 
 def mesh_depth(scene: Scene) -> float:
-    """Return the depth that a revolved mesh is made for [m]."""
-    return scene.target.depth_m or _EXPECTED_DEPTH_SHARE * scene.pad.height_m
-
-
-def footprint_depth(scene: Scene) -> float:
-    """Return the depth that a footprint is taken at [m]."""
+    """Return the depth that a mesh is made for [m]."""
     share = _EXPECTED_DEPTH_SHARE * scene.pad.height_m
     if scene.target.depth_m is None and isinstance(scene.indenter, MeshIndenter):
         return share
@@ -128,4 +123,4 @@ def _lifts_its_rim(scene: Scene) -> bool:
         return False
     rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
     share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
-    return rise > share * footprint_depth(scene)
+    return rise > share * mesh_depth(scene)

@@ -27,22 +27,22 @@ from tacauchy_rig.errors import RigError
 
 # (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, shear and
 # image from 166, against what edges two thirds as long tend to; finer ones from 34 (docs/sim.md).
-# Image on fast, and pressure and shear on finer ones, are a fifth to a quarter wider than that: on
-# 184 other presses they were short in more than one of ten.
+# Pressure and shear on finer ones are a fifth to a quarter wider than that: they were short in more
+# than one of ten of 29 other presses.
 _Rule = dict[Output, tuple[float, float, float]]
 _FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}
 _UNDER_BALL: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.2, 0.08, 0.1),
     Output.SHEAR: (0.6, 0.02, 0.05),
-    Output.IMAGE: (0.38, 0.031, 0.0),
+    Output.IMAGE: (0.3, 0.025, 0.0),
     Output.MARKERS: (0.1, 0.07, 0.4),
 }
 _UNDER_RIM: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.5, 0.31, 0.0),
     Output.SHEAR: (0.3, 0.002, 0.35),
-    Output.IMAGE: (0.25, 0.025, 1.25),
+    Output.IMAGE: (0.2, 0.02, 1.0),
     Output.MARKERS: (0.4, 0.05, 0.0),
 }
 _FREE: _Rule = {Output.SHEAR: (0.6, 0.005, 0.4)}

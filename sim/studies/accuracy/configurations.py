@@ -79,8 +79,7 @@ SHORT, _LONG = (
     for rows in tomllib.loads(_FILE.read_text("utf-8")).values()
 )
 FULL = (*SHORT, *_LONG)
-SHORT_REFERENCE = Configuration(name="accurate", preset=Preset.ACCURATE)
-FULL_REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
+REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
 # What is pressed on two more meshes; the finer ones would take longer than all of these.
 SHIFTED = tuple(
     each

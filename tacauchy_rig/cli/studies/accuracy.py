@@ -87,10 +87,9 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
     from sim.sensor.sensor import load_sensor
     from sim.studies.accuracy.configurations import (
         FULL,
-        FULL_REFERENCE,
+        REFERENCE,
         SHIFTED,
         SHORT,
-        SHORT_REFERENCE,
         reseeded,
     )
     from sim.studies.accuracy.figure import draw_study
@@ -105,7 +104,7 @@ def _study(terms: SceneTerms, out: Path, *, full: bool, seed: int) -> dict[str, 
         gel.camera,
         render=nominal_renderer(gel),
         similarity=_similarity,
-        reference=reseeded(FULL_REFERENCE if full else SHORT_REFERENCE, seed),
+        reference=reseeded(REFERENCE, seed),
         shifted=SHIFTED if seed == 0 else (),
         on_progress=_told,
     )

@@ -80,10 +80,13 @@ def test_a_slide_that_still_grips_is_not_judged(runs: dict[str, ModeRun]) -> Non
 
 
 def test_torsion_pulls_around_the_axis(runs: dict[str, ModeRun]) -> None:
-    """A turn that starts where the press ended, not where the slide did."""
+    """A turn that starts where the press ended, not where the slide did.
+
+    What it drags sideways is nothing, to a tenth of what equilibria in passing are even to.
+    """
     twist = runs["twist"]
     assert twist.passed, twist.criteria
-    assert np.linalg.norm(twist.point.force_n[:2]) < 1e-6 * twist.point.force_n[2]
+    assert np.linalg.norm(twist.point.force_n[:2]) < 1e-5 * twist.point.force_n[2]
 
 
 def test_maps_carry_the_forces_that_act(runs: dict[str, ModeRun]) -> None:
