@@ -56,7 +56,7 @@ def effects_check(
     command += " --errors" * errors
     for case, found in _checked(chosen, errors=errors, limit_s=limit_s, jobs=jobs):
         if isinstance(found, str):
-            failed[case.name] = f"{" ".join(found.split())} ({case.shows})"
+            failed[case.name] = f"{' '.join(found.split())} ({case.shows})"
             complain(f"{case.name:22} not pressed: {found}")
         else:
             checks.append(found)
