@@ -43,7 +43,7 @@ class Viewing:
         self.address = ""
         if wish is not None:
             self._token = secrets.token_urlsafe(TOKEN_BYTES)
-            self._listener = _listen(wish.port)
+            self._listener = listen(wish.port)
             self.address = f"http://{LOOPBACK}:{self._listener.getsockname()[1]}/{self._token}/"
         names = [other.name for other in others]
         viewers = [*names, *([] if wish is None else [PAGE])]
@@ -93,7 +93,12 @@ class Viewing:
         self.feeds.close()
 
 
-def _listen(port: int) -> socket.socket:
+def listen(port: int, *, option: str = "--page") -> socket.socket:
+    """Return a socket that listens on the loopback address; port 0 takes a free one.
+
+    Raises:
+        ConfigError: The port cannot be had; ``option`` is what asked for it.
+    """
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -101,7 +106,7 @@ def _listen(port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ConfigError(
-            f"--page {port}: {LOOPBACK}:{port} cannot be had: {error.strerror}",
+            f"{option} {port}: {LOOPBACK}:{port} cannot be had: {error.strerror}",
             remedy="give another port, or leave it out for a free one",
         ) from error
     listener.listen(BACKLOG)

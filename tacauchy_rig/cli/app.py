@@ -28,6 +28,7 @@ COMMANDS = {
     "replay": "tacauchy_rig.cli.folders:replay",
     "report": "tacauchy_rig.cli.folders:report",
     "export": "tacauchy_rig.cli.folders:export",
+    "serve": "tacauchy_rig.cli.serve:serve",
     "judge": "tacauchy_rig.cli.judge:judge",
     "judge-page": "tacauchy_rig.cli.studies.judge_page:judge_page",
     "rigid": "tacauchy_rig.cli.studies.rigid:rigid",

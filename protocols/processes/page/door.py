@@ -41,7 +41,10 @@ class Door:
         return known and headers.get("host") in hosts and (silent or origin in origins)
 
     def before(self, app: ASGIApp) -> ASGIApp:
-        """Return an application that hands to ``app`` what is admitted, without the token."""
+        """Return an application that hands to ``app`` what is admitted, without the token.
+
+        What an answer says of its own headers counts; the others are ``HEADERS``.
+        """
 
         async def guarded(scope: Scope, receive: Receive, send: Send) -> None:
             if scope["type"] != "http":
@@ -59,8 +62,12 @@ class Door:
 def _with_headers(send: Send) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
+            said = {name.lower() for name, _ in message["headers"]}
             own = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-            message["headers"] = [*message["headers"], *own]
+            message["headers"] = [
+                *message["headers"],
+                *(each for each in own if each[0] not in said),
+            ]
         await send(message)
 
     return sending
