@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from protocols.processes.channel import Channel
 
-VIEWERS = ("page", "twin")
+VIEWERS = ("page", "twin", "foxglove")
 """Processes that may watch a run."""
 PICTURES_BYTES = 16 << 20
 _CLAIMED = struct.Struct("=Q")

@@ -54,11 +54,13 @@ class ViewerWish:
         name: One of ``feed.VIEWERS``.
         module: What its process runs, by ``python -m``.
         options: What it has to know beside the job.
+        sources: Other viewers that it is shown, where they are wanted too.
     """
 
     name: str
     module: str
     options: dict[str, str] = field(default_factory=dict)
+    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -49,6 +49,7 @@ class Viewing:
         viewers = [*names, *([] if wish is None else [PAGE])]
         pairs = [(producer, viewer) for viewer in viewers for producer in PRODUCERS]
         pairs += [] if wish is None else [(name, PAGE) for name in names]
+        pairs += [(each, other.name) for other in others for each in other.sources if each in names]
         self.feeds = FeedLines(pairs)
 
     def start(self) -> None:

@@ -13,6 +13,7 @@ import typer
 
 from tacauchy_rig.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.cli.output import complain, say
+from tacauchy_rig.cli.watching import Live, OpenPage, Page, Twin, Watched, watched_by, wishes_of
 from tacauchy_rig.doctor.result import CheckStatus
 from tacauchy_rig.errors import AbortedError, ConfigError, RecordError
 
@@ -45,25 +46,6 @@ CheckWeight = Annotated[
 ]
 
 
-Page = Annotated[
-    str,
-    typer.Option(
-        "--page",
-        metavar="PORT|off",
-        help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
-    ),
-]
-Twin = Annotated[
-    str,
-    typer.Option(
-        "--twin",
-        metavar="on|depth|off",
-        help="A simulation that follows the measured force (on) or the arm's depth (depth).",
-    ),
-]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
-
-
 def dry_run(
     overrides: Overrides = None,
     json_file: JsonFile = None,
@@ -72,6 +54,7 @@ def dry_run(
     page: Page = "auto",
     open_page: OpenPage = False,
     twin: Twin = "off",
+    foxglove: Live = "off",
 ) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report."""
     from tacauchy_rig.config.load import default_text, load_config
@@ -82,7 +65,7 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
     _new_run(loaded, default_text(), asked)
 
 
@@ -95,12 +78,13 @@ def run(
     page: Page = "auto",
     open_page: OpenPage = False,
     twin: Twin = "off",
+    foxglove: Live = "off",
 ) -> None:
     """Press as a configuration says, replay and report."""
     from tacauchy_rig.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
     _new_run(loaded, path.read_text("utf-8"), asked)
 
 
@@ -117,6 +101,7 @@ def resume(
     page: Page = "auto",
     open_page: OpenPage = False,
     twin: Twin = "off",
+    foxglove: Live = "off",
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
     from drivers.presence import require_devices
@@ -126,7 +111,7 @@ def resume(
     from tacauchy_rig.store.recovery import recover_run
     from tacauchy_rig.store.run_store import RunStore
 
-    asked = _asked(press_only, json_file, check_weight, _watched(page, open_page, twin))
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
@@ -140,25 +125,6 @@ def resume(
         say(f"changed: {change}")
     note_changes(store, changes)
     _press_and_report(store, config, replace(asked, again=trials, is_whole=recovery.is_whole))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Watched:
-    """How the operator watches a run.
-
-    Attributes:
-        port: Of the page; 0 is a free one, None no page.
-        open_page: Whether a browser is opened on it.
-        twin: What a twin follows, ``force`` or ``depth``; empty for no twin.
-    """
-
-    port: int | None = 0
-    open_page: bool = False
-    twin: str = ""
-
-
-PAGE_WORDS = {"off": None, "auto": 0}
-TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,25 +146,6 @@ def _asked(
 
     weight = None if check_weight is None else parse_weight(check_weight)
     return _Asked(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
-
-
-def _watched(page: str, open_page: bool, twin: str) -> Watched:
-    """Return how the run is watched.
-
-    Raises:
-        ConfigError: ``--page`` is no port, or ``--twin`` no word for one.
-    """
-    if twin not in TWIN_WORDS:
-        raise ConfigError(f"--twin {twin}: no such twin", remedy="give `on`, `depth` or `off`")
-    follows = TWIN_WORDS[twin]
-    if page in PAGE_WORDS:
-        return Watched(port=PAGE_WORDS[page], open_page=open_page, twin=follows)
-    if not page.isdecimal() or not 1 <= int(page) <= 65535:
-        raise ConfigError(
-            f"--page {page}: no port, which is a number from 1 to 65535",
-            remedy="leave it out for a free port, or give `off`",
-        )
-    return Watched(port=int(page), open_page=open_page, twin=follows)
 
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
@@ -335,8 +282,9 @@ def press(
     from tacauchy_rig.cli.progress import SessionProgress
     from tacauchy_rig.loop.expected import kept_expectation
     from tacauchy_rig.loop.record import record_run
-    from tacauchy_rig.loop.twin.wish import Follows, twin_wish
 
+    watched = watched or Watched(port=None)
+    viewers = wishes_of(watched)  # before anything is started for nothing
     chosen = emulated_devices(config)
     with ExitStack() as stack:
         addresses = EmulatedAddresses()
@@ -358,7 +306,6 @@ def press(
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
-        watched = watched or Watched(port=None)
         progress = SessionProgress(
             config,
             plan=plan_session(store, again=again),
@@ -367,7 +314,6 @@ def press(
         )
         stack.enter_context(progress)
         page = page_wish(config, port=watched.port)
-        viewers = [twin_wish(Follows(watched.twin))] if watched.twin else []
         return record_run(
             store, running, on_event=progress, again=again, page=page, viewers=viewers
         )

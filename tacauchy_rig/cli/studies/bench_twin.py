@@ -15,7 +15,7 @@ from tacauchy_rig.twin_bench.beside_runs import press_with_twin, twin_table
 from tacauchy_rig.twin_bench.scenes import SCENES
 from tacauchy_rig.versions import machine, versions
 
-GUARD_PAIRS = 3
+GUARD_PAIRS = 20
 RUNS = Path("runs", "twin-bench").resolve()
 _NOTE = (
     "Each row is a run of two presses on emulated devices with a page, and a twin that follows the "

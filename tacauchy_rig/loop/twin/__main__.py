@@ -12,9 +12,9 @@ from contextlib import closing
 
 from protocols.processes.channel import Channel
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import FeedReader, FeedWriters
+from protocols.processes.feed import VIEWERS, FeedReader, FeedWriters
 from protocols.processes.messages import Job, Order
-from protocols.processes.viewing import PAGE, PRODUCERS
+from protocols.processes.viewing import PRODUCERS
 from tacauchy_rig.loop.twin.accompany import Accompaniment
 from tacauchy_rig.loop.twin.wish import DEVICE, FOLLOWS, Follows, twin_of
 from tacauchy_rig.run import JournalEvent
@@ -42,7 +42,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     twin = Accompaniment(seen, Follows(job.options[FOLLOWS]), job.config.camera.width)
     found = (FeedReader.inherited(job.descriptors, source=source) for source in PRODUCERS)
     readers = [reader for reader in found if reader is not None]
-    writers = FeedWriters(job.descriptors, [PAGE])
+    writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
     with closing(LineLog(job.root / "twin.jsonl")) as log:
         while not supervisor.closed:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from tacauchy_rig.cli.page import contact_outline, page_wish
-from tacauchy_rig.cli.session import Watched, _watched
+from tacauchy_rig.cli.watching import Watched, watched_by, wishes_of
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.live import wish
 
 
 @pytest.mark.parametrize(
@@ -15,14 +18,16 @@ from tacauchy_rig.errors import ConfigError
 )
 def test_a_page_is_left_out_or_has_a_port(said, port):
     """A number is a port."""
-    assert _watched(said, open_page=True, twin="off") == Watched(port=port, open_page=True)
+    assert watched_by(said, open_page=True, twin="off", foxglove="off") == Watched(
+        port=port, open_page=True
+    )
 
 
 @pytest.mark.parametrize("said", ["0", "65536", "on", "-1", "80.5", ""])
 def test_what_is_no_port_is_refused(said):
     """With what to give instead."""
     with pytest.raises(ConfigError, match="no port") as caught:
-        _watched(said, open_page=False, twin="off")
+        watched_by(said, open_page=False, twin="off", foxglove="off")
     assert "off" in caught.value.remedy
 
 
@@ -57,3 +62,39 @@ def test_a_ball_has_its_own_radius_and_no_flat_face():
 def test_no_page_is_no_wish():
     """``--page off``."""
     assert page_wish(load_config(None).config, port=None) is None
+
+
+@pytest.mark.parametrize("said", ["on", "0", "70000", "-1"])
+def test_foxglove_wants_a_port(said: str) -> None:
+    """A number from 1 to 65535, or `off`."""
+    with pytest.raises(ConfigError, match="--foxglove"):
+        watched_by("off", open_page=False, twin="off", foxglove=said)
+
+
+@pytest.mark.parametrize("which", ["port", "foxglove"])
+def test_a_taken_port_is_told_before_anything_starts(which: str) -> None:
+    """By the option that asked for it."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        watched = Watched(**{"port": None, which: taken.getsockname()[1]})
+        with pytest.raises(ConfigError, match="--page" if which == "port" else "--foxglove"):
+            wishes_of(watched)
+
+
+def test_a_missing_package_is_told_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything starts."""
+    monkeypatch.setattr(wish, "find_spec", lambda _name: None)
+    with pytest.raises(ConfigError, match="foxglove-sdk") as caught:
+        wishes_of(Watched(port=None, foxglove=8765))
+    assert "tacauchy-rig[foxglove]" in caught.value.remedy
+
+
+def test_the_twin_is_shown_where_both_are_wanted() -> None:
+    """Each is a viewer of its own; the live one names the twin as its source."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    viewers = wishes_of(Watched(port=None, twin="force", foxglove=port))
+    assert [viewer.name for viewer in viewers] == ["twin", "foxglove"]
+    assert viewers[1].sources == ("twin",)

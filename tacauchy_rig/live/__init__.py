@@ -1,0 +1,1 @@
+"""A run for the viewers that labs have, over Foxglove's WebSocket protocol."""
