@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from contextlib import contextmanager
-from multiprocessing.connection import wait
+from multiprocessing.connection import Connection, wait
 from threading import Thread
 from typing import TypeVar
 
@@ -60,11 +60,17 @@ def side_by_side(
 def beside() -> Iterator[ProcessPoolExecutor]:
     """Give a process that works beside this one, begun with the first work that it is given.
 
-    Work still under way at an error is not waited for here.
+    At an error, an interrupt included, it is ended: a program would wait for it at its own end.
     """
-    pool = ProcessPoolExecutor(1, mp_context=SPAWN, initializer=begin_beside_others)
+    theirs, ours = SPAWN.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(
+        1, mp_context=SPAWN, initializer=begin_beside_others, initargs=(theirs,)
+    )
     try:
         yield pool
+    except BaseException:
+        ours.close()
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -74,14 +80,19 @@ def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
     return item, future.result()
 
 
-def begin_beside_others() -> None:
-    """Take one thread, since others compute beside this process, and end when its parent does."""
+def begin_beside_others(line: Connection | None = None) -> None:
+    """Take one thread, since others compute beside this process, and end when its parent does.
+
+    Args:
+        line: End, too, when its other end is closed.
+    """
     take_one_thread(solver_too=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        Thread(target=_await_end, args=(parent.sentinel,), daemon=True).start()
+        ends = [parent.sentinel, *([] if line is None else [line])]
+        Thread(target=_await_end, args=(ends,), daemon=True).start()
 
 
-def _await_end(sentinel: int) -> None:
-    wait([sentinel])
+def _await_end(ends: Sequence[int | Connection]) -> None:
+    wait(ends)
     os._exit(1)

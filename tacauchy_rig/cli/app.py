@@ -6,7 +6,7 @@ import errno
 import logging
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -54,6 +54,8 @@ COMMANDS = {
     "residual-check": "tacauchy_rig.cli.studies.residual_check:residual_check",
 }
 """Where each command is; a new one is a line here."""
+
+_INTERRUPTED = 130
 
 app = typer.Typer(
     cls=lazy_group(COMMANDS),
@@ -143,13 +145,21 @@ def main() -> None:
         complain(f"error: {error}")
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        complain("aborted by Ctrl-C")
-        sys.exit(AbortedError.exit_code)
+        _interrupted()
+    except SystemExit as end:  # what Typer makes of an interrupt, without a word
+        if end.code != _INTERRUPTED:
+            raise
+        _interrupted()
     except Exception as error:  # the process's top: no traceback without --debug
         if debug:
             raise
         complain(f"error: {foreseen(error)}")
         sys.exit(RigError.exit_code)
+
+
+def _interrupted() -> NoReturn:
+    complain("aborted by Ctrl-C")
+    sys.exit(AbortedError.exit_code)
 
 
 UNWRITABLE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT)

@@ -44,6 +44,27 @@ def test_one_process_works_beside_this_one_and_its_errors_come_back() -> None:
     assert first == second != os.getpid()
 
 
+def _wait_long(_name: str) -> None:
+    time.sleep(600.0)
+
+
+def _interrupted_with_work(found: list[psutil.Process]) -> None:
+    with beside() as other:
+        _, number = other.submit(_process_of, "a").result()
+        found.append(psutil.Process(number))
+        other.submit(_wait_long, "b")
+        raise KeyboardInterrupt
+
+
+def test_a_process_beside_this_one_ends_with_an_error_here() -> None:
+    """An interrupt does not wait for what was begun, which would take ten minutes."""
+    found: list[psutil.Process] = []
+    with pytest.raises(KeyboardInterrupt):
+        _interrupted_with_work(found)
+    _, alive = psutil.wait_procs(found, timeout=30.0)
+    assert not alive
+
+
 def test_a_process_may_take_more_than_one_item() -> None:
     """What one has loaded, such as a calibration's libraries, the next finds."""
     found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2, afresh=False))
