@@ -37,12 +37,7 @@ def side_by_side(
         for item in items:
             yield item, work(item)
         return
-    with ProcessPoolExecutor(
-        jobs,
-        mp_context=SPAWN,
-        max_tasks_per_child=1 if afresh else None,
-        initializer=begin_beside_others,
-    ) as pool:
+    with _processes(jobs, tasks_each=1 if afresh else None) as pool:
         begun: deque[tuple[Item, Future[Result]]] = deque()
         for item in items:
             # No more than there are processes: what waits in the pool would still begin after
@@ -62,17 +57,29 @@ def beside() -> Iterator[ProcessPoolExecutor]:
 
     At an error, an interrupt included, it is ended: a program would wait for it at its own end.
     """
+    with _processes(1, tasks_each=None) as pool:
+        yield pool
+
+
+@contextmanager
+def _processes(jobs: int, *, tasks_each: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Give processes that end with an error here, also those that are only beginning."""
     theirs, ours = SPAWN.Pipe(duplex=False)
     pool = ProcessPoolExecutor(
-        1, mp_context=SPAWN, initializer=begin_beside_others, initargs=(theirs,)
+        jobs,
+        mp_context=SPAWN,
+        max_tasks_per_child=tasks_each,
+        initializer=begin_beside_others,
+        initargs=(theirs,),
     )
     try:
         yield pool
     except BaseException:
+        # What waits is told that the processes are gone; cancelled, it could not be.
         ours.close()
+        pool.shutdown()
         raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    pool.shutdown()
 
 
 def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
