@@ -60,6 +60,7 @@ def forces_at(
     *,
     contact_force_n: float = 0.0,
     planned: bool = False,
+    own_target: bool = False,
 ) -> FloatArray:
     """Press a scene's indenter, as it is, to depths; the rest is as of ``coarse_forces``.
 
@@ -67,8 +68,10 @@ def forces_at(
 
     Args:
         planned: With the effects that its plan calls for; else with all that it has.
+        own_target: On the mesh of the scene's own target; else of the largest depth.
     """
-    scene = replace(scene, target=Target(depth_m=max(depths_m)))
+    if not own_target:
+        scene = replace(scene, target=Target(depth_m=max(depths_m)))
     plan = plan_effects(scene) if planned else everything(scene)
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     path = path_for(scene, plan)

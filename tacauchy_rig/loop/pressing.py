@@ -133,11 +133,22 @@ def _forces(
     found: dict[int, float] = {}
     if without:
         on_progress(f"  no force of {len(without)} trials was measured: pressing to the depths")
-        scene = replace(inputs, tolerance=None).scene([])
         depths_m = [record.depth_measured_m or 0.0 for record in without]
-        forces_n = forces_at(scene, depths_m, contact_force_n=contact_force_n, planned=True)
-        found = {r.index: force for r, force in zip(without, forces_n.tolist(), strict=True)}
+        forces_n = _forces_met(replace(inputs, tolerance=None), depths_m, contact_force_n)
+        found = {r.index: force for r, force in zip(without, forces_n, strict=True)}
     return [found.get(record.index, _measured_n(record)) for record in records]
+
+
+def _forces_met(
+    inputs: ReplayInputs, depths_m: Sequence[float], contact_force_n: float
+) -> list[float]:
+    """Return F_z at depths [N], on the mesh that a press to these forces has."""
+    about_n = forces_at(inputs.scene([]), depths_m, contact_force_n=contact_force_n, planned=True)
+    scene = inputs.scene(about_n.tolist())
+    found = forces_at(
+        scene, depths_m, contact_force_n=contact_force_n, planned=True, own_target=True
+    )
+    return list(found.tolist())
 
 
 def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:

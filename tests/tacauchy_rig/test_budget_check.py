@@ -54,8 +54,11 @@ def test_a_world_that_nobody_stated_lies_outside(stated: Stated) -> None:
 
 @pytest.mark.slow
 def test_twenty_worlds_of_a_ball(stated: Stated) -> None:
-    """17 to 20 of 20 hold at either force, and the errors are about as large as stated."""
+    """17 to 20 of 20 hold at either force, and what is stated is at most twice as large as errors.
+
+    It is wider: of what a mesh is worth an upper estimate is stated.
+    """
     worlds = [_world(stated, seed) for seed in range(1, 21)]
     assert coverage_table(worlds, stated.config.protocol.force_targets).passed
     rms = np.sqrt(np.mean(np.square([world.ratios for world in worlds]), axis=0))
-    assert np.all((rms > 0.6) & (rms < 1.4))
+    assert np.all((rms > 0.5) & (rms < 1.4))

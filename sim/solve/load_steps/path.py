@@ -33,9 +33,9 @@ STEP_SHARE = 0.0125
 
 Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
 """
-# Of the pad's height: the first step where points take hold, at most. Under a flat punch 0.05 mm
-# take 872 evaluations in one step, 347 in two.
-_GRIPPING_SHARE = 0.25 * STEP_SHARE
+# Of the longest step, or of that if nothing else is said: the first one where points take hold.
+# Under a flat punch 0.05 mm take 872 evaluations in one step, 347 in two.
+_GRIPPING_SHARE = 0.25
 # Differences from a depth, over the pad's height, and from a force, over it, that rounding leaves.
 _DEPTH_EXACT_SHARE, _FORCE_EXACT_SHARE = 2.5e-12, 1e-12
 # Of a push's time, until its force has a tangent to go by: a guess.
@@ -306,7 +306,8 @@ class LoadingPath:
         """How deep a first step goes: a barrier that is a parabola throughout forgives overlap."""
         options = self.model.contact_options
         if options.is_tangential:
-            return min(self.step_max_m, _GRIPPING_SHARE * self.model.height_m)
+            usual = _GRIPPING_SHARE * STEP_SHARE * self.model.height_m
+            return max(_GRIPPING_SHARE * self.step_max_m, min(self.step_max_m, usual))
         return self.step_max_m if options.extension >= 1.0 else OVERLAP_SHARE * self.model.height_m
 
     def _touching_share(
