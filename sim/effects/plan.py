@@ -6,7 +6,8 @@ with the effect and without. What is off is not compiled, not launched and not a
 
 Trying costs time too. An effect is tried only where leaving it out would save more than that; else
 it is on. Weight and inertia have scales that bound them, each within a range; outside it, weight is
-tried like the others, and inertia, which a press in time alone could tell, is on.
+tried like the others, and inertia, which a press in time alone could tell, is on. Where a press has
+several equilibria, nothing is left out: what is small chooses between them.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ _ONE_RUNG, _ONE_RUNG_FIELDS = 2.0, 4.0
 # markers: a straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure, and a
 # plan doubles what it finds.
 _GRIPS = 1.0
+_FOLDS = "a sharp rim this deep has several equilibria, between which the least effect chooses"
 _KEPT = 256
 # A tolerance that is none; it keeps quotients finite.
 _NOTHING = 1e-30
@@ -63,6 +65,11 @@ def plan_effects(scene: Scene) -> EffectPlan:
         ConfigError: The user switched something on or off that cannot be.
     """
     plan = replace(everything(scene), tolerances=output_tolerances(scene))
+    if estimates.has_several_equilibria(scene):
+        for effect in (Effect.INERTIA, *_SAVES):
+            if _is_open(plan, effect):
+                plan = _with(plan, effect, reason=f"on untried: {_FOLDS}")
+        return plan
     bounds = {
         Effect.GRAVITY: estimates.gravity_error(scene),
         Effect.INERTIA: estimates.inertia_error(scene),

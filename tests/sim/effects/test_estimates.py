@@ -56,3 +56,16 @@ def test_beyond_their_ranges_scales_say_nothing() -> None:
     assert estimates.inertia_error(quick) is None
     soft = replace(SCENE, material=replace(GEL, young_pa=1e3))
     assert estimates.gravity_error(soft) is None
+
+
+@pytest.mark.parametrize(
+    ("share", "fillet_m", "several"), [(0.3, 0.0, True), (0.2, 0.0, False), (0.3, 0.2e-3, False)]
+)
+def test_a_deep_sharp_rim_has_several_equilibria(
+    share: float, fillet_m: float, several: bool
+) -> None:
+    """Its faces fold at the rim; shallow ones and rounded ones do not."""
+    indenter = Cylinder(diameter_m=5e-3, fillet_m=fillet_m)
+    target = Target(depth_m=share * SCENE.pad.height_m)
+    scene = replace(SCENE, indenter=indenter, target=target)
+    assert estimates.has_several_equilibria(scene) is several

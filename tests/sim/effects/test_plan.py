@@ -116,6 +116,16 @@ def test_friction_stays_where_what_it_makes_is_asked_for(output: Output) -> None
     assert not plan_effects(loose).is_on(Effect.FRICTION)
 
 
+def test_nothing_is_left_out_where_a_press_has_several_equilibria() -> None:
+    """Inertia and weight choose between the folds at a deep sharp rim."""
+    plan = plan_effects(scene(Cylinder(diameter_m=5e-3), depth_m=1.8e-3))
+    for effect in (Effect.INERTIA, Effect.GRAVITY):
+        row = next(row for row in plan.effects if row.effect is effect)
+        assert row.on
+        assert "several equilibria" in row.reason
+    assert plan.tried_s == 0.0
+
+
 def test_trying_that_cannot_pay_is_left() -> None:
     """On preset fast a coarse press costs more than weight, and on preset paper there is none."""
     lossy = replace(GEL, relaxation=(RelaxationTerm(share=0.2, time_s=1e-4),))
