@@ -24,7 +24,6 @@ History = tuple[tuple[float, float], ...]
 """(depth [m], F_z [N])."""
 # Of a force: so much at least is left to be pushed.
 _FORCE_LEFT_SHARE = 1e-3
-# With these a stiffer gel goes another way.
 _OWN_WAY = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
 
 
@@ -50,8 +49,13 @@ class Walk:
             scene.drive is Drive.LOAD
             and setting_of(scene) == setting_of(self.scene)
             and plan.switches == self.plan.switches
-            and not any(plan.is_on(effect) for effect in _OWN_WAY)
+            and not goes_its_own_way(plan)
         )
+
+    def leads(self, scene: Scene) -> bool:
+        """Return whether this is the walk of a scene; time counts only where it changes the way."""
+        alike = replace(scene, duration_s=self.scene.duration_s) == self.scene
+        return alike and self.serves(scene, plan_effects(scene))
 
     def on_from(
         self, path: LoadingPath, force_n: float, *, stiffer: float, above_n: float
@@ -77,6 +81,11 @@ class Walk:
         most_n = (1.0 - _FORCE_LEFT_SHARE) * force_n
         known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
         return max(known, key=lambda point: float(point.force_n[2]), default=None)
+
+
+def goes_its_own_way(plan: EffectPlan) -> bool:
+    """Return whether a stiffer gel, or one pressed in another time, goes another way."""
+    return any(plan.is_on(effect) for effect in _OWN_WAY)
 
 
 def walked(scene: Scene, forces_n: Sequence[float], *, to_go_on: bool) -> Walk:

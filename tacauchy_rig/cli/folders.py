@@ -16,6 +16,7 @@ from tacauchy_rig.store.recording.export_kind import ExportKind
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
     from sim.error.tolerance import Tolerance
+    from tacauchy_rig.loop.ahead import Press
     from tacauchy_rig.replayed import MarkerMotion, Replay
     from tacauchy_rig.store.check.run import RunCheck
     from tacauchy_rig.store.recording.recover import RecoveryReport
@@ -139,13 +140,24 @@ def _say_mended(report: RecoveryReport) -> None:
         say(f"{report.path}: {problem}")
 
 
-def replay_and_show(run: RunReading, *, tolerance: Tolerance | None = None) -> None:
-    """Replay a run and say what its forces are worth."""
+def replay_and_show(
+    run: RunReading, *, tolerance: Tolerance | None = None, press: Press | None = None
+) -> None:
+    """Replay a run and say what its forces are worth.
+
+    Args:
+        press: What presses, if something was begun for it.
+    """
     from tacauchy_rig.cli.emulation import emulated_calibration
+    from tacauchy_rig.loop.pressing import press_parts
     from tacauchy_rig.loop.replay import replay_run
 
     replay = replay_run(
-        run, tolerance=tolerance, calibrate=emulated_calibration(run.store), on_progress=say
+        run,
+        tolerance=tolerance,
+        calibrate=emulated_calibration(run.store),
+        on_progress=say,
+        press=press or press_parts,
     )
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -212,14 +212,18 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
     from tacauchy_rig.cli.folders import replay_and_show, report_and_exit
+    from tacauchy_rig.loop.ahead import pressing_ahead
     from tacauchy_rig.loop.opening import open_run
 
-    result = _press_confirmed(store, config, asked)
     if asked.press_only:
+        result = _press_confirmed(store, config, asked)
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code or int(not asked.is_whole))
-    recorded = open_run(store.paths.root)
-    replay_and_show(recorded)
+    # A twin takes what the devices leave of the processors.
+    with pressing_ahead(config) if not asked.watched.twin else nullcontext() as press:
+        _press_confirmed(store, config, asked)
+        recorded = open_run(store.paths.root)
+        replay_and_show(recorded, press=press)
     report_and_exit(recorded, asked.json_file)
 
 

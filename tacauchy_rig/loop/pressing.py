@@ -9,13 +9,16 @@ from statistics import median
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
+from sim.effects.plan import plan_effects
 from sim.error.settings import setting_of
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
+from sim.scene.scene import Scene
 from sim.sensitivity import forces_at
-from sim.walk import History, Walk, walked
+from sim.walk import History, Walk, goes_its_own_way, walked
+from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RecordError
-from tacauchy_rig.loop.inputs import ReplayInputs
+from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
     FoundMounting,
     dwells_of,
@@ -36,8 +39,7 @@ Pressed = tuple[Replay, dict[int, TrialFields]]
 
 def measured_depths(run: RunReading) -> list[float]:
     """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
-    records = [attempt.record for attempt in measured_attempts(run)]
-    return [record.depth_measured_m for record in records if record.depth_measured_m]
+    return [each.depth_measured_m for each in measured_records(run) if each.depth_measured_m]
 
 
 def mounted(
@@ -69,33 +71,56 @@ def press_again(
     return pressed
 
 
-def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+def press_parts(
+    parts: Sequence[Part], *, on_progress: Say = say_nothing, walks: Sequence[Walk] = ()
+) -> list[Pressed]:
     """Press every measured force, with the modulus that all depths tell if the run asks so.
 
     Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
     breaks the symmetry, and a press with it takes ten times as long. A press without a force is
     pressed to its depth.
 
+    Args:
+        walks: That were taken before, of which one may serve.
+
     Raises:
         RecordError: No trial has a measured force.
         ConfigError: No preset keeps the tolerance.
         ConvergenceError: A force cannot be reached.
     """
-    counts = [len(measured_attempts(part.run)) for part in parts]
+    counts = [len(measured_records(part.run)) for part in parts]
     at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
     on_progress(f"replaying {sum(counts)} trials{at}")
     fit: ModulusFit | None = None
-    walks: list[Walk | None] = [None] * len(parts)
+    taken: list[Walk | None] = [None] * len(parts)
     if tells_modulus(parts[0].run.store.config):
-        fit, walks = _told(parts, on_progress)
-    return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, walks, strict=True)]
+        fit, taken = _told(parts, walks, on_progress)
+    return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, taken, strict=True)]
+
+
+def walk_ahead(config: RigConfig) -> Walk | None:
+    """Press what is configured to the largest force that a passed trial may have, before any has.
+
+    Returns:
+        None where that would not serve: the indenter is known to lean, the gel remembers or has
+        mass, or nothing is to be told of its modulus.
+
+    Raises:
+        ConfigError: A configured name does not exist, or no preset keeps the tolerance.
+        ConvergenceError: The force cannot be reached.
+    """
+    inputs = inputs_of(config)
+    if any(inputs.mounting.lean_rad) or not tells_modulus(config):
+        return None
+    scene = _walk_scene(inputs, config, config.protocol.force_targets)
+    return None if scene is None else walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
 
 
 def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress: Say) -> Pressed:
     inputs = part.inputs
     if fit is not None:
         inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
-    records = [attempt.record for attempt in measured_attempts(part.run)]
+    records = measured_records(part.run)
     forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
     scene = inputs.scene(forces_n)
     on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.told}")
@@ -151,7 +176,33 @@ def _forces_met(
     return list(found.tolist())
 
 
-def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
+def _walk_scene(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Scene | None:
+    """Return the press to the largest force that a passed trial may have, if it is one of these.
+
+    So far it goes whatever was measured, so that it can be taken before. None where forces or times
+    that are not measured yet would change the way to it, or others pressed as they liked.
+    """
+    protocol = config.protocol
+    most_n = max(protocol.force_targets) + protocol.force_tolerance
+    if config.is_imported or not most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n:
+        return None
+    scene = inputs.scene([most_n])
+    return None if goes_its_own_way(plan_effects(scene)) else scene
+
+
+def _walked(
+    inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float], walks: Sequence[Walk]
+) -> Walk:
+    scene = _walk_scene(inputs, config, forces_n)
+    if scene is None:
+        return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
+    known = (walk for walk in walks if walk.leads(scene))
+    return next(known, None) or walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
+
+
+def _told(
+    parts: Sequence[Part], walks: Sequence[Walk], on_progress: Say
+) -> tuple[ModulusFit | None, list[Walk | None]]:
     """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
 
     Returns:
@@ -159,27 +210,29 @@ def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, l
         leans, or no force was measured.
     """
     contact_force_n = parts[0].run.store.config.protocol.contact_force
-    simulated, walks = [], list[Walk | None]()
+    simulated, taken = [], list[Walk | None]()
     for part in parts:
         inputs = part.inputs
-        records = [each.record for each in measured_attempts(part.run)]
+        records = measured_records(part.run)
         forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
         leans = any(inputs.mounting.lean_rad)
         walk: Walk | None = None
-        if forces_n:
-            walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=not leans)
+        if forces_n and leans:
+            walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=False)
+        elif forces_n:
+            walk = _walked(inputs, part.config, forces_n, walks)
         curve = merge_histories([() if walk is None else walk.history])
         simulated.append((records, leaned(curve, inputs) if leans else curve))
-        walks.append(None if leans else walk)
+        taken.append(None if leans else walk)
     fit = fit_modulus(simulated, contact_force_n=contact_force_n)
     if fit is None:
         on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
-        return None, walks
+        return None, taken
     on_progress(
         f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
         f"modulus (+-{fit.factor_deviation:.3f} between them)"
     )
-    return fit, walks
+    return fit, taken
 
 
 def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:
@@ -196,7 +249,16 @@ def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -
 
 
 def measured_attempts(run: RunReading) -> list[AttemptReading]:
-    """Return the attempts that have a force to replay; of an imported run also those with a depth.
+    """Return the attempts that ``measured_records`` names.
+
+    Raises:
+        RecordError: There is none, or a recording is missing or damaged.
+    """
+    return [run.read(record) for record in measured_records(run)]
+
+
+def measured_records(run: RunReading) -> list[TrialRecord]:
+    """Return what has a force to replay; of an imported run also what has a depth.
 
     Raises:
         RecordError: There is none.
@@ -209,7 +271,7 @@ def measured_attempts(run: RunReading) -> list[AttemptReading]:
             f"{root}: no trial has a measured force to replay",
             remedy=f"`tacauchy-rig resume {root}` records them",
         )
-    return [run.read(record) for record in measured]
+    return measured
 
 
 def is_measured(record: TrialRecord, run: RunReading) -> bool:

@@ -12,6 +12,7 @@ from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource
+from tacauchy_rig.loop.ahead import Press
 from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.mounting import find_offset, offset_of
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
@@ -43,6 +44,7 @@ def replay_run(
     tolerance: Tolerance | None = None,
     calibrate: Calibrate | None = None,
     on_progress: Say = say_nothing,
+    press: Press = press_parts,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -52,6 +54,7 @@ def replay_run(
         calibrate: How the sensor is calibrated where the run's configuration names no calibration
             file; its file's nominal lamps do without it.
         on_progress: Told of every step.
+        press: What presses; the process that went ahead while the run was recorded.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -70,14 +73,14 @@ def replay_run(
         parts = [
             replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
         ]
-        pressed = press_parts(parts, on_progress=on_progress)
+        pressed = press(parts, on_progress=on_progress)
         optics, said = seen.result()
         for line in said:
             on_progress(line)
         rendered = _rendered(parts, pressed, optics)
         places: tuple[FoundValue, ...] = ()
         if config.replay.pose is PoseSource.FOUND:
-            places, parts, again = _where_seen(parts, rendered, optics, on_progress)
+            places, parts, again = _where_seen(parts, rendered, optics, press, on_progress)
             if again is not None:
                 pressed, rendered = again
         rendered = [
@@ -145,6 +148,7 @@ def _where_seen(
     parts: Sequence[Part],
     rendered: list[Rendered],
     optics: OpticalCalibration,
+    press: Press,
     on_progress: Say,
 ) -> tuple[tuple[FoundValue, ...], list[Part], tuple[list[Pressed], list[Rendered]] | None]:
     """Press again where images show the contact, if that is beside the stated place.
@@ -161,7 +165,7 @@ def _where_seen(
         return values, list(parts), None
     on_progress("  the contact is seen beside its place: again there")
     moved = [part.moved(at) for part in parts]
-    pressed = press_parts(moved, on_progress=on_progress)
+    pressed = press(moved, on_progress=on_progress)
     again = [
         (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
         for replay, kept in _rendered(moved, pressed, optics)

@@ -1,0 +1,130 @@
+"""Pressing ahead: the same replay, whoever took the walk, and also where its process is gone."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
+from tacauchy_rig.loop import ahead
+from tacauchy_rig.loop.opening import open_run
+from tacauchy_rig.loop.parts import Part, parts_of
+from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
+from tacauchy_rig.run import Outcome, TrialRecord
+from tacauchy_rig.store.run_store import RunStore
+
+FAST = ("replay.preset=fast", 'protocol.force_targets=["1 N", "1.5 N"]')
+PRESSED = ((0.99, 0.170e-3), (1.52, 0.245e-3))
+"""What was measured: force [N] and depth [m]."""
+
+
+def _config(*more: str) -> LoadedConfig:
+    return load_config(None, overrides=[*FAST, *more])
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Part]:
+    """Two presses with forces and depths."""
+    store = RunStore.create(
+        tmp_path_factory.mktemp("ahead"),
+        _config(),
+        config_text=default_text(),
+        simulated=True,
+        versions={"x": "1"},
+    )
+    for index, (force_n, depth_m) in enumerate(PRESSED, start=1):
+        store.paths.attempt(index, 1).mkdir(parents=True)
+        record = TrialRecord(
+            index=index,
+            attempt=1,
+            outcome=Outcome.PASSED,
+            force_target_n=force_n,
+            force_measured_n=force_n,
+            depth_measured_m=depth_m,
+        )
+        store.save_result(record)
+    return parts_of(open_run(store.paths.root))
+
+
+@pytest.fixture(scope="module")
+def alone(parts: list[Part]) -> Pressed:
+    """What is pressed when it is asked for."""
+    (pressed,) = press_parts(parts)
+    return pressed
+
+
+def _alike(first: Pressed, second: Pressed) -> None:
+    for one, other in zip(first[0].trials, second[0].trials, strict=True):
+        assert one.force_simulated_n == other.force_simulated_n
+        assert one.depth_simulated_m == other.depth_simulated_m
+    for index, fields in first[1].items():
+        np.testing.assert_array_equal(
+            fields.passed[-1].pressure_pa, second[1][index].passed[-1].pressure_pa
+        )
+
+
+def test_a_walk_taken_before_is_the_one_that_would_be_taken(
+    parts: list[Part], alone: Pressed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit, and it is not taken again."""
+    walk = walk_ahead(_config().config)
+    assert walk is not None
+    monkeypatch.setattr("tacauchy_rig.loop.pressing.walked", lambda *_, **__: pytest.fail("twice"))
+    (pressed,) = press_parts(parts, walks=[walk])
+    _alike(pressed, alone)
+
+
+def test_a_walk_of_another_scene_serves_nobody(parts: list[Part]) -> None:
+    """It leads somewhere else; in a gel that remembers nothing, its time says nothing."""
+    walk = walk_ahead(_config().config)
+    assert walk is not None
+    asked = walk.scene
+    assert walk.leads(replace(asked, duration_s=2.0 * asked.duration_s))
+    assert not walk.leads(replace(asked, friction=0.2))
+    assert not walk.leads(parts[0].inputs.scene([PRESSED[-1][0]]))
+
+
+def test_the_process_beside_presses_the_same(parts: list[Part], alone: Pressed) -> None:
+    """What it has to tell is told."""
+    said: list[str] = []
+    with ahead.pressing_ahead(parts[0].config) as press:
+        assert press is not press_parts
+        (pressed,) = press(parts, on_progress=said.append)
+    _alike(pressed, alone)
+    assert any("times the stated modulus" in line for line in said)
+
+
+def test_a_process_that_is_gone_costs_time_alone(
+    parts: list[Part], alone: Pressed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Everything is pressed here, and that is said."""
+    monkeypatch.setattr(ahead, "_press", _killed)
+    said: list[str] = []
+    with ahead.pressing_ahead(parts[0].config) as press:
+        (pressed,) = press(parts, on_progress=said.append)
+    _alike(pressed, alone)
+    assert any("is gone" in line for line in said)
+
+
+def _killed(_parts: Sequence[Part]) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_nobody_goes_ahead_on_one_processor(
+    parts: list[Part], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The devices need it."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
+    with ahead.pressing_ahead(parts[0].config) as press:
+        assert press is press_parts
+
+
+def test_what_nobody_can_know_before_is_not_pressed_before() -> None:
+    """A stated modulus is not told, and a lean leads elsewhere."""
+    assert walk_ahead(_config("replay.young=0.3 MPa").config) is None
+    assert walk_ahead(_config('replay.tilt=["1 deg", "0 deg"]').config) is None
