@@ -31,6 +31,9 @@ EARLIEST_S, LATEST_S, STEP_S = -0.06, 0.3, 0.005
 BLOCKS = 6
 """Parts that are fitted by themselves: their scatter is the uncertainty, whatever the noise is."""
 MIN_SAMPLES_A_BLOCK = 25
+STALE_MADS, STALE_PASSES = 5.0, 5
+"""A sample off by so many times the spread of all shows another moment: a camera that came too late
+repeats an older image. The spread is the scaled median of the absolute residuals (MAD)."""
 MIN_EXPLAINED = 0.5
 """Part of a signal's variance; with less of it explained nothing was seen of the motion."""
 
@@ -43,14 +46,16 @@ class Delay:
         delay_s: Later than the arm's state of the same moment; negative is earlier.
         uncertainty_s: Standard uncertainty, of the scatter between parts of the motion and of the
             depth's own times.
-        explained: Part of the signal's variance that the shifted depth explains.
+        explained: Part of the signal's variance that the shifted depth explains, where it is fresh.
         sample_count: Samples that were used.
+        stale_count: Samples that were left out: they do not follow the motion.
     """
 
     delay_s: float
     uncertainty_s: float
     explained: float
     sample_count: int
+    stale_count: int = 0
 
 
 def find_delay(
@@ -82,6 +87,9 @@ def find_delay(
             f"{name}: {len(time_s)} samples of a motion are too few to tell a delay",
             remedy="sway for longer: `tacauchy-rig calibrate latency --sway 20s`",
         )
+    fresh = _fresh(path, time_s, value)
+    stale_count = int(np.count_nonzero(~fresh))
+    time_s, value = time_s[fresh], value[fresh]
     delay_s, left = _best(path, time_s, value)
     explained = 1.0 - left / max(float(np.var(value)) * len(value), 1e-300)
     if explained < MIN_EXPLAINED or not math.isfinite(explained):
@@ -99,6 +107,7 @@ def find_delay(
         uncertainty_s=math.hypot(scatter_s, doubt_s),
         explained=explained,
         sample_count=len(time_s),
+        stale_count=stale_count,
     )
 
 
@@ -121,13 +130,32 @@ class _Path:
         return np.column_stack(shifted)
 
 
+def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples show the moment that their stamps say, as the others do."""
+    fresh = np.ones(len(value), dtype=bool)
+    for _ in range(STALE_PASSES):
+        delay_s, _ = _best(path, time_s[fresh], value[fresh])
+        terms = _terms(path, time_s, delay_s)
+        weights = np.linalg.lstsq(terms[fresh], value[fresh], rcond=None)[0]
+        off = np.abs(value - terms @ weights)
+        follows = off <= STALE_MADS * 1.4826 * float(np.median(off[fresh]))
+        if np.array_equal(follows, fresh):
+            break
+        fresh = follows
+    return fresh
+
+
+def _terms(path: _Path, time_s: FloatArray, delay_s: float) -> FloatArray:
+    """Return what a signal that is so much later is linear in, shape [n, terms]."""
+    drift = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-12)
+    return np.column_stack([np.ones_like(drift), drift, path.terms(time_s - delay_s)])
+
+
 def _best(path: _Path, time_s: FloatArray, value: FloatArray) -> tuple[float, float]:
     """Return the delay [s] that leaves least unexplained, and the sum of squares that it leaves."""
-    drift = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-12)
-    plain = np.column_stack([np.ones_like(drift), drift])
 
     def left(delay_s: float) -> float:
-        terms = np.hstack([plain, path.terms(time_s - delay_s)])
+        terms = _terms(path, time_s, delay_s)
         weights = np.linalg.lstsq(terms, value, rcond=None)[0]
         return float(np.sum((value - terms @ weights) ** 2))
 

@@ -44,7 +44,7 @@ def latency(
         say(
             f"{name} is {each.delay_s * 1e3:+.2f} ms behind the arm, standard uncertainty "
             f"{each.uncertainty_s * 1e3:.2f} ms ({each.sample_count} samples, motion explains "
-            f"{each.explained:.1%})"
+            f"{each.explained:.1%}{_stale(each.stale_count)})"
         )
     worst_s = math.hypot(found.force.uncertainty_s, found.image.uncertainty_s)
     say("for rig.toml:")
@@ -55,6 +55,10 @@ def latency(
     if found.trigger_missed:
         complain(found.trigger_missed)
         raise typer.Exit(1)
+
+
+def _stale(count: int) -> str:
+    return f"; {count} more show another moment and are left out" if count else ""
 
 
 def _one_swaying(force: str, sway: str) -> tuple[str, ...]:

@@ -41,6 +41,20 @@ def test_a_delay_is_found_through_noise_and_a_bent_spring(delay_s):
     assert found.uncertainty_s < 1e-3
 
 
+def test_frames_of_another_moment_are_left_out_and_counted():
+    """A camera that stands still for six frames at a time shows what has been."""
+    time_s = np.arange(0.0, 12.0, 0.04)
+    noise = np.random.default_rng(5).normal(0.0, 1.0, len(time_s))
+    seen = 1e6 * _depth(time_s - 0.022) + noise
+    for start in (100, 280):
+        seen[start : start + 6] = seen[start - 1]
+    found = find_delay((ARM_S, _depth(ARM_S)), (time_s, seen), name="image")
+    assert 2 <= found.stale_count <= 12
+    assert abs(found.delay_s - 0.022) < 1e-3
+    even = find_delay((ARM_S, _depth(ARM_S)), (time_s, 1e6 * _depth(time_s) + noise), name="image")
+    assert even.stale_count == 0
+
+
 def test_relaxation_is_no_delay():
     """A gel that creeps leads its depth: branches take that up, without them it is off."""
     time_s = np.arange(0.0, 12.0, 0.01)
